@@ -1,7 +1,7 @@
 """Departures: what could be true instead of the model, each a column on the rows of a fit; one engine for all systems.
 
 A fit hands over what it leaves (``Residuals``) and the departures that its labels make; the engine says which the data
-show, how far each would move every estimate, and which no data can show.
+show, and how far each would move every estimate.
 
 A score is d' P e / |P d|, P the projection on what the fit leaves over; its threshold is shared by all columns that
 the data can show (union bound), and what the best leaves over is searched again.
@@ -26,6 +26,7 @@ from bench.maths.tests import chi2_tail
 _SEEN = 1e-6  # of a column: what the projection leaves of one that no data can show is rounding
 _ALIKE = 9.0  # of twice a log-likelihood: less says nothing on which of two is true
 _NEARLY = 0.02  # of it: shapes are never exactly those of the world
+_AT_ONCE = 1000  # columns: what is computed of them beside takes no more memory than a few of these
 _MOST = 20  # departures, and shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
 _SAME = 1e-4  # columns that differ by less are one
@@ -51,7 +52,7 @@ class Departure:
 
 @dataclass(frozen=True)
 class Residuals:
-    """What a fit leaves over and how its estimates follow from its rows.
+    """Residuals of a fit, its rows, and how its estimates follow from them.
 
     ``readings`` (r,). ``white`` (n,): residuals in units of their noise; ``design`` (n, p): derivatives of the model in
     the same units; errors of standards and other priors are rows of their own. ``whiten``: columns (r, c) of readings
@@ -90,12 +91,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Search:
-    """What is found in the residuals of a fit: departures, and a chi-square that none explains.
+    """Outcome of a search: departures, and a chi-square that none explains.
 
     ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over; 1
     where one departure is not enough. ``is_noise``: the chi-square may be chance.
-    ``unseen``: departures that the data cannot show before an estimate has moved by its uncertainty, with the size that
-    moves the first one by as much.
     """
 
     findings: Sequence[Finding]
@@ -103,7 +102,6 @@ class Search:
     dof: int
     is_noise: bool
     unexplained: Floats
-    unseen: Sequence[tuple[Departure, float]]
 
     @property
     def doubted(self) -> Flags:
@@ -124,42 +122,48 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     """
     left = _Left(rows, departures)
     chance = FALSE_DOUBT * share / 2.0 / max(left.distinct(), 1)
-    unseen = left.unseen(departures, chance)
     findings: list[Finding] = []
     departing = np.zeros(rows.readings.size, bool)
     further = np.zeros(rows.expanded.size)
     while len(findings) < _MOST:
         gains, sizes = left.fitted()
-        scores = gains / left.bounds(chance)
-        best = int(np.argmax(scores))
-        if scores[best] < 1.0:
+        best = int(np.argmax(gains / left.bounds(chance)))
+        if gains[best] < left.bounds(chance)[best]:
             break
         near = np.flatnonzero(left.visible & (gains[best] - gains < max(_ALIKE, _NEARLY * gains[best])))
-        alike = [int(at) for at in near[np.argsort(-gains[near])]]
-        touched = {at: departures[at].effect.any(axis=1) for at in alike}
-        within = [at for at in alike if not (touched[at] & ~departing).any()]
-        move = {
-            at: _moves(rows, departures[at].effect @ sizes[at, : left.count[at]]) for at in {best, *(within or alike)}
-        }
-        equals = [departures[at] for at in alike if gains[best] - gains[at] < _ALIKE]
-        size = float(np.linalg.norm(sizes[best])) if left.count[best] > 1 else float(sizes[best, 0])
-        others = [
-            _moves(rows, departures[at].effect @ sizes[at, : left.count[at]] - sizes[at, 0] * whole)
-            for at in within or alike
-            if (whole := departures[at].whole) is not None
-        ]
-        moves = np.max([*others, *(move[at] for at in within or alike)], axis=0)
-        findings.append(Finding(departures[best], size, float(gains[best]), equals, move[best], moves))
-        behind = touched[(within or alike)[0]]
-        if (behind & departing).any():
-            further = np.maximum(further, np.abs(rows.operator) @ behind > 0.0)
-        departing |= touched[best] & (not departures[best].is_own)
+        alike = near[np.argsort(-gains[near])].tolist()
+        judged = [at for at in alike if not (_touched(departures[at]) & ~departing).any()] or alike
+        findings.append(_finding(rows, departures, best, judged, gains, sizes))
+        if (_touched(departures[judged[0]]) & departing).any():
+            further = np.maximum(further, np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0)
+        departing |= _touched(departures[best]) & (not departures[best].is_own)
         left.take_out(best)
     chi2, dof = left.chi2()
     is_noise = chi2_tail(chi2, dof) > FALSE_DOUBT * share / 2.0
     excess = 0.0 if is_noise else chi2 / dof - 1.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, is_noise, np.where(rows.on_curve, 0.0, np.maximum(grown, further)), unseen)
+    return Search(findings, chi2, dof, is_noise, np.where(rows.on_curve, 0.0, np.maximum(grown, further)))
+
+
+def _touched(departure: Departure) -> Flags:
+    return np.asarray(departure.effect.any(axis=1))
+
+
+def _finding(
+    rows: Residuals, departures: Sequence[Departure], best: int, judged: Sequence[int], gains: Floats, sizes: Floats
+) -> Finding:
+    """Return a departure with what it moves, and what those move that are ``judged`` with it."""
+    effects = {at: departures[at].effect @ sizes[at, : departures[at].effect.shape[1]] for at in {best, *judged}}
+    other_sides = [effects[at] - sizes[at, 0] * whole for at in judged if (whole := departures[at].whole) is not None]
+    found = departures[best]
+    return Finding(
+        departure=found,
+        size=float(np.linalg.norm(sizes[best])) if found.effect.shape[1] > 1 else float(sizes[best, 0]),
+        gain=float(gains[best]),
+        equals=[departures[at] for at in judged if gains[best] - gains[at] < _ALIKE],
+        move=_moves(rows, effects[best]),
+        moves=np.max([_moves(rows, effect) for effect in (*(effects[at] for at in judged), *other_sides)], axis=0),
+    )
 
 
 def _moves(rows: Residuals, effect: Floats) -> Floats:
@@ -173,20 +177,21 @@ def _moves(rows: Residuals, effect: Floats) -> Floats:
 
 
 class _Left:
-    """What a fit leaves over of its residuals, (n,), of the columns of all departures, (n, c), and of the scatter.
+    """Residuals (n,), columns of all departures (n, c) and scatter, as the fit leaves them.
 
-    ``first``, ``second`` (d,): the columns of a departure; -1 where it has no second one. ``moved`` (c,): the most that
-    a size of 1 moves any estimate, in expanded uncertainties.
+    ``first``, ``second`` (d,): the columns of a departure; -1 where it has no second one.
     """
 
     def __init__(self, rows: Residuals, departures: Sequence[Departure]) -> None:
-        raw = np.column_stack([one.effect for one in departures])
-        self.count = np.array([one.effect.shape[1] for one in departures])
+        self.count = np.array([departure.effect.shape[1] for departure in departures])
         self.first = np.cumsum(self.count) - self.count
         self.second = np.where(self.count > 1, self.first + 1, -1)
-        self.columns = rows.whiten(raw)
-        self.whole = np.linalg.norm(self.columns, axis=0)
-        self.moved = np.abs(rows.operator @ raw / rows.expanded[:, None]).max(axis=0)
+        self.columns = np.empty((rows.white.size, int(self.count.sum())))
+        for start in range(0, len(departures), _AT_ONCE):
+            some = departures[start : start + _AT_ONCE]
+            white = rows.whiten(np.column_stack([departure.effect for departure in some]))
+            self.columns[:, self.first[start] : self.first[start] + white.shape[1]] = white
+        self.whole = np.sqrt(np.einsum("nc,nc->c", self.columns, self.columns))
         self.error, self.scatter, self.dof = rows.white, rows.scatter, rows.white.size
         self._project(rows.design, _SEEN)
 
@@ -195,7 +200,9 @@ class _Left:
         q = _orthonormal(design)
         self.dof -= q.shape[1]
         self.error = self.error - q @ (q.T @ self.error)
-        self.columns -= q @ (q.T @ self.columns)
+        for start in range(0, self.columns.shape[1], _AT_ONCE):
+            some = self.columns[:, start : start + _AT_ONCE]
+            some -= q @ (q.T @ some)
         self.scatter = self.scatter - q @ (q.T @ self.scatter)
         self.square = np.einsum("nc,nc->c", self.columns, self.columns)
         hidden = self.square <= (least * self.whole) ** 2
@@ -220,7 +227,9 @@ class _Left:
         The size of the scatter is that which fits best, without the departure and with it.
         """
         on_axes, along = self.axes.T @ self.error, self.columns.T @ self.error
-        cross = np.einsum("nd,nd->d", self.columns[:, self.first], self.columns[:, self.second]) * (self.second >= 0)
+        pair = self.second >= 0
+        cross = np.zeros(self.count.size)
+        cross[pair] = np.einsum("nd,nd->d", self.columns[:, self.first[pair]], self.columns[:, self.second[pair]])
         alone, best, sizes = -np.inf, np.full(self.count.size, -np.inf), np.zeros((self.count.size, 2))
         for part in _PARTS:
             known = 1.0 + part * self.variance
@@ -229,7 +238,7 @@ class _Left:
             square = self.square - less @ self.of_scatter**2
             dot = along - (less * on_axes) @ self.of_scatter
             mixed = cross - less @ (self.of_scatter[:, self.first] * self.of_scatter[:, self.second])
-            gain, size = _two_by_two(square, dot, np.where(self.second >= 0, mixed, 0.0), self.first, self.second)
+            gain, size = _two_by_two(square, dot, np.where(pair, mixed, 0.0), self.first, self.second)
             alone, better = max(alone, base), base + gain > best
             best, sizes = np.where(better, base + gain, best), np.where(better[:, None], size, sizes)
         return np.where(self.visible, best - alone, 0.0), sizes
@@ -250,12 +259,12 @@ class _Left:
 
     def distinct(self) -> int:
         """Return how many directions differ, a sign aside."""
-        unit = self.columns[:, self.square > 0.0]
-        if not unit.size:
-            return 0
-        largest = unit[np.argmax(np.abs(unit), axis=0), np.arange(unit.shape[1])]
-        levels = np.round(unit / (largest * 10.0 * _SAME)).astype(np.int16)
-        return len({column.tobytes() for column in np.ascontiguousarray(levels.T)})
+        found: set[bytes] = set()
+        for at in np.flatnonzero(self.square > 0.0):
+            column = self.columns[:, at]
+            levels = np.round(column / (column[np.argmax(np.abs(column))] * 10.0 * _SAME)).astype(np.int16)
+            found.add(levels.tobytes())
+        return len(found)
 
     def chi2(self) -> tuple[float, int]:
         """Return the chi-square of what is left over, by the scatter that fits best, and its degrees of freedom."""
@@ -263,18 +272,6 @@ class _Left:
         known = [1.0 + part * self.variance for part in _PARTS]
         best = min(known, key=lambda one: float(np.sum(np.log(one) + on_axes / one)))
         return float(self.error @ self.error - (1.0 - 1.0 / best) @ on_axes), self.dof
-
-    def unseen(self, departures: Sequence[Departure], chance: float) -> list[tuple[Departure, float]]:
-        """Return departures that cost 1 U before the data show them, with that size; what moves nothing is none."""
-        from scipy import special
-
-        moved = self.moved[self.first]
-        length, bound = np.sqrt(self.square[self.first]), np.sqrt(special.chdtri(self.count, chance))
-        return [
-            (departures[at], float(1.0 / moved[at]))
-            for at in np.flatnonzero(moved > 0.0).tolist()
-            if not self.visible[at] or bound[at] * moved[at] > length[at]
-        ]
 
 
 def _two_by_two(square: Floats, dot: Floats, mixed: Floats, first: Integers, second: Integers) -> tuple[Floats, Floats]:
@@ -305,14 +302,14 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
     for finding in found.findings:
         moved = (finding.moves > LEAST_MOVE) & doubted
         if moved.any():
-            others = [one for one in finding.equals if described(one, words) != described(finding.departure, words)]
-            alike = dict.fromkeys(described(one, words) for one in others)
+            name = described(finding.departure, words)
+            alike = [other for other in dict.fromkeys(described(one, words) for one in finding.equals) if other != name]
             said = say(
                 "departs",
-                what=_begun(described(finding.departure, words)),
+                what=name[:1].upper() + name[1:],
                 size=f"{finding.size:+.3g} {finding.departure.unit}",
                 move=float(finding.move.max()),
-                others=say("departs.others", others="; ".join([*alike][:_NAMED])) if alike else "",
+                others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
                 advice=say(f"departs.advice.{_kind(finding.departure.family)}"),
             )
             entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
@@ -325,15 +322,11 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
     return evidence
 
 
-def _begun(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
 def described(departure: Departure, words: Words) -> str:
     """Return a departure in words: what it is of, where, and its shape."""
     carrier, _, family = departure.family.rpartition(": ")
     kind, about = _kind(family), dict(departure.about)
-    shape = {name: about.pop(name) for name in ("after", "hours", "from", "pair") if name in about}
+    shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair") if name in about}
     level = about.pop(family) if kind == "at" else None
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
     how = say(f"departs.{kind}", **shape, at=words(family, level) if kind == "at" else "",
@@ -396,7 +389,10 @@ def departures_of(labels: Labels) -> list[Departure]:
         for about, behind in _within(labels)
         for carrier, (unit, one) in labels.carriers.items()
     ]
-    found += [Departure("exchanged", "ppm", effect, about) for about, effect in _exchanged(labels)]
+    found += [
+        Departure("exchanged", labels.carriers[labels.exchanged[3]][0], effect, about)
+        for about, effect in _exchanged(labels)
+    ]
     values, others = list(_values(labels)), list(_shapes(labels))
     in_visits = {"step", "visit", *(name for name in labels.kinds if _is_of_visit(labels, name))}
     tried = [*((scope, values + others) for scope in labels.scopes), *((scope, values) for scope in labels.corners)]
@@ -404,13 +400,14 @@ def departures_of(labels: Labels) -> list[Departure]:
     for scope, shapes in tried:
         for where, inside in _places(labels.kinds, scope):
             for carrier, (unit, one) in labels.carriers.items():
+                everywhere = one * inside
                 for family, about, shape in shapes:
-                    effect = (one * inside)[:, None] * shape.reshape(one.size, -1)
+                    effect = everywhere[:, None] * shape.reshape(one.size, -1)
                     key = effect.tobytes()
                     if family not in where and key not in seen and effect.any():
                         seen.add(key)
                         own = (carrier, family) in labels.own
-                        whole = one * inside if family in in_visits else None
+                        whole = everywhere if family in in_visits else None
                         found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own, whole))
     return found
 
@@ -443,8 +440,9 @@ def _exchanged(labels: Labels) -> Iterable[tuple[dict[str, Any], Floats]]:
 def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
     """Yield what lies behind each reading of a visit but its first."""
     number = np.arange(labels.visit.size)
-    for at in number[1:][labels.visit[1:] == labels.visit[:-1]].tolist():
-        yield {"visit": int(labels.visit[at]), "from": at}, (labels.visit == labels.visit[at]) & (number >= at)
+    for visit in labels.begins_h:
+        for record, at in enumerate(number[labels.visit == visit][1:].tolist(), start=2):
+            yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
 
 
 def _values(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:

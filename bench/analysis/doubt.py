@@ -151,11 +151,10 @@ def doubt_lines(entries: Iterable[Estimate]) -> list[str]:
             taken_in[kind] += 1
             by_kind.setdefault(kind, {})[reason.sentence] = abs(reason.figure or 0.0)
     lines: list[str] = []
-    for one in sorted(by_kind, key=lambda one: one[0] != REFUSED):
-        (quality, code, _), sentences = one, by_kind[one]
+    for (quality, code, thing), sentences in sorted(by_kind.items(), key=lambda item: item[0][0] != REFUSED):
         others = len(sentences) - 1
         more = say("doubt.more", count=others) if others > 1 else say("doubt.more_one") if others else ""
-        count = taken_in[one]
+        count = taken_in[quality, code, thing]
         worst = max(sentences, key=sentences.__getitem__)
         key = f"doubt.{quality}" if count > 1 else f"doubt.{quality}_one"
         lines.append(say(key, count=count, worst=worst, more=more, code=code))

@@ -11,7 +11,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_002_213,
+    "tokens": 1_002_205,
     "tokens a line": 10.57,
     "files": 872,
     "dict[str, Any]": 513,

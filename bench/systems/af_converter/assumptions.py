@@ -15,7 +15,7 @@ from bench.systems.af_converter.wording import say
 
 CLOCK_STEADY = 5e-6  # relative, within a visit of half an hour: a bad oscillator moves less
 BETWEEN_VISITS_ppm = 1.0  # standard, at most: of a counter from visit to visit, its curve beyond a parabola included
-_SEEN = 8.0  # times that: what shows in one counter of one visit
+_SEEN = 8.0  # times that, where they do differ so: one counter of one visit showed it in 9 of 10 campaigns
 _SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _BY_DMM = ("dsf_n", "dsf_p", "dsf_mean")
 _COEFFICIENTS = ("dsf_n_tc1", "dsf_n_tc2", "dsf_p_tc1", "dsf_p_tc2")

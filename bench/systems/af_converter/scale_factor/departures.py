@@ -29,6 +29,7 @@ from bench.analysis import (
     search,
 )
 from bench.maths.arrays import Floats, Integers
+from bench.maths.tests import of_many
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.assumptions import BETWEEN_VISITS_ppm
 from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, expired
@@ -66,7 +67,7 @@ def evidence(
     return [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
-        *evidence_of(search(rows, departures), stated, words_of(fitted)),
+        *evidence_of(search(rows, departures, share=0.5), stated, words_of(fitted)),  # the other half: counts
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
 
@@ -84,7 +85,8 @@ def _whole_counts(visit: GroupFit) -> Evidence:
     of_one_ppm = fit.parts_ppm[QUANTISATION] * np.sqrt(6.0 / 12.0)
     move = step * float(np.max([*of_one_ppm, np.hypot(*of_one_ppm)] / std_ppm))
     sentence = say("evidence.steps", place=place_name(visit.group.place), step=step, move=move)
-    return Evidence("counts_in_steps", sentence, float(step), probability, move, SCALE_FACTORS, about(visit.group))
+    chance = of_many(probability, 2)
+    return Evidence("counts_in_steps", sentence, float(step), chance, move, SCALE_FACTORS, about(visit.group))
 
 
 def words_of(fitted: Fitted) -> Words:
