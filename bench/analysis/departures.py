@@ -10,6 +10,7 @@ Source: docs/decisions/0052-departures.md.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise
@@ -21,7 +22,7 @@ from bench.analysis.doubt import CERTAIN, DEPARTS, FALSE_DOUBT, LEAST_MOVE, Evid
 from bench.analysis.estimates import Estimate
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
-from bench.maths.tests import chi2_tail
+from bench.maths.tests import f_tail
 
 _SEEN = 1e-6  # of a column: what the projection leaves of one that no data can show is rounding
 _ALIKE = 9.0  # of twice a log-likelihood: less says nothing on which of two is true
@@ -57,9 +58,9 @@ class Residuals:
     ``readings`` (r,). ``white`` (n,): residuals in units of their noise; ``design`` (n, p): derivatives of the model in
     the same units; errors of standards and other priors are rows of their own. ``whiten``: columns (r, c) of readings
     to (n, c). ``scatter`` (n, s): what repeats scatter by beyond their noise, each column at the largest that is right;
-    by how much they do is not known. ``operator`` (k, r): what an estimate gains per unit of each reading.
-    ``expanded``, ``noise`` (k,): its expanded uncertainty, and the part of it that the noise makes. ``on_curve`` (k,):
-    coefficients of curves, which carry what these leave over.
+    by how much they do is not known. ``noise_dof``: degrees of freedom of the estimate of the noise. ``operator``
+    (k, r): what an estimate gains per unit of each reading. ``expanded``, ``noise`` (k,): its expanded uncertainty, and
+    the part of it that the noise makes. ``on_curve`` (k,): coefficients of curves, which carry what these leave over.
     """
 
     readings: Floats
@@ -71,6 +72,7 @@ class Residuals:
     expanded: Floats
     noise: Floats
     on_curve: Flags
+    noise_dof: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
         departing |= _touched(departures[best]) & (not departures[best].is_own)
         left.take_out(best)
     chi2, dof = left.chi2()
-    is_noise = chi2_tail(chi2, dof) > FALSE_DOUBT * share / 2.0
+    is_noise = not dof or f_tail(chi2 / dof, dof, rows.noise_dof) > FALSE_DOUBT * share / 2.0
     excess = 0.0 if is_noise else chi2 / dof - 1.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
     return Search(findings, chi2, dof, is_noise, np.where(rows.on_curve, 0.0, np.maximum(grown, further)))
@@ -193,6 +195,7 @@ class _Left:
             self.columns[:, self.first[start] : self.first[start] + white.shape[1]] = white
         self.whole = np.sqrt(np.einsum("nc,nc->c", self.columns, self.columns))
         self.error, self.scatter, self.dof = rows.white, rows.scatter, rows.white.size
+        self.noise_dof = rows.noise_dof
         self._project(rows.design, _SEEN)
 
     def _project(self, design: Floats, least: float) -> None:
@@ -252,6 +255,8 @@ class _Left:
         from scipy import special
 
         known = special.chdtri(self.count, chance)
+        if math.isfinite(self.noise_dof):
+            known = special.fdtri(self.count, self.noise_dof, 1.0 - chance) * self.count
         free = np.maximum(len(self.variance) - self.count, 1)
         ratio = special.fdtri(self.count, free, 1.0 - chance) * self.count / free
         held = (np.sum(self.of_scatter**2, axis=0) > _SEEN * self.square)[self.first]
@@ -361,12 +366,12 @@ class Labels:
     kinds: Mapping[str, Any]
     hours: Floats
     visit: Integers
-    scales: Mapping[str, tuple[Floats, Sequence[int]]]
     carriers: Mapping[str, tuple[str, Floats]]
-    scopes: Sequence[tuple[str, ...]]
-    corners: Sequence[tuple[str, ...]]
-    exchanged: tuple[str, str, str, str]
-    own: Collection[tuple[str, str]]
+    scales: Mapping[str, tuple[Floats, Sequence[int]]] = field(default_factory=dict)
+    scopes: Sequence[tuple[str, ...]] = ((),)
+    corners: Sequence[tuple[str, ...]] = ()
+    exchanged: tuple[str, str, str, str] | None = None
+    own: Collection[tuple[str, str]] = ()
 
     @property
     def begins_h(self) -> dict[int, float]:
@@ -389,10 +394,8 @@ def departures_of(labels: Labels) -> list[Departure]:
         for about, behind in _within(labels)
         for carrier, (unit, one) in labels.carriers.items()
     ]
-    found += [
-        Departure("exchanged", labels.carriers[labels.exchanged[3]][0], effect, about)
-        for about, effect in _exchanged(labels)
-    ]
+    if labels.exchanged:
+        found += _exchanged(labels, *labels.exchanged)
     values, others = list(_values(labels)), list(_shapes(labels))
     in_visits = {"step", "visit", *(name for name in labels.kinds if _is_of_visit(labels, name))}
     tried = [*((scope, values + others) for scope in labels.scopes), *((scope, values) for scope in labels.corners)]
@@ -425,16 +428,16 @@ def _places(kinds: Mapping[str, Any], scope: tuple[str, ...]) -> Iterable[tuple[
         yield dict(zip(scope, values, strict=True)), np.all(inside, axis=0)
 
 
-def _exchanged(labels: Labels) -> Iterable[tuple[dict[str, Any], Floats]]:
+def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) -> Iterable[Departure]:
     """Yield what two items of a kind gain and lose that are exchanged from a visit on, a column for each side."""
-    items, kinds, sides = (np.asarray(labels.kinds[name]) for name in labels.exchanged[:3])
-    one, since_h = labels.carriers[labels.exchanged[3]][1], labels.hours - labels.hours.min()
+    items, kinds, sides = (np.asarray(labels.kinds[name]) for name in (item, kind, side))
+    (unit, one), since_h = labels.carriers[carrier], labels.hours - labels.hours.min()
     for a, b in combinations(dict.fromkeys(items.tolist()), 2):
         begins_h = {at for visit, at in labels.begins_h.items() if items[labels.visit == visit][0] in (a, b)}
         for at in sorted(begins_h)[1:] if kinds[items == a][0] == kinds[items == b][0] else ():
             moved = (1.0 * (items == a) - (items == b)) * (since_h >= at) * one
-            columns = [moved * (sides == value) for value in np.unique(sides)]
-            yield {"pair": f"{a}, {b}", "hours": at}, np.column_stack(columns)
+            columns = np.column_stack([moved * (sides == value) for value in np.unique(sides)])
+            yield Departure("exchanged", unit, columns, {"pair": f"{a}, {b}", "hours": at})
 
 
 def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:

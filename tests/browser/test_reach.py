@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from browser_rig import PageServer, visiting
+from browser_rig import PATIENCE_MS, PageServer, visiting
 from playwright.sync_api import Browser, Page, expect
 from shown_run import ShownRun
 
 pytestmark = pytest.mark.waits
 
 MOST_TABS = 150
-LATER_ms = 300
+POLL_ms = 100
 SMALL = {"width": 1000, "height": 700}
 # Controls that can be seen and used, each with a mark of its own.
 CONTROLS = """() => {
@@ -39,8 +39,10 @@ def walk(page: Page) -> list[dict[str, object]]:
     for _ in range(MOST_TABS):
         page.keyboard.press("Tab")
         stop = page.evaluate(FOCUSED)
-        if stop["hidden"]:  # it is not scrolled to yet, or its row was drawn anew at this moment
-            page.wait_for_timeout(LATER_ms)
+        for _ in range(PATIENCE_MS // POLL_ms):
+            if not stop["hidden"]:
+                break
+            page.wait_for_timeout(POLL_ms)  # it is not scrolled to yet, or its row was drawn anew at this moment
             stop = page.evaluate(FOCUSED)
         if stop["control"] in met:
             break
