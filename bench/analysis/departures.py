@@ -40,6 +40,7 @@ class Departure:
     ``family``: names its sentence.   ``effect``: on the readings, (r, g), in their unit; several columns are one
     departure of which only the direction is unknown, such as a phase.   ``about``: label values that it is confined to.
     ``whole`` (r,): the same in all visits, of what is in some of them: the data do not say which visits are right.
+    ``beside`` (q,): of one column on the last rows of the fit, which are no readings, in units of their noise.
     ``is_own``: the item may be so, as a further order of its curve, which the uncertainty of coefficients carries.
     """
 
@@ -49,6 +50,7 @@ class Departure:
     about: Mapping[str, Any] = field(default_factory=dict)
     is_own: bool = False
     whole: Floats | None = None
+    beside: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Residuals:
     by how much they do is not known. ``noise_dof``: degrees of freedom of the estimate of the noise. ``operator``
     (k, r): what an estimate gains per unit of each reading. ``expanded``, ``noise`` (k,): its expanded uncertainty, and
     the part of it that the noise makes. ``on_curve`` (k,): coefficients of curves, which carry what these leave over.
+    ``rest``: chi-square and degrees of freedom of what no departure enters, beside the rows.
     """
 
     readings: Floats
@@ -73,6 +76,7 @@ class Residuals:
     noise: Floats
     on_curve: Flags
     noise_dof: float = math.inf
+    rest: tuple[float, int] = (0.0, 0)
 
 
 @dataclass(frozen=True)
@@ -140,11 +144,12 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
             further = np.maximum(further, np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0)
         departing |= _touched(departures[best]) & (not departures[best].is_own)
         left.take_out(best)
-    chi2, dof = left.chi2()
-    is_noise = not dof or f_tail(chi2 / dof, dof, rows.noise_dof) > FALSE_DOUBT * share / 2.0
-    excess = 0.0 if is_noise else chi2 / dof - 1.0
+    parts = [(chi2 / dof, chi2, dof) for chi2, dof in (left.chi2(), rows.rest) if dof]
+    odd = [part for part in parts if f_tail(part[0], part[2], rows.noise_dof) * len(parts) <= FALSE_DOUBT * share / 2.0]
+    ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
+    excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, is_noise, np.where(rows.on_curve, 0.0, np.maximum(grown, further)))
+    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, np.maximum(grown, further)))
 
 
 def _touched(departure: Departure) -> Flags:
@@ -193,6 +198,9 @@ class _Left:
             some = departures[start : start + _AT_ONCE]
             white = rows.whiten(np.column_stack([departure.effect for departure in some]))
             self.columns[:, self.first[start] : self.first[start] + white.shape[1]] = white
+        for first, departure in zip(self.first.tolist(), departures, strict=True):
+            if departure.beside is not None:
+                self.columns[-departure.beside.size :, first] = departure.beside
         self.whole = np.sqrt(np.einsum("nc,nc->c", self.columns, self.columns))
         self.error, self.scatter, self.dof = rows.white, rows.scatter, rows.white.size
         self.noise_dof = rows.noise_dof
@@ -331,7 +339,7 @@ def described(departure: Departure, words: Words) -> str:
     """Return a departure in words: what it is of, where, and its shape."""
     carrier, _, family = departure.family.rpartition(": ")
     kind, about = _kind(family), dict(departure.about)
-    shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair") if name in about}
+    shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
     level = about.pop(family) if kind == "at" else None
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
     how = say(f"departs.{kind}", **shape, at=words(family, level) if kind == "at" else "",
@@ -380,7 +388,7 @@ class Labels:
         return {visit: float(since_h[self.visit == visit].min()) for visit in np.unique(self.visit).tolist()}
 
 
-_FAMILIES = ("step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged")
+_FAMILIES = ("step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
 _NAMED = 2  # of the other explanations
 _DAY_h = 24.0
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take

@@ -6,6 +6,7 @@ The temperature of the unit during a record is measured, or interpolated over a 
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -189,7 +190,18 @@ def _readings(
         temperature_gap=column(given.gap for given in warmth),
         scatter=np.zeros(len(rows)),
         scatter_dof=np.zeros(len(rows)),
+        halves=column(_halves(row, channel) for row in rows),
     )
+
+
+def _halves(row: RecordRow, channel: int) -> float:
+    """Return by how much more net pulses per pulse of the AF clock a record has in its first half; NaN: not known."""
+    first = row.first_half
+    second = {name: row.sums[name] - early for name, early in first.items()}
+    if not all(half.get("af_clock", 0) for half in (first, second)):
+        return math.nan
+    rates = [(half["npp"][channel - 1] - half["ppp"][channel - 1]) / half["af_clock"] for half in (first, second)]
+    return float(rates[0] - rates[1])
 
 
 @dataclass(frozen=True)

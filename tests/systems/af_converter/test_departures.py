@@ -22,6 +22,7 @@ SWITCHES = {switch.name: switch for switch in worlds.SWITCHES}
         ("calibrator_warms_up", 2e-4, ["settles in about"]),
         ("self_heating", 5e-4, ["grows with the power 2 of the level"]),
         ("memory", 20.0, ["the current of the step before"]),
+        ("settling_tail", 5e-6, ["what a change leaves, gone in about 40 s: +5.01 ppm"]),
     ],
 )
 def test_what_departs_is_named_with_its_size(name: str, size: float, words: list[str]) -> None:
