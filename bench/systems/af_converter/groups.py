@@ -44,6 +44,7 @@ class Group:
     opened: Readings  # input open
     left_out: Mapping[str, int] = field(default_factory=dict)  # reason -> records that do not enter the fit
     open_planned: int = 0  # records with the input open, usable or not
+    odd: tuple[Readings, ...] = ()  # closed rows that were left out because they are unlike all others
 
     @property
     def place(self) -> Place:
@@ -58,9 +59,10 @@ class Group:
     def without(self, row: int, reason: str) -> Group:
         """Return the group without one of its closed rows, which is counted as left out."""
         kept = np.arange(len(self.numbers)) != row
+        odd = (*self.odd, self.closed.take(~kept))
         numbers = tuple(number for number, stays in zip(self.numbers, kept, strict=True) if stays)
         left_out = Counter(self.left_out) + Counter([f"{reason} (record {self.numbers[row]})"])
-        return replace(self, closed=self.closed.take(kept), numbers=numbers, left_out=left_out)
+        return replace(self, closed=self.closed.take(kept), numbers=numbers, left_out=left_out, odd=odd)
 
     @property
     def unit_temperature_degC(self) -> float:

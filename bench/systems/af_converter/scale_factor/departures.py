@@ -71,6 +71,7 @@ def evidence(
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
         *evidence_of(search(rows, departures, share=0.5), stated, words_of(fitted)),  # the other half: counts
+        _odd_alike(fitted, words_of(fitted)),
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
 
@@ -90,6 +91,27 @@ def _whole_counts(visit: GroupFit) -> Evidence:
     sentence = say("evidence.steps", place=place_name(visit.group.place), step=step, move=move)
     chance = of_many(probability, 2)
     return Evidence("counts_in_steps", sentence, float(step), chance, move, SCALE_FACTORS, about(visit.group))
+
+
+def _odd_alike(fitted: Fitted, words: Words) -> Evidence:
+    """Return whether records that were left out, each as the one odd one of its visit, have a label in common.
+
+    Source: binomial distribution of those at one label, the union bound over the labels.
+    """
+    from scipy import special
+
+    odd = [row for visit in fitted.groups for row in visit.group.odd]
+    used = [visit.group.closed for visit in fitted.groups]
+    found = [(1.0, "level", 0.0, 0)]
+    for label, name in (("level", "level_A"), ("polarity", "polarity"), ("range", "range_A")):
+        of_odd, of_used = (np.concatenate([np.zeros(0), *(getattr(one, name) for one in rows)]) for rows in (odd, used))
+        for value in np.unique(of_odd):
+            here, others = int(np.sum(of_odd == value)), int(np.sum(of_used == value))
+            share = (here + others) / (of_odd.size + of_used.size)
+            found.append((float(special.bdtrc(here - 1, of_odd.size, share)), label, float(value), here))
+    chance, label, value, here = min(found)
+    sentence = say("evidence.odd_alike", count=here, odd=len(odd), where=words(label, value))
+    return Evidence("odd_alike", sentence, float(here), of_many(chance, 2 * len(found)), quantities=SCALE_FACTORS)
 
 
 def words_of(fitted: Fitted) -> Words:

@@ -205,7 +205,7 @@ def test_one_temperature_gives_no_coefficients() -> None:
     analysis = run(sim.simulate(SEED, sim.Switches(), temperatures=(20.0,)))
     assert not [one for one in analysis.estimates if "_tc" in one.quantity]
     assert any(note.startswith("One temperature only") for note in analysis.notes)
-    assert {seen.code for seen in analysis.evidence} == {"counts_in_steps"}  # nothing tells a step in time
+    assert {seen.code for seen in analysis.evidence} == {"counts_in_steps", "odd_alike"}  # nothing tells a step in time
 
 
 def test_other_orders_and_records_of_wiring_change_no_number(campaign: sim.SimulatedCampaign) -> None:
