@@ -31,7 +31,16 @@ from bench.analysis.coefficients import (
     source_of,
     validate_coefficients,
 )
-from bench.analysis.departures import Departure, Labels, Residuals, Words, departures_of, evidence_of, search
+from bench.analysis.departures import (
+    Departure,
+    Labels,
+    Residuals,
+    Words,
+    departures_of,
+    evidence_of,
+    search,
+    unseen_table,
+)
 from bench.analysis.doubt import (
     DOUBTFUL,
     FALSE_DOUBT,
@@ -202,6 +211,7 @@ __all__ = [
     "stated_limits",
     "stated_value",
     "unit_text",
+    "unseen_table",
     "use_of",
     "validate_coefficients",
     "validate_results",

@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.analysis.doubt import CERTAIN, DEPARTS, FALSE_DOUBT, LEAST_MOVE, Evidence
 from bench.analysis.estimates import Estimate
+from bench.analysis.figures import Table, worded_table
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import f_tail
@@ -27,7 +28,7 @@ from bench.maths.tests import f_tail
 _SEEN = 1e-6  # of a column: what the projection leaves of one that no data can show is rounding
 _ALIKE = 9.0  # of twice a log-likelihood: less says nothing on which of two is true
 _NEARLY = 0.02  # of it: shapes are never exactly those of the world
-_AT_ONCE = 1000  # columns: what is computed of them beside takes no more memory than a few of these
+_AT_ONCE = 200  # columns: what is computed of them beside takes no more memory than a few of these
 _MOST = 20  # departures, and shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
 _SAME = 1e-4  # columns that differ by less are one
@@ -96,9 +97,20 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Unseen:
+    """A departure whose ``size`` moves estimate ``first`` by its uncertainty; the data show it from ``seen`` on."""
+
+    departure: Departure
+    size: float
+    seen: float
+    first: int
+
+
+@dataclass(frozen=True)
 class Search:
     """Outcome of a search: departures, and a chi-square that none explains.
 
+    ``unseen``: of each family what moves an estimate first, where it would not have been found then.
     ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over; 1
     where one departure is not enough. ``is_noise``: the chi-square may be chance.
     """
@@ -108,6 +120,7 @@ class Search:
     dof: int
     is_noise: bool
     unexplained: Floats
+    unseen: Sequence[Unseen]
 
     @property
     def doubted(self) -> Flags:
@@ -128,6 +141,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     """
     left = _Left(rows, departures)
     chance = FALSE_DOUBT * share / 2.0 / max(left.distinct(), 1)
+    unseen = _unseen(rows, departures, np.sqrt(left.bounds(chance)), left)
     findings: list[Finding] = []
     departing = np.zeros(rows.readings.size, bool)
     further = np.zeros(rows.expanded.size)
@@ -149,7 +163,25 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
     excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, np.maximum(grown, further)))
+    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, np.maximum(grown, further)), unseen)
+
+
+def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, left: _Left) -> list[Unseen]:
+    """Return what is not found though it moves an estimate; ``needed`` (d,): length of a column that is."""
+    first: dict[str, Unseen] = {}
+    length = np.sqrt(left.square[left.first])
+    for start in range(0, len(departures), _AT_ONCE):
+        some = departures[start : start + _AT_ONCE]
+        effects = np.column_stack([departure.effect[:, 0] for departure in some])
+        moves = np.abs(rows.operator @ effects) / rows.expanded[:, None]
+        moves[moves < _SEEN * (np.abs(rows.operator) @ np.abs(effects)) / rows.expanded[:, None]] = 0.0  # rounding
+        for at, (departure, move) in enumerate(zip(some, moves.T, strict=True), start=start):
+            if not departure.is_own and length[at] < needed[at] * move.max():
+                seen = float(needed[at] / length[at]) if length[at] else math.inf
+                one = Unseen(departure, float(1.0 / move.max()), seen, int(move.argmax()))
+                family = departure.family
+                first[family] = min(first.get(family, one), one, key=lambda known: known.size)
+    return sorted(first.values(), key=lambda one: one.departure.family)
 
 
 def _touched(departure: Departure) -> Flags:
@@ -333,6 +365,19 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
         move = float(found.unexplained.max(initial=0.0))
         evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
     return evidence
+
+
+def unseen_table(found: Search, stated: Sequence[Estimate], words: Words) -> Table:
+    """Return what moves an estimate by its uncertainty and would not have been found, with what size."""
+
+    def size(value: float, unit: str) -> str:
+        return f"{value:.2g} {unit}" if math.isfinite(value) else say("unseen.never")
+
+    rows = []
+    for one in found.unseen:
+        name, entry, unit = described(one.departure, words), stated[one.first], one.departure.unit
+        rows.append([name[:1].upper() + name[1:], entry.quantity, size(one.size, unit), size(one.seen, unit)])
+    return worded_table(say, "unseen", say.heads("unseen", "what", "first", "size", "seen"), rows, prose=True)
 
 
 def described(departure: Departure, words: Words) -> str:

@@ -23,10 +23,12 @@ from bench.analysis import (
     Labels,
     Material,
     Residuals,
+    Table,
     Words,
     departures_of,
     evidence_of,
     search,
+    unseen_table,
 )
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import of_many
@@ -62,18 +64,20 @@ _TAILS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # time constants, in lengths of a recor
 _RANK = 1e-9
 
 
-def evidence(
+def judged(
     fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, material: Material
-) -> list[Evidence]:
-    """Return what every check says of the estimates, those that found nothing included."""
+) -> tuple[list[Evidence], Table]:
+    """Return what every check says of the estimates, those that found nothing included, and what none can show."""
     rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
-    return [
+    found, words = search(rows, departures, share=0.5), words_of(fitted)  # the other half: counts, odd records
+    heard = [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
-        *evidence_of(search(rows, departures, share=0.5), stated, words_of(fitted)),  # the other half: counts
-        _odd_alike(fitted, words_of(fitted)),
+        *evidence_of(found, stated, words),
+        _odd_alike(fitted, words),
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
+    return heard, unseen_table(found, stated, words)
 
 
 def _whole_counts(visit: GroupFit) -> Evidence:
