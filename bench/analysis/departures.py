@@ -11,7 +11,7 @@ Source: docs/decisions/0052-departures.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise
 from typing import Any
@@ -42,14 +42,14 @@ class Departure:
     departure of which only the direction is unknown, such as a phase.   ``about``: label values that it is confined to.
     ``whole`` (r,): the same in all visits, of what is in some of them: the data do not say which visits are right.
     ``beside`` (q,): of one column on the last rows of the fit, which are no readings, in units of their noise.
-    ``is_own``: the item may be so, as a further order of its curve, which the uncertainty of coefficients carries.
+    ``own``: up to which size the item may be so, as a further order of its curve, which its coefficients carry.
     """
 
     family: str
     unit: str
     effect: Floats
     about: Mapping[str, Any] = field(default_factory=dict)
-    is_own: bool = False
+    own: float = 0.0
     whole: Floats | None = None
     beside: Floats | None = None
 
@@ -95,6 +95,11 @@ class Finding:
     move: Floats
     moves: Floats
 
+    @property
+    def is_own(self) -> bool:
+        """Whether the item may be so."""
+        return abs(self.size) <= self.departure.own
+
 
 @dataclass(frozen=True)
 class Unseen:
@@ -125,7 +130,7 @@ class Search:
     @property
     def doubted(self) -> Flags:
         """Which estimates (k,) are not sound; what is an item's own is none where nothing else departs."""
-        departs = not all(finding.departure.is_own for finding in self.findings)
+        departs = not all(finding.is_own for finding in self.findings)
         moved = [finding.moves > LEAST_MOVE for finding in self.findings if departs]
         return np.asarray(np.any([*moved, self.unexplained > LEAST_MOVE], axis=0))
 
@@ -156,7 +161,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
         findings.append(_finding(rows, departures, best, judged, gains, sizes))
         if (_touched(departures[judged[0]]) & departing).any():
             further = np.maximum(further, np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0)
-        departing |= _touched(departures[best]) & (not departures[best].is_own)
+        departing |= _touched(departures[best]) & (not findings[-1].is_own)
         left.take_out(best)
     parts = [(chi2 / dof, chi2, dof) for chi2, dof in (left.chi2(), rows.rest) if dof]
     odd = [part for part in parts if f_tail(part[0], part[2], rows.noise_dof) * len(parts) <= FALSE_DOUBT * share / 2.0]
@@ -176,7 +181,7 @@ def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, le
         moves = np.abs(rows.operator @ effects) / rows.expanded[:, None]
         moves[moves < _SEEN * (np.abs(rows.operator) @ np.abs(effects)) / rows.expanded[:, None]] = 0.0  # rounding
         for at, (departure, move) in enumerate(zip(some, moves.T, strict=True), start=start):
-            if not departure.is_own and length[at] < needed[at] * move.max():
+            if not departure.own and length[at] < needed[at] * move.max():
                 seen = float(needed[at] / length[at]) if length[at] else math.inf
                 one = Unseen(departure, float(1.0 / move.max()), seen, int(move.argmax()))
                 family = departure.family
@@ -412,8 +417,8 @@ class Labels:
     ``hours``: time; ``visit``: which readings follow each other.   ``carriers``: by name unit and what the readings
     (r,) gain if something is off by 1 everywhere.   ``scopes``: kinds whose values may confine a departure of any
     shape; ``corners``: those that may confine what one value of a further kind does.   ``exchanged``: items of one kind
-    that could be taken for each other, their kind, their sides and the carrier.   ``own``: carriers and families
-    of departures that may be an item's own.
+    that could be taken for each other, their kind, their sides and the carrier.   ``own``: by carrier and family
+    up to which size a departure may be an item's own.
     """
 
     kinds: Mapping[str, Any]
@@ -424,7 +429,7 @@ class Labels:
     scopes: Sequence[tuple[str, ...]] = ((),)
     corners: Sequence[tuple[str, ...]] = ()
     exchanged: tuple[str, str, str, str] | None = None
-    own: Collection[tuple[str, str]] = ()
+    own: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def begins_h(self) -> dict[int, float]:
@@ -462,7 +467,7 @@ def departures_of(labels: Labels) -> list[Departure]:
                     key = effect.tobytes()
                     if family not in where and key not in seen and effect.any():
                         seen.add(key)
-                        own = (carrier, family) in labels.own
+                        own = labels.own.get((carrier, family), 0.0)
                         whole = everywhere if family in in_visits else None
                         found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own, whole))
     return found

@@ -60,6 +60,7 @@ from bench.systems.af_converter.wording import kind_name, say
 
 _PPM, _nA = 1e-6, 1e-9
 _DEGREE = 2
+_OWN_ppm = 30.0  # at the temperature farthest from that of reference: no parabola serves a curve that bends by more
 _TAILS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # time constants, in lengths of a record
 _RANK = 1e-9
 
@@ -389,7 +390,7 @@ class _Rows:
             scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
             corners=[("channel", "temperature")],
             exchanged=("channel", "kind", "polarity", "gain"),
-            own=[("gain", "temperature ^3"), ("gain", "temperature ^4")],
+            own={("gain", "temperature ^3"): _OWN_ppm, ("gain", "temperature ^4"): _OWN_ppm},
         )
 
     def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
