@@ -29,7 +29,8 @@ _SEEN = 1e-6  # of a column: what the projection leaves of one that no data can 
 _ALIKE = 9.0  # of twice a log-likelihood: less says nothing on which of two is true
 _NEARLY = 0.02  # of it: shapes are never exactly those of the world
 _AT_ONCE = 200  # columns: what is computed of them beside takes no more memory than a few of these
-_MOST = 20  # departures, and shapes that are an item's own
+_FEW = 3  # departures: what they do not explain is told of all at once
+_MOST = 20  # of them with shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
 _SAME = 1e-4  # columns that differ by less are one
 
@@ -155,6 +156,9 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
         best = int(np.argmax(gains / left.bounds(chance)))
         if gains[best] < left.bounds(chance)[best]:
             break
+        if sum(not finding.is_own for finding in findings) == _FEW:
+            further[:] = 1.0
+            break
         near = np.flatnonzero(left.visible & (gains[best] - gains < max(_ALIKE, _NEARLY * gains[best])))
         alike = near[np.argsort(-gains[near])].tolist()
         judged = [at for at in alike if not (_touched(departures[at]) & ~departing).any()] or alike
@@ -168,7 +172,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
     excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, np.maximum(grown, further)), unseen)
+    return Search(findings, chi2, dof, not odd, np.maximum(np.where(rows.on_curve, 0.0, grown), further), unseen)
 
 
 def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, left: _Left) -> list[Unseen]:

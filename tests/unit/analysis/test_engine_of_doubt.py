@@ -114,6 +114,15 @@ def test_a_second_departure_is_searched_in_what_the_first_leaves() -> None:
     assert found.doubted.all()
 
 
+def test_more_than_three_departures_are_not_told_one_by_one() -> None:
+    """Five rows that are off: three are named, and all is doubted, coefficients of curves too."""
+    each = np.eye(VISIT.size)[::9]
+    white = np.random.default_rng(11).normal(size=VISIT.size) + 50.0 * each[:5].sum(axis=0)
+    found = search(rows_of(white, on_curve=np.ones(VISITS, bool)), [column(one) for one in each])
+    assert len(found.findings) == 3
+    assert found.doubted.all()
+
+
 def test_what_an_item_may_be_doubts_nothing_up_to_its_size() -> None:
     white = np.random.default_rng(7).normal(size=VISIT.size) + 10.0 * HOURS
     for own, doubted in ((20.0, False), (5.0, True)):
