@@ -65,7 +65,8 @@ class Residuals:
     by how much they do is not known. ``noise_dof``: degrees of freedom of the estimate of the noise. ``operator``
     (k, r): what an estimate gains per unit of each reading. ``expanded``, ``noise`` (k,): its expanded uncertainty, and
     the part of it that the noise makes. ``on_curve`` (k,): coefficients of curves, which carry what these leave over.
-    ``rest``: chi-square and degrees of freedom of what no departure enters, beside the rows.
+    ``rest``: chi-square and degrees of freedom of what no departure enters, beside the rows. ``shift``: what an effect
+    on the readings, (r,), moves the estimates by, (k,), where that is known beyond the operator.
     """
 
     readings: Floats
@@ -79,6 +80,7 @@ class Residuals:
     on_curve: Flags
     noise_dof: float = math.inf
     rest: tuple[float, int] = (0.0, 0)
+    shift: Callable[[Floats], Floats] | None = None
 
 
 @dataclass(frozen=True)
@@ -219,6 +221,8 @@ def _moves(rows: Residuals, effect: Floats) -> Floats:
 
     To second order: what is in proportion to a reading changes it by the square of its part, too.
     """
+    if rows.shift:
+        return np.abs(rows.shift(effect)) / rows.expanded
     large = np.abs(rows.readings) > np.abs(effect)
     square = np.divide(effect**2, rows.readings, out=np.zeros_like(effect), where=large)
     return np.asarray((np.abs(rows.operator @ effect) + np.abs(rows.operator @ square)) / rows.expanded)
@@ -349,7 +353,14 @@ def _orthonormal(design: Floats) -> Floats:
 Words = Callable[[str, Any], str]  # a label, carrier or scale and its value, as a person says it
 
 
-def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list[Evidence]:
+def general_advice(departure: Departure) -> str:
+    """Return what to look for, by the shape of a departure."""
+    return say(f"departs.advice.{_kind(departure.family)}")
+
+
+def evidence_of(
+    found: Search, stated: Sequence[Estimate], words: Words, advice: Callable[[Departure], str] = general_advice
+) -> list[Evidence]:
     """Return what a search says against the estimates that follow from its rows, one entry for each thing."""
     evidence: list[Evidence] = []
     doubted = found.doubted
@@ -364,7 +375,7 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
                 size=f"{finding.size:+.3g} {finding.departure.unit}",
                 move=float(finding.move.max()),
                 others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
-                advice=say(f"departs.advice.{_kind(finding.departure.family)}"),
+                advice=advice(finding.departure),
             )
             entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
             evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
@@ -396,11 +407,17 @@ def described(departure: Departure, words: Words) -> str:
     shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
     level = about.pop(family) if kind == "at" else None
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
+    shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
     how = say(f"departs.{kind}", **shape, at=words(family, level) if kind == "at" else "",
               scale=words(scale, None) if kind in ("power", "size") else "", power=power)  # fmt: skip
     where = ", ".join(words(name, value) for name, value in about.items())
     of = words(carrier, None) if carrier else ""
     return ", ".join(part for part in (of, where, how) if part)
+
+
+def _duration(hours: float) -> str:
+    size, unit = next(((size, unit) for size, unit in _UNITS if hours * size >= 1.0), _UNITS[-1])
+    return f"{hours * size:.3g} {unit}"
 
 
 def _kind(family: str) -> str:
@@ -442,9 +459,10 @@ class Labels:
         return {visit: float(since_h[self.visit == visit].min()) for visit in np.unique(self.visit).tolist()}
 
 
+_UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
 _FAMILIES = ("step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
 _NAMED = 2  # of the other explanations
-_DAY_h = 24.0
+_DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
 _CYCLES = (2.0, 1.5, 1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.32, 0.25, 0.2, 0.16)
 
@@ -505,8 +523,9 @@ def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) ->
 def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
     """Yield what lies behind each reading of a visit but its first."""
     number = np.arange(labels.visit.size)
-    for visit in labels.begins_h:
-        for record, at in enumerate(number[labels.visit == visit][1:].tolist(), start=2):
+    for visit, begins_h in labels.begins_h.items():
+        later = labels.hours - labels.hours.min() > begins_h
+        for record, at in enumerate(number[(labels.visit == visit) & later].tolist(), start=2):
             yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
 
 
@@ -527,7 +546,7 @@ def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
     yield "drift", {}, since_h / span_h
     for part in _SETTLES:
         yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
-    for period_h in (_DAY_h, *(part * span_h for part in _CYCLES)):
+    for period_h in (*([_DAY_h] if _DAY_h < _LONGEST * span_h else []), *(part * span_h for part in _CYCLES)):
         angle = 2.0 * np.pi * since_h / period_h
         yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
     for name, (scale, powers) in labels.scales.items():
