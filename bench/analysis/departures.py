@@ -353,15 +353,11 @@ def _orthonormal(design: Floats) -> Floats:
 Words = Callable[[str, Any], str]  # a label, carrier or scale and its value, as a person says it
 
 
-def general_advice(departure: Departure) -> str:
-    """Return what to look for, by the shape of a departure."""
-    return say(f"departs.advice.{_kind(departure.family)}")
+def evidence_of(found: Search, stated: Sequence[Estimate], words: Words, advice: str = "") -> list[Evidence]:
+    """Return what a search says against the estimates that follow from its rows, one entry for each thing.
 
-
-def evidence_of(
-    found: Search, stated: Sequence[Estimate], words: Words, advice: Callable[[Departure], str] = general_advice
-) -> list[Evidence]:
-    """Return what a search says against the estimates that follow from its rows, one entry for each thing."""
+    ``advice``: what to look for, where that does not go by the shape of a departure.
+    """
     evidence: list[Evidence] = []
     doubted = found.doubted
     for finding in found.findings:
@@ -375,7 +371,7 @@ def evidence_of(
                 size=f"{finding.size:+.3g} {finding.departure.unit}",
                 move=float(finding.move.max()),
                 others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
-                advice=advice(finding.departure),
+                advice=advice or say(f"departs.advice.{_kind(finding.departure.family)}"),
             )
             entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
             evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
