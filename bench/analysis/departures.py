@@ -117,8 +117,8 @@ class Search:
     """Outcome of a search: departures, and a chi-square that none explains.
 
     ``unseen``: of each family what moves an estimate first, where it would not have been found then.
-    ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over; 1
-    where one departure is not enough. ``is_noise``: the chi-square may be chance.
+    ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over;
+    ``is_noise``: that may be chance.   ``together`` (k,): what rests on rows in which more than one thing departs.
     """
 
     findings: Sequence[Finding]
@@ -126,6 +126,7 @@ class Search:
     dof: int
     is_noise: bool
     unexplained: Floats
+    together: Flags
     unseen: Sequence[Unseen]
 
     @property
@@ -133,7 +134,7 @@ class Search:
         """Which estimates (k,) are not sound; what is an item's own is none where nothing else departs."""
         departs = not all(finding.is_own for finding in self.findings)
         moved = [finding.moves > LEAST_MOVE for finding in self.findings if departs]
-        return np.asarray(np.any([*moved, self.unexplained > LEAST_MOVE], axis=0))
+        return np.asarray(np.any([*moved, self.unexplained > LEAST_MOVE, self.together], axis=0))
 
 
 def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0) -> Search:
@@ -150,21 +151,21 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     unseen = _unseen(rows, departures, np.sqrt(left.bounds(chance)), left)
     findings: list[Finding] = []
     departing = np.zeros(rows.readings.size, bool)
-    further = np.zeros(rows.expanded.size)
+    together = np.zeros(rows.expanded.size, bool)
     while len(findings) < _MOST:
         gains, sizes = left.fitted()
         best = int(np.argmax(gains / left.bounds(chance)))
         if gains[best] < left.bounds(chance)[best]:
             break
         if sum(not finding.is_own for finding in findings) == _FEW:
-            further[:] = 1.0
+            together[:] = True
             break
         near = np.flatnonzero(left.visible & (gains[best] - gains < max(_ALIKE, _NEARLY * gains[best])))
         alike = near[np.argsort(-gains[near])].tolist()
         judged = [at for at in alike if not (_touched(departures[at]) & ~departing).any()] or alike
         findings.append(_finding(rows, departures, best, judged, gains, sizes))
         if (_touched(departures[judged[0]]) & departing).any():
-            further = np.maximum(further, np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0)
+            together |= np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0
         departing |= _touched(departures[best]) & (not findings[-1].is_own)
         left.take_out(best)
     parts = [(chi2 / dof, chi2, dof) for chi2, dof in (left.chi2(), rows.rest) if dof]
@@ -172,7 +173,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
     excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, not odd, np.maximum(np.where(rows.on_curve, 0.0, grown), further), unseen)
+    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, grown), together, unseen)
 
 
 def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, left: _Left) -> list[Unseen]:
@@ -368,8 +369,11 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
             )
             entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
             evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
+    several = [entry for entry, rests in zip(stated, found.together, strict=True) if rests]
+    if several:
+        evidence.append(Evidence("depart_together", say("departs.together"), None, CERTAIN, entries=several))
     left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
-    if left or not found.is_noise:
+    if not found.is_noise:
         said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)
         move = float(found.unexplained.max(initial=0.0))
         evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))

@@ -118,7 +118,6 @@ def test_labels_make_each_shape_once() -> None:
         scopes=[(), ("channel",)],
         corners=[],
         exchanged=("channel", "channel", "channel", "gain"),
-
     )
     effects = [one.effect.tobytes() for one in departures_of(labels) if one.family.startswith("gain: ")]
     assert len(effects) == len(set(effects))
