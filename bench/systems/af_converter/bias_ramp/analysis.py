@@ -13,11 +13,11 @@ import numpy as np
 from bench.analysis import Analysis, Figure, Material
 from bench.maths.tests import chi2_tail
 from bench.model.errors import FitError
+from bench.systems.af_converter.bias_ramp.departures import evidence
 from bench.systems.af_converter.bias_ramp.estimates import (
     DSF_STD,
     channel_estimates,
     compensation,
-    evidence,
     master_clock_estimates,
     temperatures,
 )
@@ -88,7 +88,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
         compensation=compensation(fits, clock),
-        evidence=evidence(fits, drive),
+        evidence=evidence(fits, drive, entries),
     )
 
 
