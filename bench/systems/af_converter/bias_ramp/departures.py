@@ -34,7 +34,8 @@ from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import HysteresisModel, ModelShape, mean_of_walk
-from bench.systems.af_converter.estimators.hysteresis.search import Place, Problem, derivatives
+from bench.systems.af_converter.estimators.hysteresis.rivals import base_of
+from bench.systems.af_converter.estimators.hysteresis.search import Problem
 from bench.systems.af_converter.wording import say
 
 _nA = 1e-9
@@ -90,11 +91,9 @@ class Rows:
     def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
         """Return the rows for a search, those of the bounds of lag and half-width last, and the estimates of them."""
         readings, (lag_s, half_degC) = self.channel.readings, self._place
-        columns = self.model.columns(lag_s, half_degC)
         problem = Problem(self.model, readings.bias_A, readings.noise.whiten)
-        linear = np.asarray(np.linalg.pinv(readings.noise.whiten(columns)) @ problem.white, dtype=np.float64)
-        slopes = derivatives(problem, Place(lag_s, half_degC, 0.0), linear)
-        design = self._whiten(np.column_stack((columns, slopes)))
+        base = base_of(problem, lag_s, half_degC, (LAG, HALF_WIDTH))
+        design = self._whiten(base.columns)
         design[-2:, -2:] = np.diag(1.0 / self.channel.bounds.std)
         number = readings.channel.number
         stated = [
@@ -106,7 +105,7 @@ class Rows:
         expanded = np.array([entry.expanded_uncertainty for entry in stated])
         residuals = Residuals(
             readings=readings.bias_A,
-            white=self._whiten((readings.bias_A - columns @ linear)[:, None])[:, 0],
+            white=self._whiten(base.residual[:, None])[:, 0],
             design=design,
             scatter=np.zeros((design.shape[0], 0)),
             whiten=self._whiten,
