@@ -398,10 +398,11 @@ def described(departure: Departure, words: Words) -> str:
     carrier, _, family = departure.family.rpartition(": ")
     kind, about = _kind(family), dict(departure.about)
     shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
-    level = about.pop(family) if kind == "at" else None
+    level = about.pop(family) if kind in ("at", "own") else None
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
-    how = say(f"departs.{kind}", **shape, at=words(family, level) if kind == "at" else "",
-              scale=words(scale, None) if kind in ("power", "size") else "", power=power)  # fmt: skip
+    of_value = words(family, level) if kind in ("at", "own") else ""
+    of_scale = words(scale, None) if kind in ("power", "size") else ""
+    how = of_value if kind == "own" else say(f"departs.{kind}", **shape, at=of_value, scale=of_scale, power=power)
     where = ", ".join(words(name, value) for name, value in about.items())
     of = words(carrier, None) if carrier else ""
     return ", ".join(part for part in (of, where, how) if part)
@@ -412,6 +413,8 @@ def _kind(family: str) -> str:
     name = family.rpartition(": ")[2]
     if name in _FAMILIES:
         return name.replace(" ", "_").replace("-", "_")
+    if name.startswith("own "):
+        return "own"
     return "power" if "^" in name else "size" if name.endswith(" absolute") else "at"
 
 
@@ -426,7 +429,7 @@ class Labels:
     (r,) gain if something is off by 1 everywhere.   ``scopes``: kinds whose values may confine a departure of any
     shape; ``corners``: those that may confine what one value of a further kind does.   ``exchanged``: items of one kind
     that could be taken for each other, their kind, their sides and the carrier.   ``own``: by carrier and family
-    up to which size a departure may be an item's own.
+    up to which size a departure may be an item's own.   ``steps_within``: whether something may step inside a visit.
     """
 
     kinds: Mapping[str, Any]
@@ -438,6 +441,7 @@ class Labels:
     corners: Sequence[tuple[str, ...]] = ()
     exchanged: tuple[str, str, str, str] | None = None
     own: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    steps_within: bool = True
 
     @property
     def begins_h(self) -> dict[int, float]:
@@ -457,7 +461,7 @@ def departures_of(labels: Labels) -> list[Departure]:
     """Return the general departures: each value of a label, steps, drifts, cycles, powers and memory, in all scopes."""
     found = [
         Departure(f"{carrier}: step in a visit", unit, (one * behind)[:, None], about)
-        for about, behind in _within(labels)
+        for about, behind in (_within(labels) if labels.steps_within else ())
         for carrier, (unit, one) in labels.carriers.items()
     ]
     if labels.exchanged:
