@@ -350,7 +350,14 @@ def _orthonormal(design: Floats) -> Floats:
 Words = Callable[[str, Any], str]  # a label, carrier or scale and its value, as a person says it
 
 
-def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list[Evidence]:
+def general_advice(departure: Departure) -> str:
+    """Return what to look for, by the shape of a departure."""
+    return say(f"departs.advice.{_kind(departure.family)}")
+
+
+def evidence_of(
+    found: Search, stated: Sequence[Estimate], words: Words, advice: Callable[[Departure], str] = general_advice
+) -> list[Evidence]:
     """Return what a search says against the estimates that follow from its rows, one entry for each thing."""
     evidence: list[Evidence] = []
     doubted = found.doubted
@@ -365,7 +372,7 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
                 size=f"{finding.size:+.3g} {finding.departure.unit}",
                 move=float(finding.move.max()),
                 others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
-                advice=say(f"departs.advice.{_kind(finding.departure.family)}"),
+                advice=advice(finding.departure),
             )
             entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
             evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
@@ -400,12 +407,21 @@ def described(departure: Departure, words: Words) -> str:
     shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
     level = about.pop(family) if kind in ("at", "own") else None
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
+    shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
     of_value = words(family, level) if kind in ("at", "own") else ""
     of_scale = words(scale, None) if kind in ("power", "size") else ""
-    how = of_value if kind == "own" else say(f"departs.{kind}", **shape, at=of_value, scale=of_scale, power=power)
+    if kind in ("own", "constant"):
+        how = of_value
+    else:
+        how = say(f"departs.{kind}", **shape, at=of_value, scale=of_scale, power=power)
     where = ", ".join(words(name, value) for name, value in about.items())
     of = words(carrier, None) if carrier else ""
     return ", ".join(part for part in (of, where, how) if part)
+
+
+def _duration(hours: float) -> str:
+    size, unit = next(((size, unit) for size, unit in _UNITS if hours * size >= 1.0), _UNITS[-1])
+    return f"{hours * size:.3g} {unit}"
 
 
 def _kind(family: str) -> str:
@@ -450,7 +466,8 @@ class Labels:
         return {visit: float(since_h[self.visit == visit].min()) for visit in np.unique(self.visit).tolist()}
 
 
-_FAMILIES = ("step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
+_UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
+_FAMILIES = ("constant", "step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
 _NAMED = 2  # of the other explanations
 _DAY_h = 24.0
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
@@ -511,10 +528,11 @@ def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) ->
 
 
 def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
-    """Yield what lies behind each reading of a visit but its first."""
+    """Yield what lies behind each reading of a visit but its first; readings at one time are one record."""
     number = np.arange(labels.visit.size)
     for visit in labels.begins_h:
-        for record, at in enumerate(number[labels.visit == visit][1:].tolist(), start=2):
+        inside = number[labels.visit == visit]
+        for record, at in enumerate(inside[np.diff(labels.hours[inside], prepend=np.inf) > 0.0].tolist(), start=2):
             yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
 
 
@@ -535,7 +553,8 @@ def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
     yield "drift", {}, since_h / span_h
     for part in _SETTLES:
         yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
-    for period_h in (_DAY_h, *(part * span_h for part in _CYCLES)):
+    day_h = (_DAY_h,) if span_h > 0.01 * _DAY_h else ()
+    for period_h in (*day_h, *(part * span_h for part in _CYCLES)):
         angle = 2.0 * np.pi * since_h / period_h
         yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
     for name, (scale, powers) in labels.scales.items():
