@@ -141,10 +141,9 @@ def delays_of(port: PortClock, stream: Stream, at_s: Floats, middle_s: float) ->
     if not fine:
         received_s = np.asarray(NS * (stream.received_ns - stream.received_ns[0]))
         lines = [port_clock(at_s[part], stream.counter[part], received_s[part], port.grid_s) for part in parts]
-        above_s = np.array(
-            [[line.least_s(at) - port.least_s(at), line.std_s(at)] for line, at in zip(lines, mean_s, strict=True)]
-        )
-        return Delays(since_s, *above_s.T)
+        pairs = list(zip(lines, mean_s, strict=True))
+        above_s = [line.least_s(at) - port.least_s(at) for line, at in pairs]
+        return Delays(since_s, np.array(above_s), np.array([line.std_s(at) for line, at in pairs]))
     low_s = [np.quantile(port.above_s[part], _LOW) for part in parts]
     within_s = np.concatenate([port.above_s[part] - low for part, low in zip(parts, low_s, strict=True)])
     count = np.array([part.size for part in parts])

@@ -60,8 +60,8 @@ class Offset:
     ``offset_s``, ``std_s``: with everything that makes it uncertain.   ``filter_std_s``: by the covariance of the
     filter alone.   ``error_std_s``: what the stated errors of both units leave.   ``prior_std_s``: of what was assumed
     beforehand and still counts.   ``inflation``: by which the innovations are larger than they should be, 1 at the
-    least.   ``drift_std_s``: part of the drift.   ``normalised``: variance at the end, of that at first.   ``seen``: False if the motion does not show
-    the offset.
+    least.   ``drift_std_s``: part of the drift.   ``normalised``: variance at the end, of that at first.   ``seen``:
+    False if the motion does not show the offset.
     """
 
     method: str

@@ -261,7 +261,7 @@ def test_hysteresis_of_three_plays_is_doubted(seed: int) -> None:
     ("name", "size", "words"),
     [
         ("second_lag", 0.1, ["another lag", "nA/degC"]),
-        ("step_of_bias", 0.1, ["The bias of channel 1, step between 14.9 and 15.0 h"]),
+        ("step_of_bias", 0.1, ["The bias of channel 1, step between 14.9 h and 15 h"]),
         ("width_over_temperature", 0.1, ["The loop of channel 1"]),
         ("bend", 1.0, ["a bend at 30 degC: +2."]),
         ("drift_of_bias", 1.0, ["drift from begin to end"]),

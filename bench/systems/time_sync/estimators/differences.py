@@ -110,6 +110,7 @@ def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Dif
     for block, tag in enumerate(tags):
         part = slice(_SEEN * block, _SEEN * (block + 1))
         covariance[part, part] += np.outer(tag, tag)
+    covariance += np.diag((blocks.mean(path.unsure(blocks.t_s) ** 2) / blocks.count[:, None]).ravel())
     return Differences(
         block=blocks.number,
         at_s=blocks.at_s,
@@ -149,6 +150,8 @@ class _Path:
         dt = np.diff(imu.t_s[start:])[:, None]
         dv = imu.dv[start + 1 :, 0] - guess.accel_bias * dt
         dtheta = imu.dtheta[start + 1 :, 0] - guess.gyro_bias * dt
+        changes = [np.diff(x, axis=0, prepend=x[:1], append=x[-1:]) for x in (0.0 * dv, dv, dtheta)]
+        self._changes = np.linalg.norm(changes, axis=2).T
         first_p = egi.p[0] + egi.v[0] * (imu.t_s[start] - egi.t_s[0] + guess.offset_s)
         walked = navigate(t_s, dv, dtheta, first_p, egi.v[0], egi.C[0], egi.latitude_deg, begin_s=float(imu.t_s[start]))
         begin = [values[None] for values in (first_p, egi.v[0], egi.C[0])]
@@ -189,6 +192,12 @@ class _Path:
         """Return the integration at other times."""
         track = self._track
         return Track(t_s, *(_linear(t_s, track.t_s, values) for values in (track.p, track.v, track.C)))
+
+    def unsure(self, t_s: Floats) -> Floats:
+        """Return what a motion that changes from sample to sample leaves open between them, (m, 9): that of a kink."""
+        before = np.clip(np.searchsorted(self._track.t_s, t_s, side="right") - 1, 0, self._changes.shape[0] - 2)
+        most = 0.25 * np.maximum(self._changes[before], self._changes[before + 1])
+        return np.repeat(most, 3, axis=1)
 
     def between(self, at_nodes: Floats, t_s: Floats) -> Floats:
         """Return values of the nodes at other times."""
