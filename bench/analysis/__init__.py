@@ -31,7 +31,18 @@ from bench.analysis.coefficients import (
     source_of,
     validate_coefficients,
 )
-from bench.analysis.departures import Departure, Labels, Residuals, Words, departures_of, evidence_of, search
+from bench.analysis.departures import (
+    Departure,
+    Finding,
+    Labels,
+    Residuals,
+    Search,
+    Words,
+    departures_of,
+    evidence_of,
+    powers,
+    search,
+)
 from bench.analysis.doubt import (
     DOUBTFUL,
     FALSE_DOUBT,
@@ -122,6 +133,7 @@ __all__ = [
     "EvidenceInterval",
     "Exchange",
     "Figure",
+    "Finding",
     "Floats",
     "GivenValue",
     "Labels",
@@ -131,6 +143,7 @@ __all__ = [
     "Prediction",
     "Reading",
     "Residuals",
+    "Search",
     "Series",
     "Source",
     "Specification",
@@ -187,6 +200,7 @@ __all__ = [
     "picture",
     "place_of",
     "placed",
+    "powers",
     "results_json",
     "results_schema",
     "rule_of",

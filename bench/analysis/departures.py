@@ -31,6 +31,7 @@ _AT_ONCE = 1000  # columns: what is computed of them beside takes no more memory
 _MOST = 20  # departures, and shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
 _LEAST = 1e-3  # of its size: what is smaller in all readings, such as a warm-up long ago, is none
+_NOT_MISSED = 1e3  # noncentrality: seen by any search
 _SAME = 1e-4  # columns that differ by less are one
 
 
@@ -146,6 +147,24 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     excess = 0.0 if is_noise else chi2 / dof - 1.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
     return Search(findings, chi2, dof, is_noise, np.where(rows.on_curve, 0.0, np.maximum(grown, further)))
+
+
+def powers(rows: Residuals, departures: Sequence[Departure], share: float = 1.0) -> Floats:
+    """Return how surely a search would show each departure that moves an estimate by its expanded uncertainty, (d, k).
+
+    Args:    rows: of a plan, on nominal material.   departures, share: as ``search``; of several columns the first.
+    Returns: probabilities; 1 where nothing is moved.
+    Raises:  nothing.
+    Source:  noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
+    """
+    from scipy import special
+
+    left = _Left(rows, departures)
+    bounds = left.bounds(FALSE_DOUBT * share / 2.0 / max(left.distinct(), 1))
+    effects = np.column_stack([departure.effect[:, 0] for departure in departures])
+    moves = np.maximum(np.abs(rows.operator @ effects) / rows.expanded[:, None], _SEEN).T
+    noncentrality = np.minimum(left.square[left.first][:, None] / moves**2, _NOT_MISSED)
+    return np.asarray(1.0 - special.chndtr(bounds[:, None], left.count[:, None], noncentrality))
 
 
 def _touched(departure: Departure) -> Flags:
