@@ -33,10 +33,8 @@ from bench.analysis.coefficients import (
 )
 from bench.analysis.departures import (
     Departure,
-    Finding,
     Labels,
     Residuals,
-    Search,
     Words,
     departures_of,
     evidence_of,
@@ -133,7 +131,6 @@ __all__ = [
     "EvidenceInterval",
     "Exchange",
     "Figure",
-    "Finding",
     "Floats",
     "GivenValue",
     "Labels",
@@ -143,7 +140,6 @@ __all__ = [
     "Prediction",
     "Reading",
     "Residuals",
-    "Search",
     "Series",
     "Source",
     "Specification",

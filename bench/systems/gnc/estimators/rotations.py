@@ -144,7 +144,7 @@ def _rows(matrix: Floats, inputs: Inputs, jacobian: Floats, covariance: Floats, 
 
     by_integral = jacobian[:12, : inputs.integral.size].reshape(12, -1, 3)
     return TriadRows(
-        output=inputs.integral @ matrix.T / length,
+        output=inputs.integral / length,
         input=(inputs.known + inputs.earth) / length,
         force=inputs.seen[:, :, 2] / length,
         covariance=propagate_inputs(left, inputs.vector, covariance),

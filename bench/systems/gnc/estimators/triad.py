@@ -33,11 +33,11 @@ _NAMES = ("the column of N_x", "the column of N_y", "the column of N_z", "the bi
 
 @dataclass(frozen=True)
 class TriadRows:
-    """Mean outputs that a fit is made of, each (n, 3) in the unit of the input.
+    """Mean outputs that a fit is made of, (n, 3) each.
 
-    ``output``: through K; ``input``: that is due; ``force``: specific force meanwhile, g.   ``covariance`` (3n, 3n): of
-    what lies between both, without the wandering of a bias that nobody declares.   ``operator`` (12, 3n): what K, row
-    by row, and bias gain per unit of each output.   ``dof``: degrees of freedom of the noise.
+    ``output``: as indicated; ``input``: that is due; ``force``: specific force meanwhile, g.   ``covariance``
+    (3n, 3n): of the output through K, without the wandering of a bias that nobody declares.   ``operator`` (12, 3n):
+    what K, row by row, and bias gain per unit of it.   ``dof``: degrees of freedom of the noise.
     """
 
     output: Floats
@@ -218,7 +218,7 @@ def rows_of_positions(
     """Return the rows of a fit. Args: as ``fit_six_position``; ``dof``: of the covariance. Source: its equations."""
     operator = np.linalg.pinv(np.column_stack([mean, np.ones(len(mean))]))
     noise = _scaled(fit.matrix, covariance_of_means) + _tilt(force, tilt_std_deg)
-    return TriadRows(mean @ fit.matrix.T, force, force, noise, -_weights(operator, len(mean)), dof)
+    return TriadRows(mean, force, force, noise, -_weights(operator, len(mean)), dof)
 
 
 def _tilt(force: Floats, tilt_std_deg: float) -> Floats:
