@@ -38,6 +38,7 @@ from bench.analysis.departures import (
     Words,
     departures_of,
     evidence_of,
+    powers,
     search,
     unseen_table,
 )
@@ -196,6 +197,7 @@ __all__ = [
     "picture",
     "place_of",
     "placed",
+    "powers",
     "results_json",
     "results_schema",
     "rule_of",

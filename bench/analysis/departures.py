@@ -32,6 +32,8 @@ _AT_ONCE = 200  # columns: what is computed of them beside takes no more memory 
 _FEW = 3  # departures: what they do not explain is told of all at once
 _MOST = 20  # of them with shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
+_LEAST = 1e-3  # of its size: what is smaller in all readings, such as a warm-up long ago, is none
+_NOT_MISSED = 1e3  # noncentrality: seen by any search
 _SAME = 1e-4  # columns that differ by less are one
 
 
@@ -194,6 +196,24 @@ def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, le
     return sorted(first.values(), key=lambda one: one.departure.family)
 
 
+def powers(rows: Residuals, departures: Sequence[Departure], share: float = 1.0) -> Floats:
+    """Return how surely a search would show each departure that moves an estimate by its expanded uncertainty, (d, k).
+
+    Args:    rows: of a plan, on nominal material.   departures, share: as ``search``; of several columns the first.
+    Returns: probabilities; 1 where nothing is moved.
+    Raises:  nothing.
+    Source:  noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
+    """
+    from scipy import special
+
+    left = _Left(rows, departures)
+    bounds = left.bounds(FALSE_DOUBT * share / 2.0 / max(left.distinct(), 1))
+    effects = np.column_stack([departure.effect[:, 0] for departure in departures])
+    moves = np.maximum(np.abs(rows.operator @ effects) / rows.expanded[:, None], _SEEN).T
+    noncentrality = np.minimum(left.square[left.first][:, None] / moves**2, _NOT_MISSED)
+    return np.asarray(1.0 - special.chndtr(bounds[:, None], left.count[:, None], noncentrality))
+
+
 def _touched(departure: Departure) -> Flags:
     return np.asarray(departure.effect.any(axis=1))
 
@@ -352,7 +372,7 @@ Words = Callable[[str, Any], str]  # a label, carrier or scale and its value, as
 
 def general_advice(departure: Departure) -> str:
     """Return what to look for, by the shape of a departure."""
-    return say(f"departs.advice.{_kind(departure.family)}")
+    return say(f"departs.advice.{_kind(departure)}")
 
 
 def evidence_of(
@@ -403,9 +423,9 @@ def unseen_table(found: Search, stated: Sequence[Estimate], words: Words) -> Tab
 def described(departure: Departure, words: Words) -> str:
     """Return a departure in words: what it is of, where, and its shape."""
     carrier, _, family = departure.family.rpartition(": ")
-    kind, about = _kind(family), dict(departure.about)
+    kind, about = _kind(departure), dict(departure.about)
     shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
-    level = about.pop(family) if kind in ("at", "own") else None
+    level = about.pop(family, None) if kind in ("at", "own") else None
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
     shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
     of_value = words(family, level) if kind in ("at", "own") else ""
@@ -424,14 +444,14 @@ def _duration(hours: float) -> str:
     return f"{hours * size:.3g} {unit}"
 
 
-def _kind(family: str) -> str:
-    """Return the kind of a family of departures: one of its own, or a level, a power, a size of what it names."""
-    name = family.rpartition(": ")[2]
+def _kind(departure: Departure) -> str:
+    """Return the kind of a departure: a general one, a level, a power, a size of what its family names, or its own."""
+    name = departure.family.rpartition(": ")[2]
     if name in _FAMILIES:
         return name.replace(" ", "_").replace("-", "_")
-    if name.startswith("own "):
-        return "own"
-    return "power" if "^" in name else "size" if name.endswith(" absolute") else "at"
+    if "^" in name or name.endswith(" absolute"):
+        return "power" if "^" in name else "size"
+    return "at" if name in departure.about and not name.startswith("own ") else "own"
 
 
 # --- departures that labels make --------------------------------------------------------------------------------------
@@ -469,7 +489,7 @@ class Labels:
 _UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
 _FAMILIES = ("constant", "step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
 _NAMED = 2  # of the other explanations
-_DAY_h = 24.0
+_DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
 _CYCLES = (2.0, 1.5, 1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.32, 0.25, 0.2, 0.16)
 
@@ -494,7 +514,7 @@ def departures_of(labels: Labels) -> list[Departure]:
                 for family, about, shape in shapes:
                     effect = everywhere[:, None] * shape.reshape(one.size, -1)
                     key = effect.tobytes()
-                    if family not in where and key not in seen and effect.any():
+                    if family not in where and key not in seen and np.abs(effect).max() > _LEAST * np.abs(one).max():
                         seen.add(key)
                         own = labels.own.get((carrier, family), 0.0)
                         whole = everywhere if family in in_visits else None
@@ -553,7 +573,7 @@ def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
     yield "drift", {}, since_h / span_h
     for part in _SETTLES:
         yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
-    day_h = (_DAY_h,) if span_h > 0.01 * _DAY_h else ()
+    day_h = (_DAY_h,) if _DAY_h < _LONGEST * span_h else ()
     for period_h in (*day_h, *(part * span_h for part in _CYCLES)):
         angle = 2.0 * np.pi * since_h / period_h
         yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
