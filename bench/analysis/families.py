@@ -16,7 +16,7 @@ import numpy as np
 from bench.analysis.departures import Departure, Search
 from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
 from bench.analysis.estimates import Estimate
-from bench.analysis.figures import Table, worded_table
+from bench.analysis.figures import Table
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
 
@@ -72,7 +72,8 @@ def unseen_table(found: Search, stated: Sequence[Estimate], words: Words) -> Tab
     for one in found.unseen:
         name, entry, unit = described(one.departure, words), stated[one.first], one.departure.unit
         rows.append([name[:1].upper() + name[1:], entry.quantity, size(one.size, unit), size(one.seen, unit)])
-    return worded_table(say, "unseen", say.heads("unseen", "what", "first", "size", "seen"), rows, prose=True)
+    heads = say.heads("unseen", "what", "first", "size", "seen")
+    return Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)
 
 
 def described(departure: Departure, words: Words) -> str:
