@@ -62,7 +62,8 @@ class Residuals:
     by how much they do is not known. ``noise_dof``: degrees of freedom of the estimate of the noise. ``operator``
     (k, r): what an estimate gains per unit of each reading. ``expanded``, ``noise`` (k,): its expanded uncertainty, and
     the part of it that the noise makes. ``on_curve`` (k,): coefficients of curves, which carry what these leave over.
-    ``rest``: chi-square and degrees of freedom of what no departure enters, beside the rows.
+    ``rest``: chi-square and degrees of freedom of what no departure enters, beside the rows. ``shift``: what an effect
+    on the readings, (r,), moves the estimates by, (k,), where that is known beyond the operator.
     """
 
     readings: Floats
@@ -76,6 +77,7 @@ class Residuals:
     on_curve: Flags
     noise_dof: float = math.inf
     rest: tuple[float, int] = (0.0, 0)
+    shift: Callable[[Floats], Floats] | None = None
 
 
 @dataclass(frozen=True)
@@ -235,6 +237,8 @@ def _moves(rows: Residuals, effect: Floats) -> Floats:
 
     To second order: what is in proportion to a reading changes it by the square of its part, too.
     """
+    if rows.shift:
+        return np.abs(rows.shift(effect)) / rows.expanded
     large = np.abs(rows.readings) > np.abs(effect)
     square = np.divide(effect**2, rows.readings, out=np.zeros_like(effect), where=large)
     return np.asarray((np.abs(rows.operator @ effect) + np.abs(rows.operator @ square)) / rows.expanded)
