@@ -24,6 +24,7 @@ from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSet
 from bench.systems.time_sync.estimators.kalman.stream import block_of, filled_noise
 
 STATES = 15  # errors of position, velocity and attitude at the begin, biases of accelerometers and gyros
+_FIXES = 0.25  # of what errors change by in a block: at a fix of its GPS an EGI corrects all of a solution at once
 _SEEN = 9  # position, velocity, attitude
 _BLOCK_s = 0.5
 _FEWEST, _MOST = 12, 60  # blocks
@@ -110,7 +111,8 @@ def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Dif
     for block, tag in enumerate(tags):
         part = slice(_SEEN * block, _SEEN * (block + 1))
         covariance[part, part] += np.outer(tag, tag)
-    covariance += np.diag((blocks.mean(path.unsure(blocks.t_s) ** 2) / blocks.count[:, None]).ravel())
+    alone = blocks.mean(path.unsure(blocks.t_s) ** 2) / blocks.count[:, None] + blocks.changes(noise.egi) ** 2
+    covariance += np.diag(alone.ravel())
     return Differences(
         block=blocks.number,
         at_s=blocks.at_s,
@@ -253,6 +255,12 @@ class _Blocks:
         out[:, 8, :, 8] = math.radians(egi.heading_deg) ** 2 * heading
         flat = out.reshape(self.at_s.size * _SEEN, -1)
         return flat + np.diag(np.tile(_FLOOR**2, self.at_s.size))
+
+    def changes(self, egi: EgiSpread) -> Floats:
+        """Return errors of single blocks beside those that wander, (9,)."""
+        part = np.repeat(_FIXES * self._length_s / np.array([egi.wander_s, egi.heading_wander_s]), [6, 3])
+        level = [0.0, 0.0, math.radians(egi.heading_deg)]
+        return np.asarray(np.sqrt(part) * np.array([*(egi.position_m,) * 3, *(egi.velocity_m_s,) * 3, *level]))
 
     def _alike(self, time_s: float) -> Floats:
         """Return covariance of the means of an error of unit variance that wanders and returns, (b, b)."""
