@@ -11,11 +11,11 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_002_274,
+    "tokens": 1_003_815,
     "tokens a line": 10.57,
     "files": 872,
     "dict[str, Any]": 513,
-    "lines of tests": 99_160,
+    "lines of tests": 99_226,
     "tests of several deep modules": 160,
     "words of docs": 158_127,
 }

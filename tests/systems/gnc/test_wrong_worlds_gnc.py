@@ -52,9 +52,9 @@ def test_what_is_wrong_is_named(name: str, size: float, left: str, least: int, c
 @pytest.mark.parametrize(
     ("name", "size", "words"),
     [
-        ("one_pose_tilted", 2.0, "The zero of the sensors, sensor y, record 1 (+x), in this visit only: +3.49e+04 ug"),
+        ("one_pose_tilted", 2.0, "The zero of the sensors, sensor y, record 1 (+x), there only: +3.49e+04 ug"),
         ("scale_changes", 3e-4, "What is indicated, at set "),
-        ("bias_step", 1e-2, "The zero of the sensors, step between 0.00444 and 0.00667 h after the begin: +1e+04 ug"),
+        ("bias_step", 1e-2, "The zero of the sensors, step between 16 s and 24 s after the begin: +1e+04 ug"),
     ],
 )
 def test_what_departs_is_named_with_its_size(name: str, size: float, words: str) -> None:
