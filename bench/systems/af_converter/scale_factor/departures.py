@@ -369,7 +369,7 @@ class _Rows:
         channels = [of_channel[number] for number in self.channel.tolist()]
         warmest_degC = max(float(np.abs(self.rest_degC).max()), 1.0)
         level_A = self.column("level_A")
-        own_ppm = _OWN * max(channel.stability_limit_ppm or 0.0 for channel in self.campaign.channels)
+        own_ppm = _OWN * max(channel.stability_limit_ppm or np.inf for channel in self.campaign.channels)
         return Labels(
             kinds={
                 "channel": self.channel,
