@@ -11,17 +11,13 @@ Source: docs/decisions/0052-departures.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
 
-from bench.analysis.doubt import CERTAIN, DEPARTS, FALSE_DOUBT, LEAST_MOVE, Evidence
-from bench.analysis.estimates import Estimate
-from bench.analysis.figures import Table, worded_table
-from bench.analysis.wording import say
+from bench.analysis.doubt import FALSE_DOUBT, LEAST_MOVE
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import f_tail
 
@@ -32,6 +28,7 @@ _AT_ONCE = 200  # columns: what is computed of them beside takes no more memory 
 _FEW = 3  # departures: what they do not explain is told of all at once
 _MOST = 20  # of them with shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
+_NOT_MISSED = 1e3  # noncentrality: seen by any search
 _SAME = 1e-4  # columns that differ by less are one
 
 
@@ -119,8 +116,8 @@ class Search:
     """Outcome of a search: departures, and a chi-square that none explains.
 
     ``unseen``: of each family what moves an estimate first, where it would not have been found then.
-    ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over; 1
-    where one departure is not enough. ``is_noise``: the chi-square may be chance.
+    ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over;
+    ``is_noise``: that may be chance.   ``together`` (k,): what rests on rows in which more than one thing departs.
     """
 
     findings: Sequence[Finding]
@@ -128,6 +125,7 @@ class Search:
     dof: int
     is_noise: bool
     unexplained: Floats
+    together: Flags
     unseen: Sequence[Unseen]
 
     @property
@@ -135,7 +133,7 @@ class Search:
         """Which estimates (k,) are not sound; what is an item's own is none where nothing else departs."""
         departs = not all(finding.is_own for finding in self.findings)
         moved = [finding.moves > LEAST_MOVE for finding in self.findings if departs]
-        return np.asarray(np.any([*moved, self.unexplained > LEAST_MOVE], axis=0))
+        return np.asarray(np.any([*moved, self.unexplained > LEAST_MOVE, self.together], axis=0))
 
 
 def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0) -> Search:
@@ -152,21 +150,21 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     unseen = _unseen(rows, departures, np.sqrt(left.bounds(chance)), left)
     findings: list[Finding] = []
     departing = np.zeros(rows.readings.size, bool)
-    further = np.zeros(rows.expanded.size)
+    together = np.zeros(rows.expanded.size, bool)
     while len(findings) < _MOST:
         gains, sizes = left.fitted()
         best = int(np.argmax(gains / left.bounds(chance)))
         if gains[best] < left.bounds(chance)[best]:
             break
         if sum(not finding.is_own for finding in findings) == _FEW:
-            further[:] = 1.0
+            together[:] = True
             break
         near = np.flatnonzero(left.visible & (gains[best] - gains < max(_ALIKE, _NEARLY * gains[best])))
         alike = near[np.argsort(-gains[near])].tolist()
         judged = [at for at in alike if not (_touched(departures[at]) & ~departing).any()] or alike
         findings.append(_finding(rows, departures, best, judged, gains, sizes))
         if (_touched(departures[judged[0]]) & departing).any():
-            further = np.maximum(further, np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0)
+            together |= np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0
         departing |= _touched(departures[best]) & (not findings[-1].is_own)
         left.take_out(best)
     parts = [(chi2 / dof, chi2, dof) for chi2, dof in (left.chi2(), rows.rest) if dof]
@@ -174,7 +172,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
     excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, not odd, np.maximum(np.where(rows.on_curve, 0.0, grown), further), unseen)
+    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, grown), together, unseen)
 
 
 def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, left: _Left) -> list[Unseen]:
@@ -193,6 +191,24 @@ def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, le
                 family = departure.family
                 first[family] = min(first.get(family, one), one, key=lambda known: known.size)
     return sorted(first.values(), key=lambda one: one.departure.family)
+
+
+def powers(rows: Residuals, departures: Sequence[Departure], share: float = 1.0) -> Floats:
+    """Return how surely a search would show each departure that moves an estimate by its expanded uncertainty, (d, k).
+
+    Args:    rows: of a plan, on nominal material.   departures, share: as ``search``; of several columns the first.
+    Returns: probabilities; 1 where nothing is moved.
+    Raises:  nothing.
+    Source:  noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
+    """
+    from scipy import special
+
+    left = _Left(rows, departures)
+    bounds = left.bounds(FALSE_DOUBT * share / 2.0 / max(left.distinct(), 1))
+    effects = np.column_stack([departure.effect[:, 0] for departure in departures])
+    moves = np.maximum(np.abs(rows.operator @ effects) / rows.expanded[:, None], _SEEN).T
+    noncentrality = np.minimum(left.square[left.first][:, None] / moves**2, _NOT_MISSED)
+    return np.asarray(1.0 - special.chndtr(bounds[:, None], left.count[:, None], noncentrality))
 
 
 def _touched(departure: Departure) -> Flags:
@@ -245,7 +261,7 @@ class _Left:
             self.columns[:, self.first[start] : self.first[start] + white.shape[1]] = white
         for first, departure in zip(self.first.tolist(), departures, strict=True):
             if departure.beside is not None:
-                self.columns[-departure.beside.size :, first] = departure.beside
+                self.columns[rows.white.size - departure.beside.size :, first] = departure.beside
         self.whole = np.sqrt(np.einsum("nc,nc->c", self.columns, self.columns))
         self.error, self.scatter, self.dof = rows.white, rows.scatter, rows.white.size
         self.noise_dof = rows.noise_dof
@@ -346,206 +362,3 @@ def _orthonormal(design: Floats) -> Floats:
     length = np.linalg.norm(design, axis=0)
     left, singular, _ = np.linalg.svd(design / np.where(length > 0.0, length, 1.0), full_matrices=False)
     return np.asarray(left[:, singular > 1e-10 * singular.max(initial=0.0)])
-
-
-# --- what is said of them ---------------------------------------------------------------------------------------------
-
-Words = Callable[[str, Any], str]  # a label, carrier or scale and its value, as a person says it
-
-
-def evidence_of(found: Search, stated: Sequence[Estimate], words: Words, advice: str = "") -> list[Evidence]:
-    """Return what a search says against the estimates that follow from its rows, one entry for each thing.
-
-    ``advice``: what to look for, where that does not go by the shape of a departure.
-    """
-    evidence: list[Evidence] = []
-    doubted = found.doubted
-    for finding in found.findings:
-        moved = (finding.moves > LEAST_MOVE) & doubted
-        if moved.any():
-            name = described(finding.departure, words)
-            alike = [other for other in dict.fromkeys(described(one, words) for one in finding.equals) if other != name]
-            said = say(
-                "departs",
-                what=name[:1].upper() + name[1:],
-                size=f"{finding.size:+.3g} {finding.departure.unit}",
-                move=float(finding.move.max()),
-                others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
-                advice=advice or say(f"departs.advice.{_kind(finding.departure.family)}"),
-            )
-            entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
-            evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
-    left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
-    if left or not found.is_noise:
-        said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)
-        move = float(found.unexplained.max(initial=0.0))
-        evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
-    return evidence
-
-
-def unseen_table(found: Search, stated: Sequence[Estimate], words: Words) -> Table:
-    """Return what moves an estimate by its uncertainty and would not have been found, with what size."""
-
-    def size(value: float, unit: str) -> str:
-        return f"{value:.2g} {unit}" if math.isfinite(value) else say("unseen.never")
-
-    rows = []
-    for one in found.unseen:
-        name, entry, unit = described(one.departure, words), stated[one.first], one.departure.unit
-        rows.append([name[:1].upper() + name[1:], entry.quantity, size(one.size, unit), size(one.seen, unit)])
-    return worded_table(say, "unseen", say.heads("unseen", "what", "first", "size", "seen"), rows, prose=True)
-
-
-def described(departure: Departure, words: Words) -> str:
-    """Return a departure in words: what it is of, where, and its shape."""
-    carrier, _, family = departure.family.rpartition(": ")
-    kind, about = _kind(family), dict(departure.about)
-    shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
-    level = about.pop(family) if kind == "at" else None
-    scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
-    shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
-    how = say(f"departs.{kind}", **shape, at=words(family, level) if kind == "at" else "",
-              scale=words(scale, None) if kind in ("power", "size") else "", power=power)  # fmt: skip
-    where = ", ".join(words(name, value) for name, value in about.items())
-    of = words(carrier, None) if carrier else ""
-    return ", ".join(part for part in (of, where, how) if part)
-
-
-def _duration(hours: float) -> str:
-    size, unit = next(((size, unit) for size, unit in _UNITS if hours * size >= 1.0), _UNITS[-1])
-    return f"{hours * size:.3g} {unit}"
-
-
-def _kind(family: str) -> str:
-    """Return the kind of a family of departures: one of its own, or a level, a power, a size of what it names."""
-    name = family.rpartition(": ")[2]
-    if name in _FAMILIES:
-        return name.replace(" ", "_").replace("-", "_")
-    return "power" if "^" in name else "size" if name.endswith(" absolute") else "at"
-
-
-# --- departures that labels make --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Labels:
-    """Labels of the readings of a fit, (r,) each: ``kinds`` have values, ``scales`` are numbers with powers to try.
-
-    ``hours``: time; ``visit``: which readings follow each other.   ``carriers``: by name unit and what the readings
-    (r,) gain if something is off by 1 everywhere.   ``scopes``: kinds whose values may confine a departure of any
-    shape; ``corners``: those that may confine what one value of a further kind does.   ``exchanged``: items of one kind
-    that could be taken for each other, their kind, their sides and the carrier.   ``own``: by carrier and family
-    up to which size a departure may be an item's own.
-    """
-
-    kinds: Mapping[str, Any]
-    hours: Floats
-    visit: Integers
-    carriers: Mapping[str, tuple[str, Floats]]
-    scales: Mapping[str, tuple[Floats, Sequence[int]]] = field(default_factory=dict)
-    scopes: Sequence[tuple[str, ...]] = ((),)
-    corners: Sequence[tuple[str, ...]] = ()
-    exchanged: tuple[str, str, str, str] | None = None
-    own: Mapping[tuple[str, str], float] = field(default_factory=dict)
-
-    @property
-    def begins_h(self) -> dict[int, float]:
-        """When each visit begins, hours after the first."""
-        since_h = self.hours - self.hours.min()
-        return {visit: float(since_h[self.visit == visit].min()) for visit in np.unique(self.visit).tolist()}
-
-
-_UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
-_FAMILIES = ("step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
-_NAMED = 2  # of the other explanations
-_DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
-_SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
-_CYCLES = (2.0, 1.5, 1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.32, 0.25, 0.2, 0.16)
-
-
-def departures_of(labels: Labels) -> list[Departure]:
-    """Return the general departures: each value of a label, steps, drifts, cycles, powers and memory, in all scopes."""
-    found = [
-        Departure(f"{carrier}: step in a visit", unit, (one * behind)[:, None], about)
-        for about, behind in _within(labels)
-        for carrier, (unit, one) in labels.carriers.items()
-    ]
-    if labels.exchanged:
-        found += _exchanged(labels, *labels.exchanged)
-    values, others = list(_values(labels)), list(_shapes(labels))
-    in_visits = {"step", "visit", *(name for name in labels.kinds if _is_of_visit(labels, name))}
-    tried = [*((scope, values + others) for scope in labels.scopes), *((scope, values) for scope in labels.corners)]
-    seen: set[bytes] = set()
-    for scope, shapes in tried:
-        for where, inside in _places(labels.kinds, scope):
-            for carrier, (unit, one) in labels.carriers.items():
-                everywhere = one * inside
-                for family, about, shape in shapes:
-                    effect = everywhere[:, None] * shape.reshape(one.size, -1)
-                    key = effect.tobytes()
-                    if family not in where and key not in seen and effect.any():
-                        seen.add(key)
-                        own = labels.own.get((carrier, family), 0.0)
-                        whole = everywhere if family in in_visits else None
-                        found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own, whole))
-    return found
-
-
-def _is_of_visit(labels: Labels, name: str) -> bool:
-    column = np.asarray(labels.kinds[name])
-    return all(np.unique(column[labels.visit == visit]).size == 1 for visit in labels.begins_h)
-
-
-def _places(kinds: Mapping[str, Any], scope: tuple[str, ...]) -> Iterable[tuple[dict[str, Any], Flags]]:
-    columns = [np.asarray(kinds[name]) for name in scope]
-    everywhere = np.ones(len(next(iter(kinds.values()))), bool)
-    for values in dict.fromkeys(zip(*(column.tolist() for column in columns), strict=True)) if scope else [()]:
-        inside = [everywhere, *(column == value for column, value in zip(columns, values, strict=True))]
-        yield dict(zip(scope, values, strict=True)), np.all(inside, axis=0)
-
-
-def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) -> Iterable[Departure]:
-    """Yield what two items of a kind gain and lose that are exchanged from a visit on, a column for each side."""
-    items, kinds, sides = (np.asarray(labels.kinds[name]) for name in (item, kind, side))
-    (unit, one), since_h = labels.carriers[carrier], labels.hours - labels.hours.min()
-    for a, b in combinations(dict.fromkeys(items.tolist()), 2):
-        begins_h = {at for visit, at in labels.begins_h.items() if items[labels.visit == visit][0] in (a, b)}
-        for at in sorted(begins_h)[1:] if kinds[items == a][0] == kinds[items == b][0] else ():
-            moved = (1.0 * (items == a) - (items == b)) * (since_h >= at) * one
-            columns = np.column_stack([moved * (sides == value) for value in np.unique(sides)])
-            yield Departure("exchanged", unit, columns, {"pair": f"{a}, {b}", "hours": at})
-
-
-def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
-    """Yield what lies behind each reading of a visit but its first."""
-    number = np.arange(labels.visit.size)
-    for visit, begins_h in labels.begins_h.items():
-        later = labels.hours - labels.hours.min() > begins_h
-        for record, at in enumerate(number[(labels.visit == visit) & later].tolist(), start=2):
-            yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
-
-
-def _values(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
-    for name, column in labels.kinds.items():
-        for value in dict.fromkeys(np.asarray(column).tolist()):
-            yield name, {name: value}, 1.0 * (np.asarray(column) == value)
-
-
-def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
-    """Yield shapes of time and of scales."""
-    since_h, begins_h = labels.hours - labels.hours.min(), labels.begins_h
-    for before, at in pairwise(sorted(begins_h.values())):
-        yield "step", {"after": before, "hours": at}, 1.0 * (since_h >= at)
-    for visit in begins_h:
-        yield "visit", {"visit": visit}, 1.0 * (labels.visit == visit)
-    span_h = max(float(np.ptp(since_h)), 1e-9)
-    yield "drift", {}, since_h / span_h
-    for part in _SETTLES:
-        yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
-    for period_h in (*([_DAY_h] if _DAY_h < _LONGEST * span_h else []), *(part * span_h for part in _CYCLES)):
-        angle = 2.0 * np.pi * since_h / period_h
-        yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
-    for name, (scale, powers) in labels.scales.items():
-        for power in powers:
-            yield f"{name} ^{power}", {}, scale**power
-        yield f"{name} absolute", {}, np.abs(scale)

@@ -11,16 +11,16 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_003_815,
-    "tokens a line": 10.57,
+    "tokens": 1_007_593,
+    "tokens a line": 10.59,
     "files": 872,
-    "dict[str, Any]": 513,
-    "lines of tests": 99_226,
+    "dict[str, Any]": 511,
+    "lines of tests": 99_519,
     "tests of several deep modules": 160,
     "words of docs": 158_127,
 }
 CEILINGS_OF_WAYS = {
-    "files of a frame": 82,
+    "files of a frame": 83,
     "files of a step": 125,
     "files of a check": 67,
     "changes in a decode": 21,

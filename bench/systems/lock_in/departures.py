@@ -52,7 +52,7 @@ def constants_depart(laser: LaserResult, share: float) -> tuple[list[Evidence], 
     rows = _residuals(turns, stated)
     found = search(rows, departures_of(_labels(turns)), share)
     changes = [one.departure.effect for one in found.findings if one.departure.family.endswith(_OF_TIME)]
-    evidence = evidence_of(found, stated, turns.words, say("departs.advice"))
+    evidence = evidence_of(found, stated, turns.words, lambda _: say("departs.advice"))
     return evidence, _changing(turns, rows, np.hstack(changes)) if changes else None
 
 

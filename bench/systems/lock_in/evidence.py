@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import LEAST_MOVE, Evidence, Floats
-from bench.analysis.doubt import CERTAIN
 from bench.maths.allan_terms import TERMS
 from bench.maths.tests import chi2_both, f_tail
 from bench.maths.verdict import coverage_factor
@@ -198,7 +197,7 @@ def _with_lock_in(laser: LaserResult, changing: Changing) -> Iterator[Evidence]:
             low, high = float(of_parts.min()), float(of_parts.max())
             of_it = say("evidence.output", name=laser.name, method=label(method))
             sentence = say("evidence.walk_with_lock_in", output=of_it, low=1e3 * low, high=1e3 * high)
-            yield from _of_walk(laser, method, "walk_with_lock_in", sentence, high, CERTAIN, move)
+            yield from _of_walk(laser, method, "walk_with_lock_in", sentence, high, 0.0, move)
 
 
 def _walks_of_parts(laser: LaserResult, method: str, changing: Changing) -> Floats:
