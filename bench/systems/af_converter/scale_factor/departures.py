@@ -208,7 +208,7 @@ class _Halves:
         self.white = axes.T @ white
         self.rest = float(white @ white - self.white @ self.white), white.size - self.white.size
         self.tails = [
-            Departure("current: tail", "ppm", whole_A[:, None], about, beside=axes.T @ one)
+            Departure("current", "tail", "ppm", whole_A[:, None], about, beside=axes.T @ one)
             for (whole_A, _, about), one in zip(tails, made.T, strict=True)
         ]
 
@@ -396,7 +396,7 @@ class _Rows:
             scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
             corners=[("channel", "temperature")],
             exchanged=("channel", "kind", "polarity", "gain"),
-            own={("gain", f"temperature ^{power}"): own_ppm for power in (3, 4)},
+            own={("gain", "temperature"): own_ppm},
         )
 
     def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
