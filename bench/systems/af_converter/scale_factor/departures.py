@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from bench.analysis import (
     search,
     unseen_table,
 )
-from bench.maths.arrays import Flags, Floats, Integers
+from bench.maths.arrays import Flags, Floats
 from bench.maths.tests import of_many
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.assumptions import BETWEEN_VISITS_ppm
@@ -38,12 +37,7 @@ from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards
 from bench.systems.af_converter.estimators.pulses import count_step
 from bench.systems.af_converter.estimators.readings import (
     QUANTISATION,
-    Readings,
-    calibrator_effects,
     halves_A2,
-    noise_parts,
-    pulse_currents_A,
-    relative_errors,
 )
 from bench.systems.af_converter.estimators.scale_factor import reference_current_A, usable_rows
 from bench.systems.af_converter.group_fit import (
@@ -56,11 +50,10 @@ from bench.systems.af_converter.group_fit import (
     plausible,
 )
 from bench.systems.af_converter.groups import Place, place_name
-from bench.systems.af_converter.wording import kind_name, say
+from bench.systems.af_converter.level_rows import PPM, LevelRows, words_of
+from bench.systems.af_converter.wording import say
 
-_PPM, _nA = 1e-6, 1e-9
 _DEGREE = 2
-_OWN = 4.0  # of the limit of residuals, at the temperature farthest from that of reference: it leaves a third
 _TAILS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # time constants, in lengths of a record
 _RANK = 1e-9
 
@@ -70,7 +63,8 @@ def judged(
 ) -> tuple[list[Evidence], Table]:
     """Return what every check says of the estimates, those that found nothing included, and what none can show."""
     rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
-    found, words = search(rows, departures, share=0.5), words_of(fitted)  # the other half: counts, odd records
+    found = search(rows, departures, share=0.5)  # the other half: counts, odd records
+    words = words_of([visit.group for visit in fitted.groups])
     heard = [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
@@ -119,43 +113,15 @@ def _odd_alike(fitted: Fitted, words: Words) -> Evidence:
     return Evidence("odd_alike", sentence, float(here), of_many(chance, 2 * len(found)), quantities=SCALE_FACTORS)
 
 
-def words_of(fitted: Fitted) -> Words:
-    """Return how a person names the labels of a campaign."""
-    names = [place_name(visit.group.place) for visit in fitted.groups]
-
-    def words(label: str, value: Any) -> str:
-        if value is None:
-            return say(f"departs.of.{label}")
-        if label == "visit":
-            return names[int(value)]
-        if label == "kind":
-            return say("departs.kind", kind=kind_name(value))
-        if label == "polarity":
-            return say("departs.positive" if value > 0 else "departs.negative")
-        shown = {"level": 1e3 * value, "range": 1e3 * value, "place": value + 1}
-        return say(f"departs.{label}", value=shown.get(label, value))
-
-    return words
-
-
 def residuals_of(
     fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards
 ) -> tuple[Residuals, list[Departure], list[Estimate]]:
     """Return the rows of a campaign, what could be true instead, and the estimates that follow from the rows."""
-    rows = _Rows(fitted, campaign, standards)
-    held, noise_A2 = rows.held(), rows.noise_A2()
-    factor = np.linalg.inv(np.linalg.cholesky(noise_A2))
-    labels = rows.labels()
+    rows = _rows_of(fitted, campaign, standards)
+    labels, noise_A2, free, held = rows.labels(), rows.noise_A2(), rows.free(), rows.held()
     halves = _Halves(rows, labels)
-
-    def whiten(columns: Floats) -> Floats:
-        return np.vstack([factor @ columns, np.zeros((len(held) + halves.white.size, columns.shape[1]))])
-
-    free = rows.free()
-    design = whiten(np.column_stack([*free, *held]))
-    design[len(factor) : len(factor) + len(held), len(free) :] = np.eye(len(held))
-    white = whiten((rows.counted_A - rows.reference_A)[:, None])[:, 0]
-    white[len(factor) + len(held) :] = halves.white
+    whiten, white, design = rows.whitened(noise_A2, free, held, halves.white.size)
+    white[noise_A2.shape[0] + len(held) :] = halves.white
     operator, stated = rows.operators(entries)
     noise = np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator))
     residuals = Residuals(
@@ -206,7 +172,7 @@ class _Halves:
     @staticmethod
     def _tails(rows: _Rows, labels: Labels) -> Iterator[tuple[Floats, Floats, dict[str, Any]]]:
         """Yield what a tail of 1 ppm of each change adds to records and to differences of their halves, (r,) each."""
-        gate_s, change_A = rows.column("gate_s"), _PPM * rows.change_A
+        gate_s, change_A = rows.column("gate_s"), PPM * rows.change_A
         for share in _TAILS:
             early = 2.0 * share * (1.0 - np.exp(-0.5 / share))
             late = early * np.exp(-0.5 / share)
@@ -218,49 +184,18 @@ class _Halves:
                     yield inside_A * (early + late) / 2.0, inside_A * (early - late), about
 
 
+def _rows_of(fitted: Fitted, campaign: Campaign, standards: Standards) -> _Rows:
+    of_visits = [visit.group.closed.take(usable_rows(visit.group.closed)) for visit in fitted.groups]
+    reference_A = np.concatenate([reference_current_A(rows, standards.ranges) for rows in of_visits])
+    return _Rows([visit.group for visit in fitted.groups], of_visits, reference_A, campaign, fitted, standards)
+
+
 @dataclass(frozen=True)
-class _Rows:
-    """The usable closed records of all visits, (r,), one visit behind the other."""
+class _Rows(LevelRows):
+    """Records against the calibrator."""
 
     fitted: Fitted
-    campaign: Campaign
     standards: Standards
-
-    @cached_property
-    def of_visits(self) -> list[Readings]:
-        """The rows of each visit."""
-        return [visit.group.closed.take(usable_rows(visit.group.closed)) for visit in self.fitted.groups]
-
-    @cached_property
-    def slices(self) -> list[slice]:
-        """Where the rows of each visit stand."""
-        stop = np.cumsum([rows.level_A.size for rows in self.of_visits]).tolist()
-        return [slice(end - rows.level_A.size, end) for rows, end in zip(self.of_visits, stop, strict=True)]
-
-    @cached_property
-    def visit(self) -> Integers:
-        """Number of the visit of each row."""
-        return np.repeat(np.arange(len(self.slices)), [rows.level_A.size for rows in self.of_visits])
-
-    @cached_property
-    def channel(self) -> Integers:
-        """Channel of each row."""
-        return np.array([visit.group.channel for visit in self.fitted.groups])[self.visit]
-
-    @cached_property
-    def sides_A(self) -> tuple[Floats, Floats]:
-        """Current that each counter counts, the second one negative."""
-        pairs = [
-            pulse_currents_A(rows, self.campaign.converter(visit.group.channel))
-            for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True)
-        ]
-        n_A, p_A = (np.concatenate(side) for side in zip(*pairs, strict=True))
-        return n_A, -p_A
-
-    @property
-    def counted_A(self) -> Floats:
-        """Current that is counted, signed."""
-        return self.sides_A[0] + self.sides_A[1]
 
     @property
     def current_A(self) -> Floats:
@@ -269,29 +204,10 @@ class _Rows:
         for (quantity, number), curve in self.fitted.polynomials.items():
             if quantity in QUANTITIES:
                 side_A = self.sides_A[QUANTITIES.index(quantity)] * (self.channel == number)
-                current_A = current_A + _PPM * side_A * np.polynomial.polynomial.polyval(
+                current_A = current_A + PPM * side_A * np.polynomial.polynomial.polyval(
                     self.rest_degC, curve.coefficients
                 )
         return current_A
-
-    @cached_property
-    def reference_A(self) -> Floats:
-        """Current that the calibrator is believed to deliver, signed."""
-        return np.concatenate([reference_current_A(rows, self.standards.ranges) for rows in self.of_visits])
-
-    def column(self, name: str) -> Floats:
-        """Return a column of the rows."""
-        return np.concatenate([getattr(rows, name) for rows in self.of_visits])
-
-    @property
-    def rest_degC(self) -> Floats:
-        """Temperature of the unit above that of reference."""
-        return self.column("unit_temperature_degC") - self.campaign.reference_temperature_degC
-
-    @cached_property
-    def before_A(self) -> Floats:
-        """Current of the record before, 0 where a visit begins."""
-        return np.concatenate([np.append(0.0, self.reference_A[part][:-1]) for part in self.slices])
 
     @property
     def change_A(self) -> Floats:
@@ -303,27 +219,19 @@ class _Rows:
         its noise, and that noise, ampere.
         """
         halves_A, std_A = [], []
-        for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True):
-            converter = self.campaign.converter(visit.group.channel)
+        for group, rows in zip(self.groups, self.of_visits, strict=True):
+            converter = self.campaign.converter(group.channel)
             halves_A.append(converter.k0_C * converter.af_clock_Hz * rows.halves)
             std_A.append(np.sqrt(halves_A2(rows, converter)))
         more_A, noise_A = np.concatenate(halves_A), np.concatenate(std_A)
         known = np.isfinite(more_A)
         return known, more_A[known] / noise_A[known], noise_A[known]
 
-    def noise_A2(self) -> Floats:
-        """Return the covariance of the readings, (r, r): that of each visit."""
-        covariance = np.zeros((self.visit.size,) * 2)
-        for visit, rows, part in zip(self.fitted.groups, self.of_visits, self.slices, strict=True):
-            parts = noise_parts(rows, self.campaign.converter(visit.group.channel))
-            covariance[part, part] = np.sum(list(parts.values()), axis=0)
-        return covariance
-
     def free(self) -> list[Floats]:
         """Return what nobody knows: coefficients of the counters, offsets of the polarities of each visit."""
         polarity = self.column("polarity")
         columns = [
-            counted_A * (self.channel == number) * (_PPM * self.rest_degC**order)
+            counted_A * (self.channel == number) * (PPM * self.rest_degC**order)
             for number in dict.fromkeys(self.channel.tolist())
             for counted_A in self.sides_A
             for order in range(self._degree(number) + 1)
@@ -339,21 +247,14 @@ class _Rows:
         """Return one standard uncertainty of what is known as far as that: errors and drift of the calibrator, slopes
         of counters at one temperature.
         """
-        of_standard: dict[str, Floats] = {}
-        for rows, part in zip(self.of_visits, self.slices, strict=True):
-            effects = calibrator_effects(rows, self.standards.ranges)
-            for label, effect in zip(effects.labels, effects.matrix.T, strict=True):
-                of_standard.setdefault(label, np.zeros(self.visit.size))[part] = effect
-        columns = list(of_standard.values())
-        relative = relative_errors(self.column("range_A"), self.standards.ranges)
-        columns += [self.reference_A * part for part in relative.values()]
+        columns = list(self.of_standard(self.standards.ranges).values())
         if self.standards.drift:
             time_s = self.column("time_s")
             since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1.0)
             columns.append(self.reference_A * self.standards.drift * since)
         for number in dict.fromkeys(self.channel.tolist()):
             if not self._degree(number):
-                mine, slope = self.channel == number, _PPM * UNKNOWN_SLOPE_ppm_degC
+                mine, slope = self.channel == number, PPM * UNKNOWN_SLOPE_ppm_degC
                 away_degC = mine * (self.rest_degC - self.rest_degC[mine].mean())
                 columns += [slope * away_degC * counted_A for counted_A in self.sides_A]
         return columns
@@ -361,38 +262,7 @@ class _Rows:
     def scatter(self) -> Iterator[Floats]:
         """Yield what each counter may differ by in each visit."""
         for at in range(len(self.slices)):
-            yield from (_PPM * BETWEEN_VISITS_ppm * counted_A * (self.visit == at) for counted_A in self.sides_A)
-
-    def labels(self) -> Labels:
-        """Return the labels of the readings."""
-        of_channel = {channel.number: channel for channel in self.campaign.channels}
-        channels = [of_channel[number] for number in self.channel.tolist()]
-        warmest_degC = max(float(np.abs(self.rest_degC).max()), 1.0)
-        level_A = self.column("level_A")
-        own_ppm = _OWN * max(channel.stability_limit_ppm or np.inf for channel in self.campaign.channels)
-        return Labels(
-            kinds={
-                "channel": self.channel,
-                "kind": np.array([channel.kind for channel in channels]),
-                "polarity": self.column("polarity"),
-                "level": level_A,
-                "range": self.column("range_A"),
-                "place": np.concatenate([np.arange(rows.level_A.size) for rows in self.of_visits]),
-                "temperature": np.array([visit.group.temperature_degC for visit in self.fitted.groups])[self.visit],
-            },
-            hours=self.column("time_s") / 3600.0,
-            visit=self.visit,
-            scales={
-                "temperature": (self.rest_degC / warmest_degC, (3, 4)),
-                "level": (level_A / np.array([channel.full_scale_A for channel in channels]), (1, 2, 3)),
-                "before": (1e3 * self.before_A, (1,)),
-            },
-            carriers={"gain": ("ppm", _PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
-            scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
-            corners=[("channel", "temperature")],
-            exchanged=("channel", "kind", "polarity", "gain"),
-            own={("gain", f"temperature ^{power}"): own_ppm for power in (3, 4)},
-        )
+            yield from (PPM * BETWEEN_VISITS_ppm * counted_A * (self.visit == at) for counted_A in self.sides_A)
 
     def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
         """Return what each estimate gains per ampere that is counted, (k, r), and those that follow from the rows."""
