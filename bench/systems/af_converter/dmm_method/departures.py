@@ -32,7 +32,7 @@ from bench.systems.af_converter.estimators.dmm_method import Meter, reference_A_
 from bench.systems.af_converter.estimators.readings import GAIN, RangeSpecification
 from bench.systems.af_converter.estimators.scale_factor import usable_rows
 from bench.systems.af_converter.groups import Group
-from bench.systems.af_converter.level_rows import PPM, LevelRows, words_of
+from bench.systems.af_converter.scale_factor.departures import PPM, LevelRows, words_of
 
 _AGAIN_ppm = (
     0.5  # standard, of a counter: one repeat does not tell; four times that stays below half the U of asymmetry
