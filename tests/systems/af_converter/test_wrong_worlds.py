@@ -173,20 +173,16 @@ def test_one_level_that_is_wrong_is_left_out_and_named(name: str, size: float) -
 
 
 @pytest.mark.parametrize(
-    ("name", "said", "figure"),
-    [
-        ("meter_range", "What is counted, at the 10 mA range only", -1000.0),
-        ("meter_drifts", "drift from begin to end", -360.0),
-    ],
+    ("name", "said", "ppm"),
+    [("meter_range", "10 mA range only", -1000.0), ("meter_drifts", "drift from begin", -360.0)],
 )
-def test_what_is_off_of_the_meter_is_told_with_its_size(name: str, said: str, figure: float) -> None:
+def test_what_is_off_of_the_meter_is_told_with_its_size(name: str, said: str, ppm: float) -> None:
     """A range of the meter is told from a converter that saturates."""
-    wrong = of_meter.seen(1, SWITCHES[of_meter][name], 1e-3)
+    wrong, bent = (of_meter.seen(1, SWITCHES[of_meter][one], 1e-3) for one in (name, "soft_saturation"))
     assert sorted_classes(wrong, right_world(of_meter, 1))[WRONG] == 0
     for reason in (reason for entry in wrong.entries for reason in entry.reasons):
         assert said in reason.sentence
-        assert reason.figure == pytest.approx(figure, rel=0.1)
-    bent = of_meter.seen(1, SWITCHES[of_meter]["soft_saturation"], 1e-3)
+        assert reason.figure == pytest.approx(ppm, rel=0.1)
     assert not any("range only" in reason.sentence for entry in bent.entries for reason in entry.reasons)
 
 

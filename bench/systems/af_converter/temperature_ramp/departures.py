@@ -36,6 +36,7 @@ from bench.systems.af_converter.wording import say
 _SMOOTH = 5  # readings of the drive on either side
 _LAGS, _PLAYS = 4, 3  # beside a drift model, which knows of neither
 _AFTER, _TINY = "up_minus_down_after_drift", 1e-9
+_LEAST = 1e-200  # of a variance: readings that a model describes exactly leave none
 Whiten = Callable[[Floats], Floats]
 
 
@@ -93,7 +94,7 @@ class _Rows:
         alike = np.exp(-np.abs(t_s[:, None] - t_s) / noise.time_s) + _TINY * np.eye(t_s.size)
 
         def whiten(columns: Floats) -> Floats:
-            return np.vstack([columns / np.sqrt(noise.white), np.zeros((std.size, columns.shape[1]))])
+            return np.vstack([columns / np.sqrt(max(noise.white, _LEAST)), np.zeros((std.size, columns.shape[1]))])
 
         design = whiten(free)
         design[t_s.size :, free.shape[1] - std.size :] = np.diag(1.0 / std)
