@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.analysis import Estimate, Estimates, Evidence, Floats, Residuals, evidence_of, search
+from bench.analysis import Departure, Estimate, Estimates, Evidence, Floats, Residuals, evidence_of, search
 from bench.systems.af_converter.bias_ramp.departures import Loop
 from bench.systems.af_converter.estimators.drift_ramp import (
     BRANCH,
@@ -34,9 +34,9 @@ from bench.systems.af_converter.temperature_ramp.fits import RampColumns, Readin
 from bench.systems.af_converter.wording import say
 
 _SMOOTH = 5  # readings of the drive on either side
-_LAGS, _PLAYS = 4, 3  # beside a drift model, which knows of neither
 _AFTER, _TINY = "up_minus_down_after_drift", 1e-9
-_LEAST = 1e-200  # of a variance: readings that a model describes exactly leave none
+_LEAST = 1e-60  # of a variance: readings that a model describes exactly leave none
+_LAGS, _PLAYS = 6, 8  # beside a drift model, which knows of neither; more of them leave a strong loop doubted oftener
 Whiten = Callable[[Floats], Floats]
 
 
@@ -49,7 +49,7 @@ def evidence(
     for fit in fits:
         rows = _Rows(fit, columns, blocks, drive, reference_degC)
         residuals, stated = rows.residuals([entry for entry in entries if entry.conditions["reading"] == fit.name])
-        outcome = search(residuals, rows.loop.departures(), share=1.0 / len(fits))
+        outcome = search(residuals, rows.departures(), share=1.0 / len(fits))
         found += evidence_of(outcome, stated, rows.loop.words)
     return found
 
@@ -83,6 +83,12 @@ class _Rows:
         kinds = np.array([say(f"segment.{kind}") for kind in ("hold", "up", "down")])
         branch = kinds[np.round(2.0 * self._moved).astype(np.int64)]
         return Loop(model, gates, place, branch, "reading", self.columns.unit, 1.0, self.fit.name)
+
+    def departures(self) -> list[Departure]:
+        """Return all that could be true instead; lags and loops of any kind are none where no joint fit knows one."""
+        found = self.loop.departures()
+        general = (one for one in found if one.family.startswith("reading: ") and "value" not in one.about)
+        return found if self.joint else list(general)
 
     def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
         """Return the rows for a search, those of the bounds of lag and half-width last, and the estimates of them."""
