@@ -63,7 +63,7 @@ from bench.analysis.estimates import (
     use_of,
 )
 from bench.analysis.expected import judged_values
-from bench.analysis.families import Labels, Searched, Words, departures_of, unseen_table
+from bench.analysis.families import Labels, Searched, Words, departures_of, evidence_of, unseen_tables
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series, worded_table
 from bench.analysis.foreseen import foreseen_material
 from bench.analysis.form import Closed, Document, check_form, schema_of
@@ -167,6 +167,7 @@ __all__ = [
     "doubt_lines",
     "estimate",
     "estimates_of",
+    "evidence_of",
     "expected_at_end",
     "flag_problem",
     "foreseen_material",
@@ -204,7 +205,7 @@ __all__ = [
     "stated_limits",
     "stated_value",
     "unit_text",
-    "unseen_table",
+    "unseen_tables",
     "use_of",
     "validate_coefficients",
     "validate_results",

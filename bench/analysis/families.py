@@ -78,9 +78,14 @@ def _begun(name: str) -> str:
     return name[:1].upper() + name[1:]
 
 
-def unseen_table(searches: Iterable[Searched]) -> Table:
-    """Return what moves an estimate by its uncertainty and would not have been found, with what size: of each kind the
-    one that moves first in any of the searches.
+def evidence_of(searches: Iterable[Searched]) -> list[Evidence]:
+    """Return what all searches say against their estimates."""
+    return [seen for searched in searches for seen in searched.evidence]
+
+
+def unseen_tables(searches: Iterable[Searched]) -> list[Table]:
+    """Return a table of what moves an estimate by its uncertainty and would not have been found, with what size: of
+    each kind the one that moves first in any of the searches. Empty without searches.
     """
 
     def size(value: float, unit: str) -> str:
@@ -96,7 +101,7 @@ def unseen_table(searches: Iterable[Searched]) -> Table:
         name, unit = _begun(described(one.departure, searched.words)), one.departure.unit
         rows.append([name, searched.stated[one.first].quantity, size(one.size, unit), size(one.seen, unit)])
     heads = say.heads("unseen", "what", "first", "size", "seen")
-    return Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)
+    return [Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)] if rows else []
 
 
 def described(departure: Departure, words: Words) -> str:

@@ -44,13 +44,14 @@ _PPM = 1e6
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
+    from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor
 
 QUANTITIES = ("dsf_n", "dsf_p")
 SCALE_FACTORS = (*QUANTITIES, "dsf_asymmetry")
 ODD = "unlike all others of its group"
 UNKNOWN_SLOPE_ppm_degC = 100.0  # standard; larger than that of any converter, while nobody knows it
-_NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
-_LIKELY = 1e-3  # of that of the others, if one row alone is wrong
+NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
+LIKELY = 1e-3  # of that of the others, if one row alone is wrong
 
 
 @dataclass(frozen=True)
@@ -155,14 +156,14 @@ def clock_spread(group: Group, campaign: Campaign) -> float:
     return max(0.0, float(np.ptp(clock_ratio(rows.af_count, rows.gate_s, campaign.af_clock_Hz))) - cut)
 
 
-def probability_of(fit: ScaleFactor) -> float:
+def probability_of(fit: ScaleFactor | DmmScaleFactor) -> float:
     """Return the probability of a chi-square at least as large; 1 where it says nothing."""
     return chi2_tail(fit.chi2, fit.dof) if np.isfinite(fit.chi2) else 1.0
 
 
 def _is_possible(fit: ScaleFactor) -> bool:
     """Return whether a fit may be right; a chi-square up to its mean always may."""
-    return not fit.chi2 > fit.dof or probability_of(fit) >= _NO_CHANCE
+    return not fit.chi2 > fit.dof or probability_of(fit) >= NO_CHANCE
 
 
 def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None) -> GroupFit:
@@ -172,7 +173,7 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     referral = earlier.referral(group.channel, mean_degC) if earlier else Referral(mean_degC)
     fit = fit_scale_factor(group.closed, converter, standards.ranges, method, referral)
     wary = referral if earlier else replace(referral, slope_std_ppm_degC=UNKNOWN_SLOPE_ppm_degC)
-    fits = _is_possible(fit) or _fits(group.closed, converter, standards, wary, method, _NO_CHANCE)
+    fits = _is_possible(fit) or _fits(group.closed, converter, standards, wary, method, NO_CHANCE)
     odd = None if fits else _odd_row(group.closed, converter, standards, wary, method)
     if odd is not None:
         group = group.without(odd, ODD)
@@ -203,7 +204,7 @@ def _odd_row(rows: Readings, converter: Converter, standards: Standards, referra
         row
         for row in each
         if rows.level_A[row] < rows.level_A[(rows.polarity == rows.polarity[row]) & (each != row)].max(initial=0.0)
-        and _fits(rows.take(each != row), converter, standards, referral, method, _LIKELY)
+        and _fits(rows.take(each != row), converter, standards, referral, method, LIKELY)
     ]
     return int(found[0]) if len(found) == 1 else None
 

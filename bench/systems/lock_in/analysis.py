@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bench.analysis import Analysis, Material, check_method, no_result, unseen_table
+from bench.analysis import Analysis, Material, check_method, no_result, unseen_tables
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
 from bench.systems.lock_in.evidence import evidence
@@ -81,5 +81,5 @@ def analysis_of(
         notes=[*no_result(missing), *notes(results, requirement, method)],
         missing=missing,
         figures=[*campaign_figures(results, requirement, method), *turnaround_figures(results)],
-        tables=[*tables(results, requirement, method), *([unseen_table(searches)] if searches else [])],
+        tables=[*tables(results, requirement, method), *unseen_tables(searches)],
     )

@@ -28,12 +28,13 @@ from bench.analysis import (
     Value,
     check_method,
     estimate,
+    evidence_of,
     foreseen_material,
     number,
     series,
     significant,
     unit_text,
-    unseen_table,
+    unseen_tables,
     value_and_uncertainty,
     values_of,
 )
@@ -133,16 +134,15 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     fits = fits_of(material.campaign, values)
     curves = [fit for fit in fits if fit.curve is not None]
     searches = [one for fit in curves for one in departures_of_fit(fit, estimates_of(fit), 1.0 / len(curves))]
-    evidence = [seen for searched in searches for seen in searched.evidence]
     return Analysis(
         campaign="readings",
         method=method,
         uut=dict(material.campaign.get("uut", {"model": "", "serial": ""})),
         estimates=[*repeatabilities(values), *(entry for fit in fits for entry in estimates_of(fit))],
-        evidence=[*evidence, *(_unstated(fit) for fit in curves if fit.unstated)],
+        evidence=[*evidence_of(searches), *(_unstated(fit) for fit in curves if fit.unstated)],
         missing=[say("fit.refused", title=fit.title, why=fit.refused) for fit in fits if fit.refused],
         figures=[figure for fit in fits for figure in fit_figures(fit)],
-        tables=[*map(fit_table, fits), *([unseen_table(searches)] if searches else [])],
+        tables=[*map(fit_table, fits), *unseen_tables(searches)],
     )
 
 

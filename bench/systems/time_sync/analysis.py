@@ -5,7 +5,7 @@ Method and requirements: docs/time-sync.md. The truth of a simulation enters now
 
 from __future__ import annotations
 
-from bench.analysis import Analysis, Material, check_method, no_result, unseen_table
+from bench.analysis import Analysis, Material, check_method, no_result, unseen_tables
 from bench.model.errors import FitError
 from bench.systems.time_sync.departures import chi2_of, implausible, rows_of, searched_rows
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
@@ -58,7 +58,7 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
         notes=[*no_result(missing), *notes(result)],
         missing=missing,
         figures=[*trajectory_figures(ready.egi, taken.radar), *figures(result)],
-        tables=[*tables(result), unseen_table([searched])],
+        tables=[*tables(result), *unseen_tables([searched])],
     )
 
 

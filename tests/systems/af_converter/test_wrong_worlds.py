@@ -67,12 +67,12 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(worlds: Any, switch: Swit
         (of_counts, "clock_misread", 1e-3, DOUBTED, "clock_unsteady"),
         (of_meter, "swapped_leads", 1.0, REFUSED, "swapped_leads"),
         (of_meter, "swapped_leads", 0.34, REFUSED, "stimulus_not_followed"),
-        (of_meter, "soft_saturation", 1e-3, DOUBTED, "lack_of_fit"),
-        (of_meter, "clipped", 1e-3, DOUBTED, "lack_of_fit"),
+        (of_meter, "soft_saturation", 1e-3, DOUBTED, "departs"),
+        (of_meter, "clipped", 1e-3, DOUBTED, "departs"),
         (of_meter, "clock_misread", 1e-3, DOUBTED, "clock_unsteady"),
-        (of_meter, "meter_range", 1e-4, DOUBTED, "meter_range_off"),
+        (of_meter, "meter_range", 1e-4, DOUBTED, "departs"),
         (of_meter, "meter_gain", 0.1, REFUSED, "implausible_scale_factor"),
-        (of_meter, "meter_drifts", 1e-3, DOUBTED, "not_repeated"),
+        (of_meter, "meter_drifts", 1e-3, DOUBTED, "departs"),
         (of_meter, "stuck_meter", 30.0, REFUSED, "implausible_scale_factor"),
     ],
 )
@@ -172,12 +172,18 @@ def test_one_level_that_is_wrong_is_left_out_and_named(name: str, size: float) -
         assert name == "one_bad_reading" or abs(entry.value - right.value) < right.expanded_uncertainty
 
 
-def test_a_range_that_is_off_is_told_from_a_converter_that_saturates() -> None:
-    """One channel against the straight line is not the meter; that which alone is moved by its range is doubted."""
-    assert "meter_range_off" not in codes_of(of_meter.seen(1, SWITCHES[of_meter]["soft_saturation"], 1e-3))
-    wrong = of_meter.seen(3, SWITCHES[of_meter]["meter_range"], 1e-4)  # it moves by 2.4 times its uncertainty
-    assert sorted_classes(wrong, right_world(of_meter, 3))[WRONG] == 0
-    assert codes_of(wrong) == {"lack_of_fit"}
+@pytest.mark.parametrize(
+    ("name", "said", "ppm"),
+    [("meter_range", "10 mA range only", -1000.0), ("meter_drifts", "drift from begin", -360.0)],
+)
+def test_what_is_off_of_the_meter_is_told_with_its_size(name: str, said: str, ppm: float) -> None:
+    """A range of the meter is told from a converter that saturates."""
+    wrong, bent = (of_meter.seen(1, SWITCHES[of_meter][one], 1e-3) for one in (name, "soft_saturation"))
+    assert sorted_classes(wrong, right_world(of_meter, 1))[WRONG] == 0
+    for reason in (reason for entry in wrong.entries for reason in entry.reasons):
+        assert said in reason.sentence
+        assert reason.figure == pytest.approx(ppm, rel=0.1)
+    assert not any("range only" in reason.sentence for entry in bent.entries for reason in entry.reasons)
 
 
 def test_coefficients_hold_sound_channels_alone() -> None:

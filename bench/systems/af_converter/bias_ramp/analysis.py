@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Figure, Material, unseen_table
+from bench.analysis import Analysis, Figure, Material, evidence_of, unseen_tables
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.departures import searches_of
 from bench.systems.af_converter.bias_ramp.estimates import (
@@ -85,9 +85,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         ],
         missing=missing,
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
-        tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise), unseen_table(searches)],
+        tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise), *unseen_tables(searches)],
         compensation=compensation(fits, clock),
-        evidence=[seen for searched in searches for seen in searched.evidence],
+        evidence=evidence_of(searches),
     )
 
 

@@ -32,9 +32,8 @@ from bench.systems.af_converter.bias_ramp.estimates import QUANTITIES, parameter
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
-from bench.systems.af_converter.estimators.hysteresis.model import HysteresisModel, ModelShape, mean_of_walk
-from bench.systems.af_converter.estimators.hysteresis.rivals import base_of
-from bench.systems.af_converter.estimators.hysteresis.search import Problem
+from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape, mean_of_walk
+from bench.systems.af_converter.estimators.hysteresis.search import Problem, first_order
 from bench.systems.af_converter.wording import say
 
 _nA = 1e-9
@@ -44,7 +43,7 @@ _PLAYS = np.geomspace(0.008, 0.25, 9)  # half-widths, in parts of the span of th
 _RELAXES_s = (400.0, 1000.0, 2500.0, 6000.0, 15_000.0, 40_000.0)
 _STEPS = 200  # places of a step of the bias, at most
 _PARTS = 20  # stretches of time in which slope or loop may be another
-_BAND_degC = 10.0
+_BANDS = 6  # of temperature
 
 
 def searches_of(fits: Sequence[ChannelFit], drive: Drive, entries: Estimates) -> Iterator[Searched]:
@@ -52,7 +51,102 @@ def searches_of(fits: Sequence[ChannelFit], drive: Drive, entries: Estimates) ->
     for channel in fits:
         rows = Rows(channel, drive)
         residuals, stated = rows.residuals(entries)
-        yield Searched(search(residuals, rows.departures(), share=1.0 / len(fits)), stated, rows.words)
+        loop = rows.loop
+        yield Searched(search(residuals, loop.departures(), share=1.0 / len(fits)), stated, loop.words)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Readings of a unit with lag and play, (m,), about a fitted place: lag in s and half-width in degC.
+
+    ``carrier``: what is read, ``unit`` its unit and ``size`` that in the readings.   ``item``: whose it is.
+    ``branch`` (m,): names.
+    """
+
+    model: HysteresisModel
+    gates: Gates
+    place: tuple[float, float]
+    branch: Any
+    carrier: str
+    unit: str
+    size: float
+    item: str
+
+    @cached_property
+    def rest_degC(self) -> Floats:
+        """Lagged temperature from that of reference on."""
+        return self.model.unit_degC(self.place[0]) - self.model.shape.reference_degC
+
+    @cached_property
+    def column(self) -> Floats:
+        """The loop of a width of 1."""
+        return self.model.shape_column(*self.place)
+
+    def departures(self) -> list[Departure]:
+        """Return all that could be true instead."""
+        size, per_degC = self.size, f"{self.unit}/degC"
+        whole = {self.carrier: (self.unit, np.full(self.column.size, size))}
+        fine = self._labels(min(self.column.size, _STEPS), whole)
+        further = {"slope": (per_degC, size * self.rest_degC), "loop": (self.unit, size * self.column)}
+        coarse = self._labels(_PARTS, {**whole, **further})
+        own = (
+            Departure(self.carrier, shape, unit, size * effect[:, None], {"value": float(value)})
+            for shape, unit, effect, value in self._own(per_degC)
+        )
+        return [*departures_of(fine), *departures_of(coarse), *own]
+
+    def _labels(self, parts: int, carriers: Any) -> Labels:
+        """Return labels of the readings, which are taken together in so many stretches of time."""
+        middle_s, rest = self.gates.middle_s, self.rest_degC
+        rate = np.gradient(rest, middle_s)
+        first = np.linspace(0, middle_s.size, parts, endpoint=False).astype(np.int64)
+        warmest_degC = max(float(np.abs(rest).max()), 1.0)
+        band_degC = max(np.round(np.ptp(rest) / _BANDS), 1.0)
+        return Labels(
+            kinds={
+                "branch": self.branch,
+                "temperature": self.model.shape.reference_degC + band_degC * np.round(rest / band_degC),
+            },
+            hours=middle_s / 3600.0,
+            visit=first[np.searchsorted(first, np.arange(middle_s.size), side="right") - 1],
+            scales={
+                "temperature": (rest / warmest_degC, range(1, 7)),
+                "rate": (rate / max(float(np.abs(rate).max()), 1e-12), (2,)),
+            },
+            carriers=carriers,
+            corners=[("branch",)],
+            steps_within=False,
+        )
+
+    def _own(self, per_degC: str) -> Iterator[tuple[str, str, Floats, float]]:
+        """Yield what only a loop over temperature has: shape, unit, effect (m,) and what it is named by."""
+        (lag_s, half_degC), model, rest = self.place, self.model, self.rest_degC
+        for second_s in _LAGS_s[np.abs(np.log(_LAGS_s / max(lag_s, 1.0))) > _APART]:
+            yield SECOND_LAG, per_degC, model.unit_degC(float(second_s)) - model.unit_degC(lag_s), second_s / 60.0
+        low, high = model.span_degC(lag_s)
+        for second_degC in _PLAYS * (high - low):
+            yield SECOND_PLAY, self.unit, model.shape_column(lag_s, float(second_degC)) - self.column, second_degC
+        for tau_s in _RELAXES_s:
+            late = model.shape_column(lag_s, half_degC, tau_s)
+            for effect in (late - self.column, late, self.column * np.exp(-self._since_turn_s() / tau_s)):
+                yield RELAXATION, self.unit, effect, tau_s / 60.0
+        reference_degC = model.shape.reference_degC
+        for at_degC in np.arange(np.ceil(rest.min() / 5.0) * 5.0 + 5.0, rest.max() - 4.0, 5.0):
+            yield BEND, per_degC, np.maximum(rest - at_degC, 0.0), reference_degC + at_degC
+
+    def _since_turn_s(self) -> Floats:
+        """Return time since the branch began, (m,)."""
+        start_s, branch = self.gates.start_s, self.branch
+        begins = np.flatnonzero(np.append(True, branch[1:] != branch[:-1]))
+        return np.asarray(start_s - start_s[begins[np.searchsorted(begins, np.arange(branch.size), side="right") - 1]])
+
+    def words(self, label: str, value: Any) -> str:
+        """Return how a person names a label."""
+        if label == "visit":
+            return say("departs.window", value=(self.gates.start_s[value] - self.gates.start_s[0]) / 3600.0)
+        if value is None:
+            return say(f"departs.of.{label}", item=self.item)
+        return say(f"departs.{label}", value=value)
 
 
 @dataclass(frozen=True)
@@ -63,33 +157,23 @@ class Rows:
     drive: Drive
 
     @cached_property
-    def model(self) -> HysteresisModel:
+    def loop(self) -> Loop:
         """The model of the fit over the windows."""
-        fit = self.channel.fit
+        fit, readings = self.channel.fit, self.channel.readings
         shape = ModelShape(reference_degC=fit.reference_degC, order=fit.order)
-        return HysteresisModel(self.channel.readings.gates, self.drive, shape)
-
-    @property
-    def _place(self) -> tuple[float, float]:
-        return self.channel.fit.value(LAG), self.channel.fit.value(HALF_WIDTH)
-
-    @cached_property
-    def _rest_degC(self) -> Floats:
-        return self.model.unit_degC(self._place[0]) - self.channel.fit.reference_degC
-
-    @cached_property
-    def _loop(self) -> Floats:
-        return self.model.shape_column(*self._place)
+        model = HysteresisModel(readings.gates, self.drive, shape)
+        place, item = (fit.value(LAG), fit.value(HALF_WIDTH)), say("departs.channel", value=readings.channel.number)
+        return Loop(model, readings.gates, place, self.channel.branch, "bias", "nA", _nA, item)
 
     def _whiten(self, columns: Floats) -> Floats:
         return np.vstack([self.channel.readings.noise.whiten(columns), np.zeros((2, columns.shape[1]))])
 
     def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
         """Return the rows for a search, those of the bounds of lag and half-width last, and the estimates of them."""
-        readings, (lag_s, half_degC) = self.channel.readings, self._place
-        problem = Problem(self.model, readings.bias_A, readings.noise.whiten)
-        base = base_of(problem, lag_s, half_degC, (LAG, HALF_WIDTH))
-        design = self._whiten(base.columns)
+        readings = self.channel.readings
+        problem = Problem(self.loop.model, readings.bias_A, readings.noise.whiten)
+        columns, residual = first_order(problem, *self.loop.place)
+        design = self._whiten(columns)
         design[-2:, -2:] = np.diag(1.0 / self.channel.bounds.std)
         number = readings.channel.number
         stated = [
@@ -101,7 +185,7 @@ class Rows:
         expanded = np.array([entry.expanded_uncertainty for entry in stated])
         residuals = Residuals(
             readings=readings.bias_A,
-            white=self._whiten(base.residual[:, None])[:, 0],
+            white=self._whiten(residual[:, None])[:, 0],
             design=design,
             scatter=np.zeros((design.shape[0], 0)),
             whiten=self._whiten,
@@ -122,71 +206,3 @@ class Rows:
         weights = np.array([parameter_weights(self.channel, entry) for entry in stated])
         direct = np.array([reading_weights(self.channel, entry) for entry in stated])
         return weights @ readings.noise.turn(of_fit.T).T + direct, np.linalg.norm(weights @ of_fit, axis=1)
-
-    def departures(self) -> list[Departure]:
-        """Return all that could be true instead."""
-        whole = {"bias": ("nA", np.full(self._loop.size, _nA))}
-        fine = self._labels(min(self._loop.size, _STEPS), whole)
-        further = {**whole, "slope": ("nA/degC", _nA * self._rest_degC), "loop": ("nA", _nA * self._loop)}
-        coarse = self._labels(_PARTS, further)
-        return [*departures_of(fine), *departures_of(coarse), *self.own()]
-
-    def _labels(self, parts: int, carriers: Any) -> Labels:
-        """Return labels of the windows, which are taken together in so many stretches of time."""
-        middle_s = self.channel.readings.gates.middle_s
-        rate = np.gradient(self._rest_degC, middle_s)
-        first = np.linspace(0, middle_s.size, parts, endpoint=False).astype(np.int64)
-        warmest_degC = max(float(np.abs(self._rest_degC).max()), 1.0)
-        return Labels(
-            kinds={
-                "branch": self.channel.branch,
-                "temperature": self.channel.fit.reference_degC + _BAND_degC * np.round(self._rest_degC / _BAND_degC),
-            },
-            hours=middle_s / 3600.0,
-            visit=first[np.searchsorted(first, np.arange(middle_s.size), side="right") - 1],
-            scales={
-                "temperature": (self._rest_degC / warmest_degC, range(1, 7)),
-                "rate": (rate / max(float(np.abs(rate).max()), 1e-12), (2,)),
-            },
-            carriers=carriers,
-            corners=[("branch",)],
-            steps_within=False,
-        )
-
-    def own(self) -> Iterator[Departure]:
-        """Yield what only a loop over temperature has."""
-        (lag_s, half_degC), model, rest = self._place, self.model, self._rest_degC
-        for second_s in _LAGS_s[np.abs(np.log(_LAGS_s / max(lag_s, 1.0))) > _APART]:
-            effect = model.unit_degC(float(second_s)) - model.unit_degC(lag_s)
-            yield _own(SECOND_LAG, "nA/degC", effect, second_s / 60.0)
-        low, high = model.span_degC(lag_s)
-        for second_degC in _PLAYS * (high - low):
-            effect = model.shape_column(lag_s, float(second_degC)) - self._loop
-            yield _own(SECOND_PLAY, "nA", effect, second_degC)
-        for tau_s in _RELAXES_s:
-            late = model.shape_column(lag_s, half_degC, tau_s)
-            for effect in (late - self._loop, late, self._loop * np.exp(-self._since_turn_s() / tau_s)):
-                yield _own(RELAXATION, "nA", effect, tau_s / 60.0)
-        for at_degC in np.arange(np.ceil(rest.min() / 5.0) * 5.0 + 5.0, rest.max() - 4.0, 5.0):
-            bend_degC = self.channel.fit.reference_degC + at_degC
-            yield _own(BEND, "nA/degC", np.maximum(rest - at_degC, 0.0), bend_degC)
-
-    def _since_turn_s(self) -> Floats:
-        """Return time since the branch began, (m,)."""
-        start_s, branch = self.channel.readings.gates.start_s, self.channel.branch
-        begins = np.flatnonzero(np.append(True, branch[1:] != branch[:-1]))
-        return np.asarray(start_s - start_s[begins[np.searchsorted(begins, np.arange(branch.size), side="right") - 1]])
-
-    def words(self, label: str, value: Any) -> str:
-        """Return how a person names a label of this channel."""
-        if label == "visit":
-            value = (self.channel.readings.gates.start_s[value] - self.channel.readings.gates.start_s[0]) / 3600.0
-            return say("departs.window", value=value)
-        number = self.channel.readings.channel.number
-        if value is None:
-            return say(f"departs.of.{label}", channel=number)
-        return say(f"departs.{label}", value=value)
-
-
-def _own(shape: str, unit: str, effect: Floats, value: float) -> Departure:
-    return Departure("bias", shape, unit, _nA * effect[:, None], {"value": float(value)})

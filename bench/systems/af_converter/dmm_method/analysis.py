@@ -1,21 +1,49 @@
 """The DMM method as an analysis: the current meter's readings beside the records are the reference; notes and tables.
 
-Source: AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
+Where the calibrator is in the register too, both methods are compared, what both share being left out: they count the
+same pulses, and both standards may have been calibrated with the same one.
+Source: AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md; 0036-standards-once.md; ISO/IEC 17043 for
+E_n.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimate, Estimates, Material, Table, worded_table
+from bench.analysis import (
+    Analysis,
+    Estimate,
+    Estimates,
+    Material,
+    Table,
+    covariance_by_standards,
+    evidence_of,
+    unseen_tables,
+    worded_table,
+)
 from bench.maths.arrays import Floats
+from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.af_converter.constants import METER, Campaign, expired, read_campaign, read_ranges, untraced
+from bench.systems.af_converter.constants import (
+    CALIBRATOR,
+    METER,
+    Campaign,
+    Standards,
+    common_errors,
+    expired,
+    read_campaign,
+    read_ranges,
+    read_standards,
+    untraced,
+)
+from bench.systems.af_converter.dmm_method.departures import searched_rows
 from bench.systems.af_converter.dmm_method.estimates import (
     DmmFit,
     MeterLog,
@@ -23,13 +51,25 @@ from bench.systems.af_converter.dmm_method.estimates import (
     budget,
     leakage_estimates,
     scale_factor_estimates,
+    shared_by_standards,
     shift_estimates,
 )
-from bench.systems.af_converter.dmm_method.evidence import ALL_QUANTITIES, agreement_table, evidence, without_odd_level
 from bench.systems.af_converter.estimators.dmm_method import METHODS as FIT_METHODS
-from bench.systems.af_converter.estimators.dmm_method import fit_dmm_method
-from bench.systems.af_converter.estimators.readings import RangeSpecification
-from bench.systems.af_converter.group_fit import conditions_of, missing_groups, require_closed
+from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter, fit_dmm_method
+from bench.systems.af_converter.estimators.readings import Converter, RangeSpecification, noise_parts
+from bench.systems.af_converter.estimators.scale_factor import ScaleFactor, fit_scale_factor, usable_rows
+from bench.systems.af_converter.group_fit import (
+    LIKELY,
+    NO_CHANCE,
+    ODD,
+    QUANTITIES,
+    SCALE_FACTORS,
+    conditions_of,
+    missing_groups,
+    plausible,
+    probability_of,
+    require_closed,
+)
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows, place_name
 from bench.systems.af_converter.wording import say
 
@@ -37,6 +77,8 @@ _OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
 Refused = list[tuple[Group, FitError]]
 METHODS: tuple[str, ...] = FIT_METHODS
 STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
+_QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
+_HEADS = ("channel", "quantity", "degC", "dmm", "calibrator", "difference", "U", "E_n")
 _TESTS = ("repeat_shift", "switch_leakage")
 
 
@@ -94,10 +136,37 @@ def _fit_one(
     meter = log.meter(group.numbers)
     converter = campaign.converter(group.channel)
     fit = fit_dmm_method(group.closed, meter, converter, register, method)
-    even, meter = without_odd_level(group, meter, converter, register, fit)
+    even, meter = _without_odd_level(group, meter, converter, register, fit)
     if even is not group:
         fit = fit_dmm_method(even.closed, meter, converter, register, method)
     return DmmFit(even, meter, fit)
+
+
+def _without_odd_level(
+    group: Group, meter: Meter, converter: Converter, register: Mapping[float, RangeSpecification], fit: DmmScaleFactor
+) -> tuple[Group, Meter]:
+    """Leave out the one level that is unlike all others: with it the rows cannot fit, without it they do.
+
+    Not the largest one, for there it may be the converter, and none if there are several such levels.
+    """
+
+    def fits_without(level: float) -> bool:
+        kept = level_A != level
+        try:
+            other = fit_dmm_method(group.closed.take(kept), meter.take(kept), converter, register)
+        except FitError:
+            return False
+        return probability_of(other) > LIKELY
+
+    level_A = group.closed.level_A
+    if probability_of(fit) >= NO_CHANCE:
+        return group, meter
+    found = [one for one in np.unique(level_A[(level_A > 0) & (level_A < level_A.max())]) if fits_without(one)]
+    if len(found) != 1:
+        return group, meter
+    for row in np.flatnonzero(level_A == found[0])[::-1]:
+        group = group.without(int(row), ODD)
+    return group, meter.take(level_A != found[0])
 
 
 def analyse(material: Material, method: str = "joint") -> Analysis:
@@ -113,15 +182,19 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     constants, register = read_campaign(material.campaign), read_ranges(material.standards, METER)
     known = determine(material, method)
     fits, groups, entries, missing = known.fits, known.groups, known.estimates, known.missing
-    repeats = [group for group in groups if group.repeat]
+    again = [(group, known.log.meter(group.numbers)) for group in groups if group.repeat]
+    impossible = {one.group.place: list(plausible(one.group, _values_ppm(one.fit), constants)) for one in fits}
+    possible = [one for one in fits if not impossible[one.group.place]]
+    searches = [searched_rows(possible, again, entries, constants, register)] if possible else []
     return Analysis(
         campaign=constants.analysis,
         method=method,
         uut=constants.uut,
         estimates=entries,
         evidence=[
-            *evidence(fits, repeats, entries, constants, register, method),
-            *expired(material, METER, {float(at) for fitted in fits for at in fitted.meter.range_A}, ALL_QUANTITIES),
+            *chain.from_iterable(impossible.values()),
+            *evidence_of(searches),
+            *expired(material, METER, {float(at) for fitted in fits for at in fitted.meter.range_A}, _QUANTITIES),
         ],
         components=budget(fits, constants),
         groups=[_quality(fitted, constants) for fitted in fits],
@@ -131,8 +204,12 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
             *untraced(register, METER),
         ],
         missing=missing,
-        tables=[*agreement_table(fits, material, constants), *zero_table(known.log)],
+        tables=[*_agreement_table(fits, material, constants), *zero_table(known.log), *unseen_tables(searches)],
     )
+
+
+def _values_ppm(fit: DmmScaleFactor) -> Floats:
+    return np.array([fit.value_ppm[name] for name in ("dsf_n", "dsf_p", "dsf_mean") if name in fit.value_ppm])
 
 
 def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
@@ -223,3 +300,54 @@ def zero_table(log: MeterLog) -> list[Table]:
         return []
     headers = [say(f"meter.zeros.{head}") for head in ("range", "zero", "u")]
     return [worded_table(say, "meter.zeros", headers, rows)]
+
+
+def _agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
+    """Return differences to the calibrator method, where the register holds the calibrator and both have a result."""
+    if CALIBRATOR not in material.standards:
+        return []
+    standards = read_standards(material.standards)
+    rows: list[list[Any]] = []
+    for fitted in fits:
+        converter = campaign.converter(fitted.group.channel)
+        try:
+            other = fit_scale_factor(fitted.group.closed, converter, standards.ranges)
+        except FitError:
+            continue  # the DMM method stands by itself
+        for index, name in enumerate(QUANTITIES):
+            if name not in fitted.fit.value_ppm:
+                continue
+            value_ppm, other_ppm = fitted.fit.value_ppm[name], float(other.dsf_ppm[index])
+            std_ppm = _difference_std_ppm(fitted, other, index, campaign, standards)
+            expanded = coverage_factor() * std_ppm
+            place = [fitted.group.channel, name, fitted.group.temperature_degC]
+            difference = value_ppm - other_ppm
+            rows.append([*place, value_ppm, other_ppm, difference, expanded, difference / expanded])
+    if not rows:
+        return []
+    largest = max(abs(row[-1]) for row in rows)
+    headers = say.heads("agreement", *_HEADS)
+    return [Table(say("agreement.title"), say("agreement.caption", largest=largest), headers, rows)]
+
+
+def _difference_std_ppm(
+    fitted: DmmFit, other: ScaleFactor, index: int, campaign: Campaign, standards: Standards
+) -> float:
+    """Return the standard uncertainty of DSF_N (index 0) or DSF_P (1) by the meter minus the same by the calibrator.
+
+    Args:    fitted: of the DMM method.   other: of the calibrator method, by the same closed rows.
+    Returns: ppm.
+    Raises:  nothing.
+    Source:  JCGM 100:2008 equation (16), with the covariance by the counts and by what the standards share.
+    """
+    name, rows = QUANTITIES[index], fitted.group.closed
+    usable = usable_rows(rows)
+    of_counts = np.sum(list(noise_parts(rows.take(usable), campaign.converter(fitted.group.channel)).values()), axis=0)
+    by_counts = other.operator_ppm[index][usable] @ of_counts @ fitted.fit.operators_ppm[name][usable]
+    parts = {label: float(effect_ppm[index]) for label, effect_ppm in other.standard_ppm.items()}
+    by_standards = covariance_by_standards(
+        common_errors(standards.register, CALIBRATOR, parts, {}), shared_by_standards(fitted, name, standards.register)
+    )
+    of_calibrator = math.fsum(part**2 for part in parts.values()) + standards.drift_ppm**2
+    variance = fitted.fit.std_ppm[name] ** 2 + float(other.noise_ppm2[index, index]) + of_calibrator
+    return math.sqrt(max(variance - 2.0 * (float(by_counts) + by_standards), 0.0))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import LEAST_MOVE, Analysis, Material, Table, worded_table
+from bench.analysis import LEAST_MOVE, Analysis, Material, Table, unseen_tables, worded_table
 from bench.maths.arrays import Flags
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.coefficients import scale_factor_compensation
@@ -54,7 +54,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     known = determine(material, method)
     constants, register, fitted, chosen = known.constants, known.standards, known.fitted, known.rows
     entries, zero_gain = known.estimates, zero_gain_table(fitted, constants, register, method)
-    heard, unseen = judged(fitted, entries, constants, register, material)
+    heard, searched = judged(fitted, entries, constants, register, material)
     missing = missing_groups(chosen, {visit.group.place for visit in fitted.groups}, fitted.refused, constants)
     return Analysis(
         campaign=constants.analysis,
@@ -72,7 +72,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
             *zero_gain_notes(zero_gain),
         ],
         missing=missing,
-        tables=[*budget_tables(fitted, constants, register, method), *zero_gain, unseen],
+        tables=[*budget_tables(fitted, constants, register, method), *zero_gain, *unseen_tables([searched])],
         compensation=scale_factor_compensation(fitted, constants),
     )
 

@@ -8,7 +8,7 @@ Source: docs/decisions/0004 (model), 0025 (doubt), 0052 (departures).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,11 +24,9 @@ from bench.analysis import (
     Material,
     Residuals,
     Searched,
-    Table,
     Words,
     departures_of,
     search,
-    unseen_table,
 )
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import of_many
@@ -38,6 +36,7 @@ from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards
 from bench.systems.af_converter.estimators.pulses import count_step
 from bench.systems.af_converter.estimators.readings import (
     QUANTISATION,
+    RangeSpecification,
     Readings,
     calibrator_effects,
     halves_A2,
@@ -58,9 +57,9 @@ from bench.systems.af_converter.group_fit import (
 from bench.systems.af_converter.groups import Group, Place, place_name
 from bench.systems.af_converter.wording import kind_name, say
 
-_PPM, _nA = 1e-6, 1e-9
-_DEGREE = 2
+PPM, _nA = 1e-6, 1e-9
 _OWN = 4.0  # of the limit of residuals, at the temperature farthest from that of reference: it leaves a third
+_DEGREE = 2
 _TAILS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # time constants, in lengths of a record
 _RANK = 1e-9
 SHARE = 0.5  # of the chance of a false doubt: the other half is that of counts and of odd records
@@ -68,10 +67,11 @@ SHARE = 0.5  # of the chance of a false doubt: the other half is that of counts 
 
 def judged(
     fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, material: Material
-) -> tuple[list[Evidence], Table]:
-    """Return what every check says of the estimates, those that found nothing included, and what none can show."""
+) -> tuple[list[Evidence], Searched]:
+    """Return what every check says of the estimates, those that found nothing included, and the search."""
     rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
-    searched = Searched(search(rows, departures, SHARE), stated, words_of(fitted))
+    groups = [visit.group for visit in fitted.groups]
+    searched = Searched(search(rows, departures, SHARE), stated, words_of(groups))
     heard = [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
@@ -79,7 +79,7 @@ def judged(
         _odd_alike(fitted, campaign, searched.words),
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
-    return heard, unseen_table([searched])
+    return heard, searched
 
 
 def _whole_counts(visit: GroupFit) -> Evidence:
@@ -128,9 +128,9 @@ def _labelled(group: Group, rows: Readings, campaign: Campaign) -> dict[str, Any
     return {**whole, "polarity": rows.polarity, "level": rows.level_A, "range": rows.range_A}
 
 
-def words_of(fitted: Fitted) -> Words:
+def words_of(groups: Sequence[Group]) -> Words:
     """Return how a person names the labels of a campaign."""
-    names = [place_name(visit.group.place) for visit in fitted.groups]
+    names = [place_name(group.place) for group in groups]
 
     def words(label: str, value: Any) -> str:
         if value is None:
@@ -151,20 +151,11 @@ def residuals_of(
     fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards
 ) -> tuple[Residuals, list[Departure], list[Estimate]]:
     """Return the rows of a campaign, what could be true instead, and the estimates that follow from the rows."""
-    rows = _Rows(fitted, campaign, standards)
-    held, noise_A2 = rows.held(), rows.noise_A2()
-    factor = np.linalg.inv(np.linalg.cholesky(noise_A2))
-    labels = rows.labels()
+    rows = _rows_of(fitted, campaign, standards)
+    labels, noise_A2, free, held = rows.labels(), rows.noise_A2(), rows.free(), rows.held()
     halves = _Halves(rows, labels)
-
-    def whiten(columns: Floats) -> Floats:
-        return np.vstack([factor @ columns, np.zeros((len(held) + halves.white.size, columns.shape[1]))])
-
-    free = rows.free()
-    design = whiten(np.column_stack([*free, *held]))
-    design[len(factor) : len(factor) + len(held), len(free) :] = np.eye(len(held))
-    white = whiten((rows.counted_A - rows.reference_A)[:, None])[:, 0]
-    white[len(factor) + len(held) :] = halves.white
+    whiten, white, design = rows.whitened(noise_A2, free, held, halves.white.size)
+    white[noise_A2.shape[0] + len(held) :] = halves.white
     operator, stated = rows.operators(entries)
     noise = np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator))
     residuals = Residuals(
@@ -215,7 +206,7 @@ class _Halves:
     @staticmethod
     def _tails(rows: _Rows, labels: Labels) -> Iterator[tuple[Floats, Floats, dict[str, Any]]]:
         """Yield what a tail of 1 ppm of each change adds to records and to differences of their halves, (r,) each."""
-        gate_s, change_A = rows.column("gate_s"), _PPM * rows.change_A
+        gate_s, change_A = rows.column("gate_s"), PPM * rows.change_A
         for share in _TAILS:
             early = 2.0 * share * (1.0 - np.exp(-0.5 / share))
             late = early * np.exp(-0.5 / share)
@@ -228,17 +219,17 @@ class _Halves:
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """The usable closed records of all visits, (r,), one visit behind the other."""
+class LevelRows:
+    """The usable closed records of all visits, (r,), one visit behind the other.
 
-    fitted: Fitted
+    ``of_visits``: the rows of each visit, on the ranges of the standard.   ``reference_A``: signed current that the
+    standard is believed to deliver.
+    """
+
+    groups: Sequence[Group]
+    of_visits: Sequence[Readings]
+    reference_A: Floats
     campaign: Campaign
-    standards: Standards
-
-    @cached_property
-    def of_visits(self) -> list[Readings]:
-        """The rows of each visit."""
-        return [visit.group.closed.take(usable_rows(visit.group.closed)) for visit in self.fitted.groups]
 
     @cached_property
     def slices(self) -> list[slice]:
@@ -254,14 +245,14 @@ class _Rows:
     @cached_property
     def channel(self) -> Integers:
         """Channel of each row."""
-        return np.array([visit.group.channel for visit in self.fitted.groups])[self.visit]
+        return np.array([group.channel for group in self.groups])[self.visit]
 
     @cached_property
     def sides_A(self) -> tuple[Floats, Floats]:
         """Current that each counter counts, the second one negative."""
         pairs = [
-            pulse_currents_A(rows, self.campaign.converter(visit.group.channel))
-            for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True)
+            pulse_currents_A(rows, self.campaign.converter(group.channel))
+            for group, rows in zip(self.groups, self.of_visits, strict=True)
         ]
         n_A, p_A = (np.concatenate(side) for side in zip(*pairs, strict=True))
         return n_A, -p_A
@@ -273,20 +264,8 @@ class _Rows:
 
     @property
     def current_A(self) -> Floats:
-        """Current by the curves of the counters: what changes by a part if a count is off by that part."""
-        current_A = self.counted_A
-        for (quantity, number), curve in self.fitted.polynomials.items():
-            if quantity in QUANTITIES:
-                side_A = self.sides_A[QUANTITIES.index(quantity)] * (self.channel == number)
-                current_A = current_A + _PPM * side_A * np.polynomial.polynomial.polyval(
-                    self.rest_degC, curve.coefficients
-                )
-        return current_A
-
-    @cached_property
-    def reference_A(self) -> Floats:
-        """Current that the calibrator is believed to deliver, signed."""
-        return np.concatenate([reference_current_A(rows, self.standards.ranges) for rows in self.of_visits])
+        """Current that changes by a part if a count is off by that part."""
+        return self.counted_A
 
     def column(self, name: str) -> Floats:
         """Return a column of the rows."""
@@ -302,81 +281,44 @@ class _Rows:
         """Current of the record before, 0 where a visit begins."""
         return np.concatenate([np.append(0.0, self.reference_A[part][:-1]) for part in self.slices])
 
-    @property
-    def change_A(self) -> Floats:
-        """By what the current changed before each record."""
-        return self.reference_A - self.before_A
-
-    def halves(self) -> tuple[Flags, Floats, Floats]:
-        """Return which records have halves that are known, (r,), how much more current the first ones have, in units of
-        its noise, and that noise, ampere.
-        """
-        halves_A, std_A = [], []
-        for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True):
-            converter = self.campaign.converter(visit.group.channel)
-            halves_A.append(converter.k0_C * converter.af_clock_Hz * rows.halves)
-            std_A.append(np.sqrt(halves_A2(rows, converter)))
-        more_A, noise_A = np.concatenate(halves_A), np.concatenate(std_A)
-        known = np.isfinite(more_A)
-        return known, more_A[known] / noise_A[known], noise_A[known]
-
     def noise_A2(self) -> Floats:
-        """Return the covariance of the readings, (r, r): that of each visit."""
+        """Return the covariance of what is counted, (r, r): that of each visit."""
         covariance = np.zeros((self.visit.size,) * 2)
-        for visit, rows, part in zip(self.fitted.groups, self.of_visits, self.slices, strict=True):
-            parts = noise_parts(rows, self.campaign.converter(visit.group.channel))
+        for group, rows, part in zip(self.groups, self.of_visits, self.slices, strict=True):
+            parts = noise_parts(rows, self.campaign.converter(group.channel))
             covariance[part, part] = np.sum(list(parts.values()), axis=0)
         return covariance
 
-    def free(self) -> list[Floats]:
-        """Return what nobody knows: coefficients of the counters, offsets of the polarities of each visit."""
-        polarity = self.column("polarity")
-        columns = [
-            counted_A * (self.channel == number) * (_PPM * self.rest_degC**order)
-            for number in dict.fromkeys(self.channel.tolist())
-            for counted_A in self.sides_A
-            for order in range(self._degree(number) + 1)
-        ]
-        visits = range(len(self.slices))
-        return columns + [1.0 * ((self.visit == at) & (polarity == sign)) for at in visits for sign in (1, -1)]
-
-    def _degree(self, number: int) -> int:
-        temperatures = {visit.group.temperature_degC for visit in self.fitted.visits(number)}
-        return min(_DEGREE, max(len(temperatures) - 1, 0))
-
-    def held(self) -> list[Floats]:
-        """Return one standard uncertainty of what is known as far as that: errors and drift of the calibrator, slopes
-        of counters at one temperature.
-        """
-        of_standard: dict[str, Floats] = {}
+    def of_standard(self, register: Mapping[float, RangeSpecification]) -> dict[str, Floats]:
+        """Return one standard uncertainty of each error of the standard, (r,) by label."""
+        columns: dict[str, Floats] = {}
         for rows, part in zip(self.of_visits, self.slices, strict=True):
-            effects = calibrator_effects(rows, self.standards.ranges)
+            effects = calibrator_effects(rows, register)
             for label, effect in zip(effects.labels, effects.matrix.T, strict=True):
-                of_standard.setdefault(label, np.zeros(self.visit.size))[part] = effect
-        columns = list(of_standard.values())
-        relative = relative_errors(self.column("range_A"), self.standards.ranges)
-        columns += [self.reference_A * part for part in relative.values()]
-        if self.standards.drift:
-            time_s = self.column("time_s")
-            since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1.0)
-            columns.append(self.reference_A * self.standards.drift * since)
-        for number in dict.fromkeys(self.channel.tolist()):
-            if not self._degree(number):
-                mine, slope = self.channel == number, _PPM * UNKNOWN_SLOPE_ppm_degC
-                away_degC = mine * (self.rest_degC - self.rest_degC[mine].mean())
-                columns += [slope * away_degC * counted_A for counted_A in self.sides_A]
-        return columns
+                columns.setdefault(label, np.zeros(self.visit.size))[part] = effect
+        relative = relative_errors(self.column("range_A"), register)
+        return columns | {label: self.reference_A * part for label, part in relative.items()}
 
-    def scatter(self) -> Iterator[Floats]:
-        """Yield what each counter may differ by in each visit."""
-        for at in range(len(self.slices)):
-            yield from (_PPM * BETWEEN_VISITS_ppm * counted_A * (self.visit == at) for counted_A in self.sides_A)
+    def whitened(
+        self, noise_A2: Floats, free: Sequence[Floats], held: Sequence[Floats], more: int = 0
+    ) -> tuple[Callable[[Floats], Floats], Floats, Floats]:
+        """Return what whitens columns of readings, residuals and design of the rows.
+
+        What is ``held`` has a row of its own behind the readings; ``more`` rows stand behind these.
+        """
+        factor = np.linalg.inv(np.linalg.cholesky(noise_A2))
+
+        def whiten(columns: Floats) -> Floats:
+            return np.vstack([factor @ columns, np.zeros((len(held) + more, columns.shape[1]))])
+
+        design = whiten(np.column_stack([*free, *held]))
+        design[len(factor) : len(factor) + len(held), len(free) :] = np.eye(len(held))
+        return whiten, whiten((self.counted_A - self.reference_A)[:, None])[:, 0], design
 
     def labels(self) -> Labels:
         """Return the labels of the readings."""
         labelled = [
-            _labelled(visit.group, rows, self.campaign)
-            for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True)
+            _labelled(group, rows, self.campaign) for group, rows in zip(self.groups, self.of_visits, strict=True)
         ]
         kinds = {name: np.concatenate([labels[name] for labels in labelled]) for name in labelled[0]}
         kinds["place"] = np.concatenate([np.arange(rows.level_A.size) for rows in self.of_visits])
@@ -392,12 +334,93 @@ class _Rows:
                 "level": (self.column("level_A") / full_A, (1, 2, 3)),
                 "before": (1e3 * self.before_A, (1,)),
             },
-            carriers={"gain": ("ppm", _PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
+            carriers={"gain": ("ppm", PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
             scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
             corners=[("channel", "temperature")],
             exchanged=("channel", "kind", "polarity", "gain"),
             own={("gain", "temperature"): own_ppm},
         )
+
+
+def _rows_of(fitted: Fitted, campaign: Campaign, standards: Standards) -> _Rows:
+    of_visits = [visit.group.closed.take(usable_rows(visit.group.closed)) for visit in fitted.groups]
+    reference_A = np.concatenate([reference_current_A(rows, standards.ranges) for rows in of_visits])
+    return _Rows([visit.group for visit in fitted.groups], of_visits, reference_A, campaign, fitted, standards)
+
+
+@dataclass(frozen=True)
+class _Rows(LevelRows):
+    """Records against the calibrator."""
+
+    fitted: Fitted
+    standards: Standards
+
+    @property
+    def current_A(self) -> Floats:
+        """Current by the curves of the counters: what changes by a part if a count is off by that part."""
+        current_A = self.counted_A
+        for (quantity, number), curve in self.fitted.polynomials.items():
+            if quantity in QUANTITIES:
+                side_A = self.sides_A[QUANTITIES.index(quantity)] * (self.channel == number)
+                current_A = current_A + PPM * side_A * np.polynomial.polynomial.polyval(
+                    self.rest_degC, curve.coefficients
+                )
+        return current_A
+
+    @property
+    def change_A(self) -> Floats:
+        """By what the current changed before each record."""
+        return self.reference_A - self.before_A
+
+    def halves(self) -> tuple[Flags, Floats, Floats]:
+        """Return which records have halves that are known, (r,), how much more current the first ones have, in units of
+        its noise, and that noise, ampere.
+        """
+        halves_A, std_A = [], []
+        for group, rows in zip(self.groups, self.of_visits, strict=True):
+            converter = self.campaign.converter(group.channel)
+            halves_A.append(converter.k0_C * converter.af_clock_Hz * rows.halves)
+            std_A.append(np.sqrt(halves_A2(rows, converter)))
+        more_A, noise_A = np.concatenate(halves_A), np.concatenate(std_A)
+        known = np.isfinite(more_A)
+        return known, more_A[known] / noise_A[known], noise_A[known]
+
+    def free(self) -> list[Floats]:
+        """Return what nobody knows: coefficients of the counters, offsets of the polarities of each visit."""
+        polarity = self.column("polarity")
+        columns = [
+            counted_A * (self.channel == number) * (PPM * self.rest_degC**order)
+            for number in dict.fromkeys(self.channel.tolist())
+            for counted_A in self.sides_A
+            for order in range(self._degree(number) + 1)
+        ]
+        visits = range(len(self.slices))
+        return columns + [1.0 * ((self.visit == at) & (polarity == sign)) for at in visits for sign in (1, -1)]
+
+    def _degree(self, number: int) -> int:
+        temperatures = {visit.group.temperature_degC for visit in self.fitted.visits(number)}
+        return min(_DEGREE, max(len(temperatures) - 1, 0))
+
+    def held(self) -> list[Floats]:
+        """Return one standard uncertainty of what is known as far as that: errors and drift of the calibrator, slopes
+        of counters at one temperature.
+        """
+        columns = list(self.of_standard(self.standards.ranges).values())
+        if self.standards.drift:
+            time_s = self.column("time_s")
+            since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1.0)
+            columns.append(self.reference_A * self.standards.drift * since)
+        for number in dict.fromkeys(self.channel.tolist()):
+            if not self._degree(number):
+                mine, slope = self.channel == number, PPM * UNKNOWN_SLOPE_ppm_degC
+                away_degC = mine * (self.rest_degC - self.rest_degC[mine].mean())
+                columns += [slope * away_degC * counted_A for counted_A in self.sides_A]
+        return columns
+
+    def scatter(self) -> Iterator[Floats]:
+        """Yield what each counter may differ by in each visit."""
+        for at in range(len(self.slices)):
+            yield from (PPM * BETWEEN_VISITS_ppm * counted_A * (self.visit == at) for counted_A in self.sides_A)
 
     def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
         """Return what each estimate gains per ampere that is counted, (k, r), and those that follow from the rows."""

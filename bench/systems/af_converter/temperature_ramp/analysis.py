@@ -22,13 +22,15 @@ from bench.analysis import (
     Table,
     check_method,
     estimate,
+    evidence_of,
     no_result,
     series,
+    unseen_tables,
     worded_table,
 )
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, DRIFT_NAMES, TEMPERATURE_NAMES, Blocks, block_means
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
-from bench.systems.af_converter.temperature_ramp.evidence import evidence
+from bench.systems.af_converter.temperature_ramp.departures import searches_of
 from bench.systems.af_converter.temperature_ramp.fits import (
     MEAN,
     RampColumns,
@@ -179,16 +181,18 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     columns = ramp_columns(material)
     blocks = block_means(columns.t_s, min(MOST_BLOCKS, columns.t_s.size // 2))
     fits = [fit_reading(name, columns, blocks, reference_degC, method) for name in columns.readings]
+    entries = [entry for fit in fits for entry in _estimates(fit, columns, reference_degC)]
+    searches = list(searches_of(fits, columns, blocks, entries, reference_degC))
     return Analysis(
         campaign="temperature_ramp",
         method=method,
         uut=uut,
-        estimates=[entry for fit in fits for entry in _estimates(fit, columns, reference_degC)],
+        estimates=entries,
         notes=_notes(columns, blocks, fits),
         missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),
-        tables=tables(columns, fits),
-        evidence=[*columns.still, *evidence(fits, columns, blocks, reference_degC)],
+        tables=[*tables(columns, fits), *unseen_tables(searches)],
+        evidence=[*columns.still, *evidence_of(searches)],
     )
 
 

@@ -12,7 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Document, Estimates, Floats, Material, check_method, estimate, unseen_table
+from bench.analysis import (
+    Analysis,
+    Document,
+    Estimates,
+    Floats,
+    Material,
+    check_method,
+    estimate,
+    evidence_of,
+    unseen_tables,
+)
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.departures import implausible, searches_of
 from bench.systems.gnc.calibration.report import (
@@ -77,10 +87,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=material.campaign["uut"],
         estimates=estimates,
-        evidence=[
-            *implausible(parts, looked_at, limits),
-            *(seen for searched in searches for seen in searched.evidence),
-        ],
+        evidence=[*implausible(parts, looked_at, limits), *evidence_of(searches)],
         notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
         missing=[*empty, *bad, *parts.missing],
         figures=[*position_figure(parts), *rotation_figures(parts)],
@@ -88,7 +95,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             *matrix_table(parts),
             table_3(estimates, material.campaign),
             check_table(looked_at),
-            unseen_table(searches),
+            *unseen_tables(searches),
         ],
         compensation=_compensation(parts),
         attachments=rotation_files(parts, str(material.campaign["uut"]["serial"])),

@@ -67,7 +67,7 @@ class Rivals:
         at_reference = [entry.conditions.get("temperature_degC", reference_degC) == reference_degC for entry in stated]
         quantities = np.array([entry.quantity for entry in stated])
         self._of = {name: np.flatnonzero((quantities == name) & at_reference) for name in QUANTITIES}
-        self._departures = rows.departures()
+        self._departures = rows.loop.departures()
         self._chance = FALSE_DOUBT / 2.0 / fits / len(self._departures)
 
     def _effect(self, columns: Floats) -> tuple[Floats, dict[str, Floats]]:

@@ -223,6 +223,17 @@ def derivatives(problem: Problem, place: Place, linear: Floats) -> Floats:
     return np.column_stack((by_lag @ linear / (2 * _STEP * lag_s), by_half @ linear / (2 * _STEP * half)))
 
 
+def first_order(problem: Problem, lag_s: float, half_width_degC: float) -> tuple[Floats, Floats]:
+    """Return the columns of the fit about a lag and a half-width, these two last, (m, p + 2), and its residual, (m,).
+
+    Source: Golub and Pereyra (1973): linear parameters solved, lag and half-width by their slopes.
+    """
+    columns = problem.model.columns(lag_s, half_width_degC)
+    linear = np.asarray(np.linalg.lstsq(problem.whiten(columns), problem.white, rcond=None)[0], dtype=np.float64)
+    slopes = derivatives(problem, Place(lag_s, half_width_degC, 0.0), linear)
+    return np.column_stack((columns, slopes)), problem.readings - columns @ linear
+
+
 def _covariance(white_design: Floats, prior_std: Floats) -> tuple[Floats, float]:
     """(J' V^-1 J + prior)^-1, and half the logarithm of its determinant; the prior is on the last parameters."""
     rows, columns = white_design.shape

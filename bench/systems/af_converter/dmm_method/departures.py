@@ -1,0 +1,143 @@
+"""What the data of a DMM campaign say against its model: all visits of all channels as rows of one fit.
+
+Readings are counted currents, against those that the meter read. Free are both counters of each channel and
+temperature, a current of each visit and the leakage of the switch; errors of the meter are known as far as its
+specification. A point that is taken again must show the same unit against the same meter, so its rows are here too.
+Source: docs/decisions/0007-dmm-method.md (model), 0025 (doubt), 0052 (departures).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.analysis import (
+    Estimate,
+    Estimates,
+    Residuals,
+    Searched,
+    departures_of,
+    search,
+)
+from bench.maths.arrays import Flags, Floats
+from bench.maths.verdict import coverage_factor
+from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.dmm_method.estimates import DmmFit
+from bench.systems.af_converter.estimators.dmm_method import Meter, reference_A_of
+from bench.systems.af_converter.estimators.readings import GAIN, RangeSpecification
+from bench.systems.af_converter.estimators.scale_factor import usable_rows
+from bench.systems.af_converter.groups import Group
+from bench.systems.af_converter.scale_factor.departures import PPM, LevelRows, words_of
+
+# Standard, of a counter: one repeat does not tell; four times that stays below half the U of asymmetry.
+_AGAIN_ppm = 0.5
+Visit = tuple[Group, Meter]
+
+
+def searched_rows(
+    fits: Sequence[DmmFit], again: Sequence[Visit], entries: Estimates, campaign: Campaign,
+    register: Mapping[float, RangeSpecification],
+) -> Searched:  # fmt: skip
+    """Return the search of the rows.
+
+    ``again``: points that were taken again, with the readings beside their closed records.
+    """
+    rows = _rows_of(fits, again, campaign, register)
+    residuals, stated = rows.residuals(entries)
+    return Searched(search(residuals, departures_of(rows.labels())), stated, words_of(rows.groups))
+
+
+def _rows_of(
+    fits: Sequence[DmmFit], again: Sequence[Visit], campaign: Campaign, register: Mapping[float, RangeSpecification]
+) -> _Rows:
+    known = {fitted.group.place[:2] for fitted in fits}
+    visits = [(fitted.group, fitted.meter) for fitted in fits]
+    visits += [(group, meter) for group, meter in again if group.place[:2] in known]
+    of_visits, reference_A, std_A = [], [], []
+    for group, meter in visits:
+        usable = _usable(group, meter)
+        rows, read = group.closed.take(usable), meter.take(usable)
+        of_visits.append(replace(rows, range_A=read.range_A))
+        reference_A.append(reference_A_of(rows, read, register))
+        std_A.append(read.std_A)
+    groups = [group for group, _ in visits]
+    return _Rows(groups, of_visits, np.concatenate(reference_A), campaign, fits, register, np.concatenate(std_A))
+
+
+def _usable(group: Group, meter: Meter) -> Flags:
+    return np.asarray(usable_rows(group.closed) & np.isfinite(meter.current_A) & np.isfinite(meter.std_A))
+
+
+@dataclass(frozen=True)
+class _Rows(LevelRows):
+    """Records against the meter. ``std_A`` (r,): of its readings beside each, by their scatter."""
+
+    fits: Sequence[DmmFit]
+    register: Mapping[float, RangeSpecification]
+    std_A: Floats
+
+    def noise_A2(self) -> Floats:
+        """Return the covariance of the readings, (r, r): those of a range have one scatter, as three tell it badly."""
+        range_A, variance = self.column("range_A"), self.std_A**2
+        of_range = {full_A: variance[range_A == full_A].mean() for full_A in np.unique(range_A).tolist()}
+        return super().noise_A2() + np.diag([of_range[full_A] for full_A in range_A.tolist()])
+
+    def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
+        """Return the rows for a search, and the estimates that follow from them."""
+        noise_A2 = self.noise_A2()
+        whiten, white, design = self.whitened(noise_A2, self._free(), self._held())
+        operator, stated = self._operators(entries)
+        return (
+            Residuals(
+                readings=self.counted_A,
+                white=white,
+                design=design,
+                scatter=np.zeros((white.size, 0)),
+                whiten=whiten,
+                operator=operator,
+                expanded=np.array([entry.expanded_uncertainty for entry in stated]),
+                noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator)),
+                on_curve=np.zeros(len(stated), bool),
+            ),
+            stated,
+        )
+
+    def _free(self) -> list[Floats]:
+        """Return what nobody knows: both counters and the leakage of each channel and temperature, the current of each
+        visit.
+        """
+        places = [group.place[:2] for group in self.groups]
+        polarity, driven = self.column("polarity"), self.column("level_A") > 0
+        columns = [1.0 * (self.visit == at) for at in range(len(places))]
+        for place in dict.fromkeys(places):
+            here = np.array([place == other for other in places])[self.visit]
+            columns += [side_A * here for side_A in self.sides_A]
+            if not driven[here].all():  # zeros show the leakage; without them it is taken as negligible
+                columns.append(polarity * here)
+        return columns
+
+    def _held(self) -> list[Floats]:
+        """Return one standard uncertainty of each error of the meter, its gains by range, and of what a counter may
+        differ by when it is visited again.
+        """
+        errors, range_A = self.of_standard(self.register), self.column("range_A")
+        gain_A = errors.pop(GAIN, np.zeros(self.visit.size))
+        columns = [*errors.values(), *(gain_A * (range_A == full_A) for full_A in np.unique(range_A))]
+        for at in range(len(self.fits), len(self.groups)):
+            columns += [PPM * _AGAIN_ppm * side_A * (self.visit == at) for side_A in self.sides_A]
+        return columns
+
+    def _operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
+        """Return what each estimate gains per ampere that is counted, (k, r), and those that follow from the rows."""
+        found: list[tuple[Floats, Estimate]] = []
+        for fitted, part in zip(self.fits, self.slices[: len(self.fits)], strict=True):
+            for entry in entries:
+                operator = fitted.fit.operators_ppm.get(entry.quantity)
+                at = entry.conditions.get("channel"), entry.conditions.get("temperature_degC")
+                if operator is not None and at == fitted.group.place[:2]:
+                    whole = np.zeros(self.visit.size)
+                    whole[part] = -operator[_usable(fitted.group, fitted.meter)]
+                    found.append((whole, entry))
+        return np.array([row for row, _ in found]), [entry for _, entry in found]
