@@ -30,6 +30,7 @@ _NEARLY = 0.02  # of it: shapes are never exactly those of the world
 _AT_ONCE = 1000  # columns: what is computed of them beside takes no more memory than a few of these
 _MOST = 20  # departures, and shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
+_LEAST = 1e-3  # of its size: what is smaller in all readings, such as a warm-up long ago, is none
 _SAME = 1e-4  # columns that differ by less are one
 
 
@@ -315,7 +316,7 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
                 size=f"{finding.size:+.3g} {finding.departure.unit}",
                 move=float(finding.move.max()),
                 others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
-                advice=say(f"departs.advice.{_kind(finding.departure.family)}"),
+                advice=say(f"departs.advice.{_kind(finding.departure)}"),
             )
             entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
             evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
@@ -330,23 +331,25 @@ def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list
 def described(departure: Departure, words: Words) -> str:
     """Return a departure in words: what it is of, where, and its shape."""
     carrier, _, family = departure.family.rpartition(": ")
-    kind, about = _kind(family), dict(departure.about)
+    kind, about = _kind(departure), dict(departure.about)
     shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair") if name in about}
     level = about.pop(family) if kind == "at" else None
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
-    how = say(f"departs.{kind}", **shape, at=words(family, level) if kind == "at" else "",
+    how = say(f"departs.{kind}", **shape, at=words(family, level) if kind in ("at", "own") else "",
               scale=words(scale, None) if kind in ("power", "size") else "", power=power)  # fmt: skip
     where = ", ".join(words(name, value) for name, value in about.items())
     of = words(carrier, None) if carrier else ""
     return ", ".join(part for part in (of, where, how) if part)
 
 
-def _kind(family: str) -> str:
-    """Return the kind of a family of departures: one of its own, or a level, a power, a size of what it names."""
-    name = family.rpartition(": ")[2]
+def _kind(departure: Departure) -> str:
+    """Return the kind of a departure: a general one, a level, a power, a size of what its family names, or its own."""
+    name = departure.family.rpartition(": ")[2]
     if name in _FAMILIES:
         return name.replace(" ", "_").replace("-", "_")
-    return "power" if "^" in name else "size" if name.endswith(" absolute") else "at"
+    if "^" in name or name.endswith(" absolute"):
+        return "power" if "^" in name else "size"
+    return "at" if name in departure.about else "own"
 
 
 # --- departures that labels make --------------------------------------------------------------------------------------
@@ -382,7 +385,7 @@ class Labels:
 
 _FAMILIES = ("step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged")
 _NAMED = 2  # of the other explanations
-_DAY_h = 24.0
+_DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
 _CYCLES = (2.0, 1.5, 1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.32, 0.25, 0.2, 0.16)
 
@@ -407,7 +410,7 @@ def departures_of(labels: Labels) -> list[Departure]:
                 for family, about, shape in shapes:
                     effect = everywhere[:, None] * shape.reshape(one.size, -1)
                     key = effect.tobytes()
-                    if family not in where and key not in seen and effect.any():
+                    if family not in where and key not in seen and np.abs(effect).max() > _LEAST * np.abs(one).max():
                         seen.add(key)
                         own = (carrier, family) in labels.own
                         whole = everywhere if family in in_visits else None
@@ -443,8 +446,9 @@ def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) ->
 def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
     """Yield what lies behind each reading of a visit but its first."""
     number = np.arange(labels.visit.size)
-    for visit in labels.begins_h:
-        for record, at in enumerate(number[labels.visit == visit][1:].tolist(), start=2):
+    for visit, begins_h in labels.begins_h.items():
+        later = labels.hours - labels.hours.min() > begins_h
+        for record, at in enumerate(number[(labels.visit == visit) & later].tolist(), start=2):
             yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
 
 
@@ -465,7 +469,7 @@ def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
     yield "drift", {}, since_h / span_h
     for part in _SETTLES:
         yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
-    for period_h in (_DAY_h, *(part * span_h for part in _CYCLES)):
+    for period_h in (*([_DAY_h] if _DAY_h < _LONGEST * span_h else []), *(part * span_h for part in _CYCLES)):
         angle = 2.0 * np.pi * since_h / period_h
         yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
     for name, (scale, powers) in labels.scales.items():
