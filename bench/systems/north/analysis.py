@@ -17,8 +17,8 @@ import numpy as np
 from bench.analysis import Analysis, Document, Estimates, Material, check_method, estimate, stated_limits
 from bench.model.errors import FitError
 from bench.systems.north.declaration import DECLARATION
+from bench.systems.north.departures import evidence
 from bench.systems.north.estimators.eight_samples import IndexCalibration
-from bench.systems.north.evidence import evidence
 from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.report import north_notes, tables
 from bench.systems.north.sets import COSINE, SENSES, SINE, TEST, north_sets

@@ -45,7 +45,8 @@ _AZIMUTHS = ("azimuth", "azimuth_error", "azimuth_rms_error")
 _NO_SIGNAL_deg = 20.0  # of one set: a direction is lost in its noise
 _MOST_RATE = 0.05  # of the stated rate; a serial line hands samples over in blocks
 _LEAST_deg = 1e-3  # steps of level and lock-ins
-_OTHER, _STEADY = 20.0, 2.0  # %, of amplitude and noise from set to set, where parameters may vary and where not
+_VARIES, _STEADY = 0.2, 0.02  # of amplitude and noise from set to set, where parameters may vary and where not
+_ROUNDING = 1e-6  # of the amplitude: noise that is none
 _PERCENT = math.degrees(0.01)  # what 1 % of the signal turns north by, if it lies across
 _dB = math.log(10.0) / 20.0
 LOCK_IN, WAVEFORM, HEADING, AMPLITUDE, NOISE = range(5)  # readings of a set
@@ -132,7 +133,7 @@ class Rows:
                 first = np.flatnonzero(own & np.isfinite(azimuth_deg))
                 if first.size and not np.isfinite(at_deg[own]).any():
                     at_deg[own] = azimuth_deg[first[0]]
-        return at_deg
+        return np.nan_to_num(at_deg)
 
     @cached_property
     def groups(self) -> dict[tuple[str, str, float, str], Flags]:
@@ -146,36 +147,42 @@ class Rows:
         column[list(readings)] = size
         return column.ravel()
 
-    def _of_raw(self, name: str) -> Floats:
-        return np.array([math.nan if one is None else float(getattr(one, name)) for one in self.solution.raw])
+    @cached_property
+    def raw(self) -> tuple[Floats, Floats, Floats]:
+        """Amplitude and noise of the waveforms, V, and their samples, (n,) each; NaN where there are none."""
+        each = [
+            (math.nan,) * 3 if one is None else (float(one.amplitude), float(one.noise_V), float(one.samples))
+            for one in self.solution.raw
+        ]
+        amplitude_V, noise_V, samples = np.array(each).reshape(-1, 3).T
+        return amplitude_V, np.hypot(noise_V, _ROUNDING * amplitude_V), samples
 
     @cached_property
     def readings(self) -> Floats:
         """Azimuths beside the heading (deg), 0 of the stated one, amplitude (%) and noise (dB) beside their means."""
-        by_method = self.solution.by_method
+        by_method, (amplitude_V, noise_V, _) = self.solution.by_method, self.raw
         azimuths = [wrapped_deg(by_method[one].azimuth_deg - self.heading_deg) for one in (LEAST_SQUARES, LIKELIHOOD)]
-        size, noise = self._of_raw("amplitude"), np.log(self._of_raw("noise_V")) / _dB
-        beside = [100.0 * (size / np.nanmean(size) - 1.0), noise - np.nanmean(noise)] if self.found[NOISE].any() else []
-        every = np.array([*azimuths, np.zeros(size.size), *(beside or np.zeros((2, size.size)))])
-        return np.asarray(np.where(self.found, every, 0.0).ravel())
+        mean_V, whole_V = (
+            float(one[self.found[NOISE]].mean()) if self.found[NOISE].any() else 1.0 for one in (amplitude_V, noise_V)
+        )
+        sizes = [100.0 * (amplitude_V / mean_V - 1.0), np.log(noise_V / whole_V) / _dB]
+        return np.asarray(np.where(self.found, [*azimuths, 0.0 * noise_V, *sizes], 0.0).ravel())
 
     @cached_property
     def std(self) -> Floats:
-        """Noise of each reading, (5, n)."""
-        lock_in_deg, waveform_deg = (
-            math.hypot(self.solution.by_method[method].noise_deg, _LEAST_deg) for method in (LEAST_SQUARES, LIKELIHOOD)
-        )
-        samples = self._of_raw("samples")
-        white = np.sqrt(2.0 / samples) * self._of_raw("noise_V") / self._of_raw("amplitude")
-        one = np.ones(samples.size)
-        return np.array([lock_in_deg * one, waveform_deg * one, 0.0 * one, 100.0 * white, np.sqrt(0.5 / samples) / _dB])
+        """Noise of each reading, (5, n); 0 where there is none."""
+        amplitude_V, noise_V, samples = self.raw
+        by_method = [self.solution.by_method[method] for method in (LEAST_SQUARES, LIKELIHOOD)]
+        azimuths = [np.full(samples.size, math.hypot(one.noise_deg, _LEAST_deg)) for one in by_method]
+        sizes = [100.0 * np.sqrt(2.0 / samples) * noise_V / amplitude_V, np.sqrt(0.5 / samples) / _dB]
+        return np.where(self.found, [*azimuths, 0.0 * samples, *sizes], 0.0)
 
     def residuals(self, of: str, explained: Sequence[Floats]) -> Residuals | None:
         """Return the rows of azimuths, amplitudes or noise beside what is explained, (5 n, g); None without any."""
         free, held, scatter = self._azimuths() if of == "azimuth" else self._sizes(of)
         free = [*free, *(column for effect in explained for column in effect.T)]
         weights = self._weights(of)
-        if not len(weights):
+        if not len(weights) or not self.entries:
             return None
 
         def whiten(columns: Floats) -> Floats:
@@ -184,18 +191,17 @@ class Rows:
         design = whiten(np.column_stack([*free, *held]))
         design[len(weights) :, len(free) :] = np.eye(len(held))
         operator = np.array([self._operator(entry) for entry in self.entries])
-        std = np.where(self.found, self.std, 0.0).ravel()
         by_waveform = self.found[WAVEFORM].any()
         judged = self.solution.by_method[LIKELIHOOD if by_waveform else LEAST_SQUARES]
         return Residuals(
-            readings=self.readings,
+            readings=np.zeros(self.readings.size),  # nothing is in proportion to a reading
             white=whiten(self.readings[:, None])[:, 0],
             design=design,
             scatter=whiten(np.column_stack(scatter)),
             whiten=whiten,
             operator=operator,
             expanded=np.array([float(entry.expanded_uncertainty) for entry in self.entries]),
-            noise=coverage_factor() * np.sqrt(operator**2 @ std**2),
+            noise=coverage_factor() * np.sqrt(operator**2 @ self.std.ravel() ** 2),
             on_curve=np.zeros(len(self.entries), bool),
             noise_dof=judged.dof if of == "azimuth" else math.inf,
         )
@@ -203,17 +209,14 @@ class Rows:
     def _weights(self, of: str) -> Floats:
         """Return rows, (m, 5 n): a reading over its noise; by the lock-ins beside the waveform, if there is one."""
         one = np.eye(self.found.size).reshape(*self.found.shape, -1)
-        rows = []
-        for k, (lock_in, waveform, _, *_) in enumerate(self.found.T):
-            if of != "azimuth":
-                (kind,) = _CARRIERS[of][1]
-                rows += [one[kind, k] / self.std[kind, k]] if waveform else []
-                continue
-            rows += [one[WAVEFORM, k] / self.std[WAVEFORM, k]] if waveform else []
-            if lock_in:
-                apart = (one[LOCK_IN, k] - one[WAVEFORM, k]) / _LEAST_deg
-                rows.append(apart if waveform else one[LOCK_IN, k] / self.std[LOCK_IN, k])
-        return np.array(rows)
+        kind = _CARRIERS[of][1][-1]
+        rows = one[kind][self.found[kind]] / self.std[kind][self.found[kind]][:, None]
+        if of != "azimuth":
+            return np.asarray(rows)
+        lock_in, waveform = self.found[:2]
+        beside = one[LOCK_IN] - waveform[:, None] * one[WAVEFORM]
+        noise_deg = np.where(waveform, _LEAST_deg, self.std[LOCK_IN])
+        return np.vstack([rows, beside[lock_in] / noise_deg[lock_in][:, None]])
 
     def _azimuths(self) -> tuple[list[Floats], list[Floats], list[Floats]]:
         """Return what is free, what is known as far as stated, and what scatters, of the azimuths."""
@@ -225,7 +228,7 @@ class Rows:
         held = [self.at(both, known * math.hypot(solution.site.azimuth_std_deg, solution.tilted_deg))]
         held += [self.at(both, own * solution.tilted_deg) for own in self.groups.values()]
         apart_deg = [math.sqrt(2.0) * solution.swing_deg, by_lock_ins.common_deg if solution.unsteady else 0.0]
-        noise_deg = np.where(self.found[WAVEFORM], math.hypot(by_lock_ins.noise_deg, self.std[WAVEFORM, 0]), 0.0)
+        noise_deg = np.where(self.found[WAVEFORM], np.hypot(*self.std[:2]), 0.0)
         scatter = np.diag(np.hypot(math.hypot(*apart_deg), noise_deg))
         return free, [one for one in held if one.any()], [self.at([LOCK_IN], one) for one in scatter]
 
@@ -237,7 +240,8 @@ class Rows:
         lean = np.array([0.1 * tangent * math.hypot(*(own.tilt_mrad or (0.0, 0.0))) for own in self.solution.sets])
         free = [self.at([kind], parameters == one) for one in dict.fromkeys(parameters.tolist())]
         held = [self.at([kind], own * lean) for own in self.groups.values()] if kind == AMPLITUDE else []
-        scatter = np.diag(np.where(np.isin(parameters, ["", VARYING]), _OTHER, _STEADY))
+        unit = 100.0 if kind == AMPLITUDE else 1.0 / _dB
+        scatter = np.diag(unit * np.where(np.isin(parameters, ["", VARYING]), _VARIES, _STEADY))
         return free, [one for one in held if one.any()], [self.at([kind], one) for one in scatter]
 
     def departures(self, carriers: Sequence[str]) -> list[Departure]:
@@ -277,7 +281,7 @@ class Rows:
             "sense": self.solution.sense,
             "known": np.isfinite(self.solution.known_deg),
         }
-        several = {name: np.tile(one, 5) for name, one in kinds.items() if np.unique(one).size > 1}
+        several = {name: np.tile(one, 5) for name, one in kinds.items() if name == "item" or np.unique(one).size > 1}
         hours = np.array([(own.begin_s + own.end_s) / 7200.0 for own in sets])
         return Labels(
             kinds=several,
@@ -285,7 +289,7 @@ class Rows:
             visit=np.tile(np.arange(len(sets)), 5),
             carriers={name: (_CARRIERS[name][0], self.at(_CARRIERS[name][1])) for name in carriers},
             scales={"head": (np.tile(kinds["head"] / 360.0, 5), (1,))},
-            scopes=[(), *([("item",)] if "item" in several else [])],
+            scopes=[(), ("item",)],
         )
 
     def words(self, label: str, value: Any) -> str:
@@ -296,8 +300,9 @@ class Rows:
             return self.solution.sets[int(value)].name
         if label in ("known", "sense"):
             return say(f"departs.{label}_{int(value) > 0}")
-        shown = {"item": item_name, "place": place_name}.get(label, lambda one: one)(value)
-        return say(f"departs.{label}", value=shown)
+        if label in ("item", "place"):
+            return item_name(value) if label == "item" else place_name(value)
+        return say(f"departs.{label}", value=value)
 
     def _operator(self, entry: Estimate) -> Floats:
         """Return what an estimate gains per unit of each reading, (5 n,)."""

@@ -3,11 +3,16 @@
 Samples carry the sense of rotation in the encoder; lock-in readings need it stated, and are taken as those of ideal
 lock-ins and index pulses: a log has no calibration at a known azimuth.
 
-Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``.
+What departs from one signal, one offset and noise is looked for in means over parts of the turn and of the log; noise
+is that from turn to turn, and the offset may walk.
+
+Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``;
+docs/decisions/0052-departures.md.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,24 +23,30 @@ from bench.analysis import (
     Evidence,
     Figure,
     Floats,
+    Labels,
     Material,
+    Residuals,
     Table,
     check_method,
     curve,
+    departures_of,
     estimate,
+    evidence_of,
+    search,
     value_and_uncertainty,
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
 from bench.systems.north.estimators.eight_samples import eight_sample_north
-from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
 from bench.systems.north.wording import say, sense_name
 
 METHODS: tuple[str, ...] = ("as_mapped",)
 _HARMONICS = (2, 3, 4, 5)
 _LARGEST_deg = 20.0  # half an interval of a direction beyond which nothing of north is known
+_PARTS, _SECTORS = 24, 16  # of the log, of the turn: means over them are what departures are looked for in
 _SENSES = {"counter_clockwise": 1, "clockwise": -1}
 
 
@@ -77,7 +88,9 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
     if bool(found.widened):
         notes.append(say("log.widened"))
     figure = _samples(output, theta_deg, float(found.amplitude), unit)
-    return _analysis(material, entries, _doubt(float(found.half_width_deg())), notes, [figure])
+    evidence = _doubt(float(found.half_width_deg()))
+    evidence = evidence or _departed(entries, *_of_turns(material.series["t_s"], output, theta_deg, found, unit))
+    return _analysis(material, entries, evidence, notes, [figure])
 
 
 def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
@@ -104,7 +117,11 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
         [curve(say("axis.set"), np.arange(1.0, sets + 1.0), each_deg, "points")],
     )  # fmt: skip
     notes = [say("log.ideal", sets=sets, sense=sense_name(sense))]
-    return _analysis(material, entries, _doubt(coverage_factor(dof) * std_deg), notes, [figure])
+    evidence = _doubt(coverage_factor(dof) * std_deg)
+    evidence = evidence or _departed(
+        entries, *_of_sets(material.series["t_s"][::POSITIONS][:sets], each_deg, std_deg, dof)
+    )
+    return _analysis(material, entries, evidence, notes, [figure])
 
 
 def _doubt(half_deg: float) -> list[Evidence]:
@@ -112,6 +129,86 @@ def _doubt(half_deg: float) -> list[Evidence]:
     if half_deg <= _LARGEST_deg:
         return []
     return [Evidence("no_signal", say("log.no_signal", half=half_deg, most=_LARGEST_deg), half_deg, 0.0, refuses=True)]
+
+
+def _departed(entries: Estimates, residuals: Residuals, labels: Labels) -> list[Evidence]:
+    """Return what departs, against the estimates of a log."""
+
+    def words(label: str, value: Any) -> str:
+        return say(f"departs.of.{label}") if value is None else say(f"departs.{label}", value=value)
+
+    expanded = np.array([float(entry.expanded_uncertainty) for entry in entries])
+    rows = replace(residuals, expanded=expanded, noise=expanded)
+    return evidence_of(search(rows, departures_of(labels)), entries, words)
+
+
+def _of_turns(
+    t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth, unit: str
+) -> tuple[Residuals, Labels]:
+    """Return means of the output over sectors of the turn and parts of the log, as the rows of one fit."""
+    good = np.isfinite(output) & np.isfinite(theta_deg)
+    t_s, output, angle = t_s[good], output[good], np.deg2rad(np.mod(theta_deg[good], 360.0))
+    turned = np.abs(np.unwrap(angle) - angle[0]) / (2.0 * np.pi)
+    part = np.floor(turned * min(1.0, _PARTS / max(np.ceil(turned.max()), 1.0)))
+    cell = np.unique(part * _SECTORS + np.floor(angle * _SECTORS / (2.0 * np.pi)), return_inverse=True)[1]
+    count = np.bincount(cell)
+
+    def mean(column: Floats) -> Floats:
+        return np.asarray(np.bincount(cell, column) / count)
+
+    orders = [function(order * angle) for order in (1, *_HARMONICS) for function in (np.sin, np.cos)]
+    columns = np.column_stack([mean(column) for column in (*orders, np.ones(angle.size))])
+    size, phi = float(found.amplitude), np.deg2rad(float(found.phi_deg))
+    noise = float(found.noise_V)
+    if bool(found.widened):  # from turn to turn, so that what is slower is none of it
+        slope, turn = np.cos(angle + phi), turned.astype(np.int64)
+        square = np.bincount(turn, slope**2)
+        whole = square > 0.5 * square.max()
+        score_V = np.diff(np.bincount(turn, (output - found.offset_V) * slope)[whole] / np.sqrt(square[whole]))
+        noise = max(noise, float(np.sqrt(np.mean(score_V**2) / 2.0)))
+    weight = np.sqrt(count) / noise
+    design = weight[:, None] * columns
+    values = np.linalg.lstsq(design, weight * mean(output), rcond=None)[0]
+    along, across = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
+    operator = np.array([np.rad2deg(across) / size, along]) @ (np.linalg.pinv(design)[:2] * weight)
+    number = mean(part).astype(np.int64)
+    walk = np.asarray((number[:, None] >= np.unique(number)[1:]) * size)
+    rows = _residuals(weight, mean(output) - columns @ values, design, walk, operator, float(found.dof))
+    return rows, Labels(
+        kinds={"sector": np.rint(mean(np.floor(angle * _SECTORS / (2.0 * np.pi)))) * (360.0 / _SECTORS)},
+        hours=mean(t_s) / 3600.0,
+        visit=number,
+        carriers={
+            "output": (unit, np.ones(count.size)),
+            "amplitude": ("%", 0.01 * size * columns[:, :2] @ along),
+            "azimuth": ("deg", np.deg2rad(size) * columns[:, :2] @ across),
+        },
+    )
+
+
+def _of_sets(t_s: Floats, each_deg: Floats, std_deg: float, dof: float) -> tuple[Residuals, Labels]:
+    """Return the azimuths of all sets of a log about their mean, as means over parts of the log."""
+    part = np.arange(each_deg.size) * min(each_deg.size, _PARTS * _SECTORS) // each_deg.size
+    count = np.bincount(part)
+    weight = np.sqrt(count / each_deg.size) / std_deg
+    one = np.ones((count.size, 1))
+    rows = _residuals(
+        weight, np.bincount(part, each_deg) / count, weight[:, None] * one, 0.0 * one, count[None] / each_deg.size, dof
+    )
+    number = np.arange(count.size) * min(count.size, _PARTS) // count.size
+    hours = np.bincount(part, t_s) / count / 3600.0
+    return rows, Labels(kinds={"part": number}, hours=hours, visit=number, carriers={"azimuth": ("deg", one[:, 0])})
+
+
+def _residuals(
+    weight: Floats, left: Floats, design: Floats, scatter: Floats, operator: Floats, dof: float
+) -> Residuals:
+    """Return rows of which nothing is in proportion to a reading; uncertainties are those of the estimates."""
+    none = np.zeros(len(operator))
+    return Residuals(
+        np.zeros(left.size), weight * left, design, weight[:, None] * scatter, lambda effect: weight[:, None] * effect,
+        operator, none, none, np.zeros(len(operator), bool), dof,
+    )  # fmt: skip
 
 
 def _analysis(

@@ -15,7 +15,7 @@ from one_estimate import every
 
 from bench.analysis import Evidence, build_results, estimates_of
 from bench.commands.import_log import import_log
-from bench.maths.tests import best_step
+XX
 from bench.model.errors import FitError, InputErrors
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
