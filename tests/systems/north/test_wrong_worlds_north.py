@@ -40,7 +40,7 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: flo
         ("restless", 5.0, 20, ["North is not the same in every set"]),
         ("delay_after_move", 10.0, 2, ["zimuth by the lock-ins (delay, index), at search only: -10"]),
         ("noisy_field", 10.0, 2, ["Noise, at search only: +20.7 dB"]),
-        ("head_scale", 0.03, 10, ["in proportion to", "+10.8"]),
+        ("head_scale", 0.03, 10, ["the angle of the dividing head: +10."]),
     ],
 )
 def test_what_is_wrong_is_named_with_its_size(name: str, size: float, doubted: int, words: list[str]) -> None:
