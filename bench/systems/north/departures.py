@@ -188,7 +188,7 @@ class Rows:
         def whiten(columns: Floats) -> Floats:
             return np.vstack([weights @ columns, np.zeros((len(held), columns.shape[1]))])
 
-        design = whiten(np.column_stack([*free, *held]))
+        design = whiten(np.reshape([*free, *held], (-1, self.found.size)).T)
         design[len(weights) :, len(free) :] = np.eye(len(held))
         operator = np.array([self._operator(entry) for entry in self.entries])
         by_waveform = self.found[WAVEFORM].any()

@@ -255,7 +255,7 @@ def test_it_is_printed_beside_the_bound() -> None:
     assert ratio["least_squares"] == pytest.approx(np.sqrt(80.0 * 5.0 / (32.0 * 3.0) / 4.0), abs=3e-3)  # 32 T/5 each
     assert ratio["quadrant"] > 1.5
     assert ["literal" in sentence for sentence in document["missing"]] == [True]
-    assert {entry.quantity for entry in document["estimates"]} >= {"azimuth", "azimuth_error", "index_placement"}
+    assert {entry["quantity"] for entry in document["estimates"]} >= {"azimuth", "azimuth_error", "index_placement"}
 
 
 @pytest.mark.parametrize(

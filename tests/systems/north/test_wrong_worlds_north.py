@@ -32,7 +32,7 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: flo
     ("name", "size", "doubted", "words"),
     [
         ("once_per_turn", 0.1, 20, ["once per turn of the bench", "+5.7"]),  # 0.1 of the amplitude: 5.73 deg
-        ("modulated", 0.1, 20, ["twice per turn of the bench", "+2.8"]),  # half of it: 2.86 deg
+        ("modulated", 0.1, 15, ["twice per turn of the bench", "+2.8"]),  # half of it: 2.86 deg
         ("field_motor", 0.1, 5, ["mplitude of the signal, at search only: +7."]),
         ("mark_wrong", 5.0, 20, ["at mark only: +5."]),
         ("bench_turns", 10.0, 20, ["drift over the campaign: +10"]),
