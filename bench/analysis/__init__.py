@@ -31,7 +31,7 @@ from bench.analysis.coefficients import (
     source_of,
     validate_coefficients,
 )
-from bench.analysis.departures import Departure, Labels, Residuals, Words, departures_of, evidence_of, search
+from bench.analysis.departures import Departure, Residuals, powers, search
 from bench.analysis.doubt import (
     DOUBTFUL,
     FALSE_DOUBT,
@@ -63,6 +63,7 @@ from bench.analysis.estimates import (
     use_of,
 )
 from bench.analysis.expected import judged_values
+from bench.analysis.families import Labels, Words, departures_of, evidence_of, unseen_table
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series, worded_table
 from bench.analysis.foreseen import foreseen_material
 from bench.analysis.form import Closed, Document, check_form, schema_of
@@ -187,6 +188,7 @@ __all__ = [
     "picture",
     "place_of",
     "placed",
+    "powers",
     "results_json",
     "results_schema",
     "rule_of",
@@ -202,6 +204,7 @@ __all__ = [
     "stated_limits",
     "stated_value",
     "unit_text",
+    "unseen_table",
     "use_of",
     "validate_coefficients",
     "validate_results",

@@ -11,26 +11,24 @@ Source: docs/decisions/0052-departures.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
 
-from bench.analysis.doubt import CERTAIN, DEPARTS, FALSE_DOUBT, LEAST_MOVE, Evidence
-from bench.analysis.estimates import Estimate
-from bench.analysis.wording import say
+from bench.analysis.doubt import FALSE_DOUBT, LEAST_MOVE
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import f_tail
 
 _SEEN = 1e-6  # of a column: what the projection leaves of one that no data can show is rounding
 _ALIKE = 9.0  # of twice a log-likelihood: less says nothing on which of two is true
 _NEARLY = 0.02  # of it: shapes are never exactly those of the world
-_AT_ONCE = 1000  # columns: what is computed of them beside takes no more memory than a few of these
-_MOST = 20  # departures, and shapes that are an item's own
+_AT_ONCE = 200  # columns: what is computed of them beside takes no more memory than a few of these
+_FEW = 3  # departures: what they do not explain is told of all at once
+_MOST = 20  # of them with shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
-_LEAST = 1e-3  # of its size: what is smaller in all readings, such as a warm-up long ago, is none
+_NOT_MISSED = 1e3  # noncentrality: seen by any search
 _SAME = 1e-4  # columns that differ by less are one
 
 
@@ -41,15 +39,17 @@ class Departure:
     ``family``: names its sentence.   ``effect``: on the readings, (r, g), in their unit; several columns are one
     departure of which only the direction is unknown, such as a phase.   ``about``: label values that it is confined to.
     ``whole`` (r,): the same in all visits, of what is in some of them: the data do not say which visits are right.
-    ``is_own``: the item may be so, as a further order of its curve, which the uncertainty of coefficients carries.
+    ``beside`` (q,): of one column on the last rows of the fit, which are no readings, in units of their noise.
+    ``own``: up to which size the item may be so, as a further order of its curve, which its coefficients carry.
     """
 
     family: str
     unit: str
     effect: Floats
     about: Mapping[str, Any] = field(default_factory=dict)
-    is_own: bool = False
+    own: float = 0.0
     whole: Floats | None = None
+    beside: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,8 @@ class Residuals:
     by how much they do is not known. ``noise_dof``: degrees of freedom of the estimate of the noise. ``operator``
     (k, r): what an estimate gains per unit of each reading. ``expanded``, ``noise`` (k,): its expanded uncertainty, and
     the part of it that the noise makes. ``on_curve`` (k,): coefficients of curves, which carry what these leave over.
+    ``rest``: chi-square and degrees of freedom of what no departure enters, beside the rows. ``shift``: what an effect
+    on the readings, (r,), moves the estimates by, (k,), where that is known beyond the operator.
     """
 
     readings: Floats
@@ -74,6 +76,8 @@ class Residuals:
     noise: Floats
     on_curve: Flags
     noise_dof: float = math.inf
+    rest: tuple[float, int] = (0.0, 0)
+    shift: Callable[[Floats], Floats] | None = None
 
 
 @dataclass(frozen=True)
@@ -91,13 +95,29 @@ class Finding:
     move: Floats
     moves: Floats
 
+    @property
+    def is_own(self) -> bool:
+        """Whether the item may be so."""
+        return abs(self.size) <= self.departure.own
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """A departure whose ``size`` moves estimate ``first`` by its uncertainty; the data show it from ``seen`` on."""
+
+    departure: Departure
+    size: float
+    seen: float
+    first: int
+
 
 @dataclass(frozen=True)
 class Search:
     """Outcome of a search: departures, and a chi-square that none explains.
 
-    ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over; 1
-    where one departure is not enough. ``is_noise``: the chi-square may be chance.
+    ``unseen``: of each family what moves an estimate first, where it would not have been found then.
+    ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over;
+    ``is_noise``: that may be chance.   ``together`` (k,): what rests on rows in which more than one thing departs.
     """
 
     findings: Sequence[Finding]
@@ -105,13 +125,15 @@ class Search:
     dof: int
     is_noise: bool
     unexplained: Floats
+    together: Flags
+    unseen: Sequence[Unseen]
 
     @property
     def doubted(self) -> Flags:
         """Which estimates (k,) are not sound; what is an item's own is none where nothing else departs."""
-        departs = not all(finding.departure.is_own for finding in self.findings)
+        departs = not all(finding.is_own for finding in self.findings)
         moved = [finding.moves > LEAST_MOVE for finding in self.findings if departs]
-        return np.asarray(np.any([*moved, self.unexplained > LEAST_MOVE], axis=0))
+        return np.asarray(np.any([*moved, self.unexplained > LEAST_MOVE, self.together], axis=0))
 
 
 def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0) -> Search:
@@ -125,27 +147,68 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     """
     left = _Left(rows, departures)
     chance = FALSE_DOUBT * share / 2.0 / max(left.distinct(), 1)
+    unseen = _unseen(rows, departures, np.sqrt(left.bounds(chance)), left)
     findings: list[Finding] = []
     departing = np.zeros(rows.readings.size, bool)
-    further = np.zeros(rows.expanded.size)
+    together = np.zeros(rows.expanded.size, bool)
     while len(findings) < _MOST:
         gains, sizes = left.fitted()
         best = int(np.argmax(gains / left.bounds(chance)))
         if gains[best] < left.bounds(chance)[best]:
+            break
+        if sum(not finding.is_own for finding in findings) == _FEW:
+            together[:] = True
             break
         near = np.flatnonzero(left.visible & (gains[best] - gains < max(_ALIKE, _NEARLY * gains[best])))
         alike = near[np.argsort(-gains[near])].tolist()
         judged = [at for at in alike if not (_touched(departures[at]) & ~departing).any()] or alike
         findings.append(_finding(rows, departures, best, judged, gains, sizes))
         if (_touched(departures[judged[0]]) & departing).any():
-            further = np.maximum(further, np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0)
-        departing |= _touched(departures[best]) & (not departures[best].is_own)
+            together |= np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0
+        departing |= _touched(departures[best]) & (not findings[-1].is_own)
         left.take_out(best)
-    chi2, dof = left.chi2()
-    is_noise = not dof or f_tail(chi2 / dof, dof, rows.noise_dof) > FALSE_DOUBT * share / 2.0
-    excess = 0.0 if is_noise else chi2 / dof - 1.0
+    parts = [(chi2 / dof, chi2, dof) for chi2, dof in (left.chi2(), rows.rest) if dof]
+    odd = [part for part in parts if f_tail(part[0], part[2], rows.noise_dof) * len(parts) <= FALSE_DOUBT * share / 2.0]
+    ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
+    excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, is_noise, np.where(rows.on_curve, 0.0, np.maximum(grown, further)))
+    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, grown), together, unseen)
+
+
+def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, left: _Left) -> list[Unseen]:
+    """Return what is not found though it moves an estimate; ``needed`` (d,): length of a column that is."""
+    first: dict[str, Unseen] = {}
+    length = np.sqrt(left.square[left.first])
+    for start in range(0, len(departures), _AT_ONCE):
+        some = departures[start : start + _AT_ONCE]
+        effects = np.column_stack([departure.effect[:, 0] for departure in some])
+        moves = np.abs(rows.operator @ effects) / rows.expanded[:, None]
+        moves[moves < _SEEN * (np.abs(rows.operator) @ np.abs(effects)) / rows.expanded[:, None]] = 0.0  # rounding
+        for at, (departure, move) in enumerate(zip(some, moves.T, strict=True), start=start):
+            if not departure.own and length[at] < needed[at] * move.max():
+                seen = float(needed[at] / length[at]) if length[at] else math.inf
+                one = Unseen(departure, float(1.0 / move.max()), seen, int(move.argmax()))
+                family = departure.family
+                first[family] = min(first.get(family, one), one, key=lambda known: known.size)
+    return sorted(first.values(), key=lambda one: one.departure.family)
+
+
+def powers(rows: Residuals, departures: Sequence[Departure], share: float = 1.0) -> Floats:
+    """Return how surely a search would show each departure that moves an estimate by its expanded uncertainty, (d, k).
+
+    Args:    rows: of a plan, on nominal material.   departures, share: as ``search``; of several columns the first.
+    Returns: probabilities; 1 where nothing is moved.
+    Raises:  nothing.
+    Source:  noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
+    """
+    from scipy import special
+
+    left = _Left(rows, departures)
+    bounds = left.bounds(FALSE_DOUBT * share / 2.0 / max(left.distinct(), 1))
+    effects = np.column_stack([departure.effect[:, 0] for departure in departures])
+    moves = np.maximum(np.abs(rows.operator @ effects) / rows.expanded[:, None], _SEEN).T
+    noncentrality = np.minimum(left.square[left.first][:, None] / moves**2, _NOT_MISSED)
+    return np.asarray(1.0 - special.chndtr(bounds[:, None], left.count[:, None], noncentrality))
 
 
 def _touched(departure: Departure) -> Flags:
@@ -174,6 +237,8 @@ def _moves(rows: Residuals, effect: Floats) -> Floats:
 
     To second order: what is in proportion to a reading changes it by the square of its part, too.
     """
+    if rows.shift:
+        return np.abs(rows.shift(effect)) / rows.expanded
     large = np.abs(rows.readings) > np.abs(effect)
     square = np.divide(effect**2, rows.readings, out=np.zeros_like(effect), where=large)
     return np.asarray((np.abs(rows.operator @ effect) + np.abs(rows.operator @ square)) / rows.expanded)
@@ -194,6 +259,9 @@ class _Left:
             some = departures[start : start + _AT_ONCE]
             white = rows.whiten(np.column_stack([departure.effect for departure in some]))
             self.columns[:, self.first[start] : self.first[start] + white.shape[1]] = white
+        for first, departure in zip(self.first.tolist(), departures, strict=True):
+            if departure.beside is not None:
+                self.columns[-departure.beside.size :, first] = departure.beside
         self.whole = np.sqrt(np.einsum("nc,nc->c", self.columns, self.columns))
         self.error, self.scatter, self.dof = rows.white, rows.scatter, rows.white.size
         self.noise_dof = rows.noise_dof
@@ -294,185 +362,3 @@ def _orthonormal(design: Floats) -> Floats:
     length = np.linalg.norm(design, axis=0)
     left, singular, _ = np.linalg.svd(design / np.where(length > 0.0, length, 1.0), full_matrices=False)
     return np.asarray(left[:, singular > 1e-10 * singular.max(initial=0.0)])
-
-
-# --- what is said of them ---------------------------------------------------------------------------------------------
-
-Words = Callable[[str, Any], str]  # a label, carrier or scale and its value, as a person says it
-
-
-def evidence_of(found: Search, stated: Sequence[Estimate], words: Words) -> list[Evidence]:
-    """Return what a search says against the estimates that follow from its rows, one entry for each thing."""
-    evidence: list[Evidence] = []
-    doubted = found.doubted
-    for finding in found.findings:
-        moved = (finding.moves > LEAST_MOVE) & doubted
-        if moved.any():
-            name = described(finding.departure, words)
-            alike = [other for other in dict.fromkeys(described(one, words) for one in finding.equals) if other != name]
-            said = say(
-                "departs",
-                what=name[:1].upper() + name[1:],
-                size=f"{finding.size:+.3g} {finding.departure.unit}",
-                move=float(finding.move.max()),
-                others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
-                advice=say(f"departs.advice.{_kind(finding.departure)}"),
-            )
-            entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
-            evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
-    left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
-    if left or not found.is_noise:
-        said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)
-        move = float(found.unexplained.max(initial=0.0))
-        evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
-    return evidence
-
-
-def described(departure: Departure, words: Words) -> str:
-    """Return a departure in words: what it is of, where, and its shape."""
-    carrier, _, family = departure.family.rpartition(": ")
-    kind, about = _kind(departure), dict(departure.about)
-    shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair") if name in about}
-    level = about.pop(family) if kind == "at" else None
-    scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
-    how = say(f"departs.{kind}", **shape, at=words(family, level) if kind in ("at", "own") else "",
-              scale=words(scale, None) if kind in ("power", "size") else "", power=power)  # fmt: skip
-    where = ", ".join(words(name, value) for name, value in about.items())
-    of = words(carrier, None) if carrier else ""
-    return ", ".join(part for part in (of, where, how) if part)
-
-
-def _kind(departure: Departure) -> str:
-    """Return the kind of a departure: a general one, a level, a power, a size of what its family names, or its own."""
-    name = departure.family.rpartition(": ")[2]
-    if name in _FAMILIES:
-        return name.replace(" ", "_").replace("-", "_")
-    if "^" in name or name.endswith(" absolute"):
-        return "power" if "^" in name else "size"
-    return "at" if name in departure.about else "own"
-
-
-# --- departures that labels make --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Labels:
-    """Labels of the readings of a fit, (r,) each: ``kinds`` have values, ``scales`` are numbers with powers to try.
-
-    ``hours``: time; ``visit``: which readings follow each other.   ``carriers``: by name unit and what the readings
-    (r,) gain if something is off by 1 everywhere.   ``scopes``: kinds whose values may confine a departure of any
-    shape; ``corners``: those that may confine what one value of a further kind does.   ``exchanged``: items of one kind
-    that could be taken for each other, their kind, their sides and the carrier.   ``own``: carriers and families
-    of departures that may be an item's own.
-    """
-
-    kinds: Mapping[str, Any]
-    hours: Floats
-    visit: Integers
-    carriers: Mapping[str, tuple[str, Floats]]
-    scales: Mapping[str, tuple[Floats, Sequence[int]]] = field(default_factory=dict)
-    scopes: Sequence[tuple[str, ...]] = ((),)
-    corners: Sequence[tuple[str, ...]] = ()
-    exchanged: tuple[str, str, str, str] | None = None
-    own: Collection[tuple[str, str]] = ()
-
-    @property
-    def begins_h(self) -> dict[int, float]:
-        """When each visit begins, hours after the first."""
-        since_h = self.hours - self.hours.min()
-        return {visit: float(since_h[self.visit == visit].min()) for visit in np.unique(self.visit).tolist()}
-
-
-_FAMILIES = ("step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged")
-_NAMED = 2  # of the other explanations
-_DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
-_SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
-_CYCLES = (2.0, 1.5, 1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.32, 0.25, 0.2, 0.16)
-
-
-def departures_of(labels: Labels) -> list[Departure]:
-    """Return the general departures: each value of a label, steps, drifts, cycles, powers and memory, in all scopes."""
-    found = [
-        Departure(f"{carrier}: step in a visit", unit, (one * behind)[:, None], about)
-        for about, behind in _within(labels)
-        for carrier, (unit, one) in labels.carriers.items()
-    ]
-    if labels.exchanged:
-        found += _exchanged(labels, *labels.exchanged)
-    values, others = list(_values(labels)), list(_shapes(labels))
-    in_visits = {"step", "visit", *(name for name in labels.kinds if _is_of_visit(labels, name))}
-    tried = [*((scope, values + others) for scope in labels.scopes), *((scope, values) for scope in labels.corners)]
-    seen: set[bytes] = set()
-    for scope, shapes in tried:
-        for where, inside in _places(labels.kinds, scope):
-            for carrier, (unit, one) in labels.carriers.items():
-                everywhere = one * inside
-                for family, about, shape in shapes:
-                    effect = everywhere[:, None] * shape.reshape(one.size, -1)
-                    key = effect.tobytes()
-                    if family not in where and key not in seen and np.abs(effect).max() > _LEAST * np.abs(one).max():
-                        seen.add(key)
-                        own = (carrier, family) in labels.own
-                        whole = everywhere if family in in_visits else None
-                        found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own, whole))
-    return found
-
-
-def _is_of_visit(labels: Labels, name: str) -> bool:
-    column = np.asarray(labels.kinds[name])
-    return all(np.unique(column[labels.visit == visit]).size == 1 for visit in labels.begins_h)
-
-
-def _places(kinds: Mapping[str, Any], scope: tuple[str, ...]) -> Iterable[tuple[dict[str, Any], Flags]]:
-    columns = [np.asarray(kinds[name]) for name in scope]
-    everywhere = np.ones(len(next(iter(kinds.values()))), bool)
-    for values in dict.fromkeys(zip(*(column.tolist() for column in columns), strict=True)) if scope else [()]:
-        inside = [everywhere, *(column == value for column, value in zip(columns, values, strict=True))]
-        yield dict(zip(scope, values, strict=True)), np.all(inside, axis=0)
-
-
-def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) -> Iterable[Departure]:
-    """Yield what two items of a kind gain and lose that are exchanged from a visit on, a column for each side."""
-    items, kinds, sides = (np.asarray(labels.kinds[name]) for name in (item, kind, side))
-    (unit, one), since_h = labels.carriers[carrier], labels.hours - labels.hours.min()
-    for a, b in combinations(dict.fromkeys(items.tolist()), 2):
-        begins_h = {at for visit, at in labels.begins_h.items() if items[labels.visit == visit][0] in (a, b)}
-        for at in sorted(begins_h)[1:] if kinds[items == a][0] == kinds[items == b][0] else ():
-            moved = (1.0 * (items == a) - (items == b)) * (since_h >= at) * one
-            columns = np.column_stack([moved * (sides == value) for value in np.unique(sides)])
-            yield Departure("exchanged", unit, columns, {"pair": f"{a}, {b}", "hours": at})
-
-
-def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
-    """Yield what lies behind each reading of a visit but its first."""
-    number = np.arange(labels.visit.size)
-    for visit, begins_h in labels.begins_h.items():
-        later = labels.hours - labels.hours.min() > begins_h
-        for record, at in enumerate(number[(labels.visit == visit) & later].tolist(), start=2):
-            yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
-
-
-def _values(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
-    for name, column in labels.kinds.items():
-        for value in dict.fromkeys(np.asarray(column).tolist()):
-            yield name, {name: value}, 1.0 * (np.asarray(column) == value)
-
-
-def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
-    """Yield shapes of time and of scales."""
-    since_h, begins_h = labels.hours - labels.hours.min(), labels.begins_h
-    for before, at in pairwise(sorted(begins_h.values())):
-        yield "step", {"after": before, "hours": at}, 1.0 * (since_h >= at)
-    for visit in begins_h:
-        yield "visit", {"visit": visit}, 1.0 * (labels.visit == visit)
-    span_h = max(float(np.ptp(since_h)), 1e-9)
-    yield "drift", {}, since_h / span_h
-    for part in _SETTLES:
-        yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
-    for period_h in (*([_DAY_h] if _DAY_h < _LONGEST * span_h else []), *(part * span_h for part in _CYCLES)):
-        angle = 2.0 * np.pi * since_h / period_h
-        yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
-    for name, (scale, powers) in labels.scales.items():
-        for power in powers:
-            yield f"{name} ^{power}", {}, scale**power
-        yield f"{name} absolute", {}, np.abs(scale)

@@ -165,6 +165,7 @@ def _both(first: RecordRow, second: RecordRow) -> RecordRow:
         duplicate=first.duplicate + second.duplicate,
         suspect=first.suspect + second.suspect,
         timing={},
+        first_half={},
         samples=_samples(first.samples, second.samples),
         signals=_signals(first.signals, second.signals),
     )

@@ -157,7 +157,8 @@ class RecordCutter:
         if first < stop:
             rows: Rows = slice(first, stop) if fresh is None else fresh[first:stop]
             columns = {name: frames.raw(name) for name in self._shapes}
-            item.add(columns, rows, frames.t_ns, self._is_over_range(frames, rows, item.window))
+            early = int(np.searchsorted(kept[first:stop], item.middle))
+            item.add(columns, rows, frames.t_ns, early, self._is_over_range(frames, rows, item.window))
             if item.signals is not None:
                 item.signals.add(item.window.link, frames, rows)
             if item.keeper is not None:

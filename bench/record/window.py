@@ -84,6 +84,7 @@ class RecordRow:
             t_start_ns to t_end_ns), by "<field>_<unit>" over all elements of a field and "<field>_<k>_<unit>" (k from
             1) for each element of an array.
         duplicate: frames received twice (counted once). suspect: frames left out because they cannot be true.
+        first_half: the sums over the frames of the first half of the record, by the counter.
         timing: when in the record the pulses came (bench.record.pulses); empty if it was not asked for or a frame is
             missing or suspect.
         samples: every sample of the record, if that was asked for and the frames carry samples.
@@ -105,6 +106,7 @@ class RecordRow:
     duplicate: int = 0
     suspect: int = 0
     timing: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    first_half: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     samples: Samples | None = None
     beside: Mapping[str, Samples] = field(default_factory=dict)
     signals: Mapping[str, SignalValues] = field(default_factory=dict)
@@ -137,7 +139,9 @@ class OpenWindow:
     _pieces: list[Mapping[str, NDArray[Any]]] = field(default_factory=list)
     _counts: list[int] = field(default_factory=list)  # frames of each piece
     _context: list[tuple[NDArray[np.int64], Mapping[str, NDArray[np.float64]]]] = field(default_factory=list)
+    _early: int = 0  # frames of the first half
     _sums: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    _first_half: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     _timing: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     _frames: int = 0
     _suspect: int = 0
@@ -152,13 +156,23 @@ class OpenWindow:
         """Counter behind the last frame of the record."""
         return self.window.first_counter + self.window.frames
 
-    def add(self, columns: Mapping[str, NDArray[Any]], rows: Rows, t_ns: NDArray[np.int64], over_range: bool) -> None:
-        """Take the frames ``rows`` of a batch, all inside the window, none of them twice."""
+    @property
+    def middle(self) -> int:
+        """First counter of the second half of the record."""
+        return self.first + self.window.frames // 2
+
+    def add(
+        self, columns: Mapping[str, NDArray[Any]], rows: Rows, t_ns: NDArray[np.int64], early: int, over_range: bool
+    ) -> None:
+        """Take the frames ``rows`` of a batch, all inside the window, none of them twice; ``early``: how many of them
+        are of the first half.
+        """
         piece = {name: column[rows] for name, column in columns.items()}
         if not self._pieces:
             self.first_stamp_ns = int(t_ns[rows][0])
         self._pieces.append(piece)
         self._counts.append(len(t_ns[rows]))
+        self._early += early
         self.last_stamp_ns = int(t_ns[rows][-1])
         self.over_range = self.over_range or over_range
 
@@ -173,16 +187,19 @@ class OpenWindow:
         """No more frames will come: sum up and let go of them."""
         self.complete = True
         wrong = implausible(self._pieces)
-        total = {name: np.zeros(shape, np.int64) for name, shape in self.shapes.items()}
+        halves = [{name: np.zeros(shape, np.int64) for name, shape in self.shapes.items()} for _ in range(2)]
         at = 0
         for piece, count in zip(self._pieces, self._counts, strict=True):
             keep = None if wrong is None else ~wrong[at : at + count]
-            for name, column in piece.items():
-                total[name] += column_sums(column if keep is None else column[keep])
+            early = min(max(self._early - at, 0), count)
+            for half, part in zip(halves, (slice(0, early), slice(early, count)), strict=True):
+                for name, column in piece.items():
+                    half[name] += column_sums(column[part] if keep is None else column[part][keep[part]])
             at += count
         self._suspect = 0 if wrong is None else int(wrong.sum())
         self._frames = at - self._suspect
-        self._sums = total
+        self._first_half = halves[0]
+        self._sums = {name: early + halves[1][name] for name, early in halves[0].items()}
         if self.timed and self._frames == self.window.frames:
             self._timing = pulse_timing(self._pieces, self.first)
         self._pieces = []
@@ -202,7 +219,7 @@ class OpenWindow:
             quality |= flag if wrong else Quality.GOOD
         return RecordRow(
             self.window, self._sums, self._frames, lost, bad, quality, means, self.duplicate, self._suspect,
-            self._timing, None if self.keeper is None else self.keeper.samples(),
+            self._timing, self._first_half, None if self.keeper is None else self.keeper.samples(),
             {} if self.beside is None else self.beside.samples(self.last_stamp_ns),
             {} if self.signals is None else self.signals.between(self._from_ns, self.last_stamp_ns),
         )  # fmt: skip

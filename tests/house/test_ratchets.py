@@ -11,16 +11,16 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_002_274,
-    "tokens a line": 10.57,
-    "files": 872,
-    "dict[str, Any]": 513,
-    "lines of tests": 99_160,
+    "tokens": 1_008_721,
+    "tokens a line": 10.59,
+    "files": 873,
+    "dict[str, Any]": 511,
+    "lines of tests": 99_509,
     "tests of several deep modules": 160,
     "words of docs": 158_127,
 }
 CEILINGS_OF_WAYS = {
-    "files of a frame": 82,
+    "files of a frame": 83,
     "files of a step": 125,
     "files of a check": 67,
     "changes in a decode": 21,

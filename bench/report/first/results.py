@@ -279,7 +279,8 @@ def _short(row: Row | None, grid: _Grid) -> str:
 def _unsound(row: Row | None, grid: _Grid) -> str:
     if row is None or row.value is None:
         return "–" if row is None else NOT_SOUND
-    return f"{number(row.value * grid.scale, grid.places)} {NOT_SOUND}"
+    value = row.value * grid.scale
+    return f"{number(value if grid.places is not None else float(f'{value:.3g}'), grid.places)} {NOT_SOUND}"
 
 
 def _largest(rows: Sequence[Row], scale: float) -> str:

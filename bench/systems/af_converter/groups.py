@@ -6,6 +6,7 @@ The temperature of the unit during a record is measured, or interpolated over a 
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -43,6 +44,7 @@ class Group:
     opened: Readings  # input open
     left_out: Mapping[str, int] = field(default_factory=dict)  # reason -> records that do not enter the fit
     open_planned: int = 0  # records with the input open, usable or not
+    odd: tuple[Readings, ...] = ()  # closed rows that were left out because they are unlike all others
 
     @property
     def place(self) -> Place:
@@ -57,9 +59,10 @@ class Group:
     def without(self, row: int, reason: str) -> Group:
         """Return the group without one of its closed rows, which is counted as left out."""
         kept = np.arange(len(self.numbers)) != row
+        odd = (*self.odd, self.closed.take(~kept))
         numbers = tuple(number for number, stays in zip(self.numbers, kept, strict=True) if stays)
         left_out = Counter(self.left_out) + Counter([f"{reason} (record {self.numbers[row]})"])
-        return replace(self, closed=self.closed.take(kept), numbers=numbers, left_out=left_out)
+        return replace(self, closed=self.closed.take(kept), numbers=numbers, left_out=left_out, odd=odd)
 
     @property
     def unit_temperature_degC(self) -> float:
@@ -189,7 +192,18 @@ def _readings(
         temperature_gap=column(given.gap for given in warmth),
         scatter=np.zeros(len(rows)),
         scatter_dof=np.zeros(len(rows)),
+        halves=column(_halves(row, channel) for row in rows),
     )
+
+
+def _halves(row: RecordRow, channel: int) -> float:
+    """Return by how much more net pulses per pulse of the AF clock a record has in its first half; NaN: not known."""
+    first = row.first_half
+    second = {name: row.sums[name] - early for name, early in first.items()}
+    if not all(half.get("af_clock", 0) for half in (first, second)):
+        return math.nan
+    rates = [(half["npp"][channel - 1] - half["ppp"][channel - 1]) / half["af_clock"] for half in (first, second)]
+    return float(rates[0] - rates[1])
 
 
 @dataclass(frozen=True)

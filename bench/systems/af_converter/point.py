@@ -100,6 +100,7 @@ def joined(
     columns = {name: getattr(rows, name)[first] for name in rows.__dataclass_fields__}
     for name in ("n_count", "p_count", "af_count"):
         columns[name] = np.add.reduceat(getattr(rows, name), first)
+    columns["halves"] = np.where(np.append(begins[1:], True)[first], columns["halves"], np.nan)
     columns["gaps"] = np.add.reduceat(rows.gaps + cuts, first)
     for name in ("time_s", "unit_temperature_degC"):
         columns[name] = np.add.reduceat(getattr(rows, name) * rows.gate_s, first) / gate_s

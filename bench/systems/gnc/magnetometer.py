@@ -209,6 +209,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         notes=[
             *_notes(fits, material),
             *sphere.notes,
+            *([say("note.offset_and_iron")] if sphere.estimates else []),
             *check_notes(looked_at),
             *no_result(missing),
         ],

@@ -213,11 +213,34 @@ def checked(rows: Sequence[SampledRow], kinds: Sequence[str], campaign: Document
 def usable(rows: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
     """Return the records that may be used, and a sentence for each that may not."""
     refused = [
-        say("missing.record", number=seen.row.number, item=seen.row.item, why=seen.reason)
+        _at_limit(seen) or say("missing.record", number=seen.row.number, item=seen.row.item, why=seen.reason)
         for seen in rows
         if seen.reason
     ]
     return [seen.row for seen in rows if not seen.reason], refused
+
+
+def _at_limit(seen: CheckedRow) -> str:
+    """Return which sensor is at the end of its range, where, when and what to do; "" if that is not what is wrong."""
+    row = seen.row
+    for finding in seen.checks.findings:
+        if math.isfinite(finding.limit):
+            kind, _, axis = finding.channel.partition(" ")
+            scale, _, unit = row.samples.scales[SENSORS[kind]]
+            shown = [row.conditions[name] for name in ("up", "axis", "turn_deg") if name in row.conditions]
+            named = [f"{one:+g}" if isinstance(one, float) else str(one) for one in shown]
+            return say(
+                "missing.at_limit",
+                sensor=channel_name(finding.channel),
+                what=" ".join([record_name(row.item), *named]),
+                number=row.number,
+                value=float(row.values(kind)[finding.first, AXES.index(axis)]),
+                limit=finding.limit * scale,
+                unit=unit,
+                count=finding.count,
+                first=finding.first,
+            )
+    return ""
 
 
 def without_bad_samples(rows: Sequence[SampledRow], kinds: Sequence[str]) -> tuple[list[SampledRow], list[str]]:

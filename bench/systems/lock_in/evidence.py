@@ -14,7 +14,6 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,19 +24,10 @@ from bench.maths.tests import chi2_both, f_tail
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE
+from bench.systems.lock_in.departures import Changing, constants_depart
 from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_output
-from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
-from bench.systems.lock_in.estimators.steadiness import (
-    Constancy,
-    change,
-    constancy,
-    enough,
-    line,
-    parts_of,
-    runs,
-    wander,
-)
+from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
 from bench.systems.lock_in.result import LaserResult, walk_dof, walk_std_deg_rth
 from bench.systems.lock_in.wording import label, say
 
@@ -50,8 +40,7 @@ _LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no r
 _MOST_JUMP_rad = 0.5  # the fit is of first order in it
 _MOST_STEP_rad = 0.2  # of the phase in one step of the time stamps, where the rate is largest
 _MOST_REPEATED = 0.01  # of the blocks
-_TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
-_FIRST_ORDER = 0.1  # of the largest jump squared: of the rate, relative, and of the phase, rad
+_SHARE = 0.5  # of the chance of a false doubt: that of all constants; the other checks have theirs
 _TAIL = 60  # degrees of freedom of an F-test: variances are no normal variables, so a chi-squared is too short
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the fits cost nothing in a right world
 
@@ -110,7 +99,9 @@ def evidence(results: Sequence[LaserResult]) -> list[Evidence]:
     """Return what every check says of the estimates, those that found nothing included."""
     heard: list[Evidence] = []
     for laser in results:
-        heard += [*implausible(laser), *_constants(laser), *_against_theory(laser), *_by_lock_in(laser)]
+        departing, changing = constants_depart(laser, _SHARE / len(results))
+        heard += [*implausible(laser), *departing, *_against_theory(laser)]
+        heard += [] if changing is None else _with_lock_in(laser, changing)
         for method, walk in laser.walks.items():
             heard += _output(laser, method, walk)
     return heard
@@ -118,63 +109,6 @@ def evidence(results: Sequence[LaserResult]) -> list[Evidence]:
 
 def _place(laser: LaserResult) -> dict[str, Any]:
     return laser.record.place(laser.clock_Hz)
-
-
-def _constants(laser: LaserResult) -> Iterator[Evidence]:
-    """Yield whether the two constants are the same in every group of turnarounds, stretch by stretch."""
-    place = _place(laser)
-    for fit in laser.found.constants:
-        groups = _groups(fit)
-        for name in _GROUPS:
-            seen = constancy(replace(fit, score=fit.score_of_whole) if name == "time" else fit, groups[name])
-            moves = _beyond_first_order(laser, seen)
-            sentence = say(f"evidence.lock_in_by_{name}", name=laser.name, figure=seen.figure)
-            yield Evidence(
-                f"lock_in_by_{name}", sentence, seen.figure, seen.probability, _in_U(laser, moves),
-                CONSTANTS, place,
-            )  # fmt: skip
-        probability, factor = runs(fit)
-        sentence = say("evidence.lock_in_in_runs", name=laser.name, factor=factor)
-        yield Evidence(
-            "lock_in_in_runs",
-            sentence,
-            factor,
-            probability,
-            abs(factor - 1.0),
-            CONSTANTS,
-            _place(laser),
-        )
-
-
-_GROUPS = ("time", "sense", "phase", "swing")
-
-
-def _groups(fit: GlobalConstants) -> dict[str, Any]:
-    jumps = fit.jumps
-    used = np.flatnonzero(np.isfinite(jumps.dpsi_rad))
-    return {
-        "time": parts_of(used.astype(np.float64), _TIMES),
-        "sense": used % 2,
-        "phase": parts_of(np.mod(jumps.psi0_rad[used], math.tau), _PHASES),
-        "swing": parts_of(jumps.curvature_rad_s2[used], _SWINGS),
-    }
-
-
-def _beyond_first_order(laser: LaserResult, seen: Constancy) -> tuple[float, float]:
-    """Return by how much lock-in rate, deg/s, and backscatter phase, degree, move beyond what the fit's shapes, of
-    first order in the jumps, leave in a right laser: groups then differ and nothing is wrong.
-    """
-    rate = math.nan if laser.lock_in_deg_s is None else laser.lock_in_deg_s.value
-    left = _FIRST_ORDER * laser.jump_squared
-    kappa, beta_rad = (max(0.0, abs(move) - left) for move in (seen.kappa_moves, seen.beta_moves_rad))
-    return kappa * rate, math.degrees(beta_rad)
-
-
-def _in_U(laser: LaserResult, moves: Sequence[float]) -> float:
-    """Return the larger of two changes, of lock-in rate and backscatter phase, in their expanded uncertainties."""
-    stated = (laser.lock_in_deg_s, laser.backscatter_deg)
-    pairs = zip(moves, stated, strict=True)
-    return max(abs(move) / (coverage_factor() * known.std) for move, known in pairs if known is not None)
 
 
 def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evidence]:
@@ -251,46 +185,43 @@ def _against_theory(laser: LaserResult) -> Iterator[Evidence]:
     )  # fmt: skip
 
 
-def _by_lock_in(laser: LaserResult) -> Iterator[Evidence]:
-    """Yield whether lock-in that changes makes an output another random walk in a quarter of a stretch than in all."""
-    for fit in laser.found.constants:
-        quarters = _groups(fit)["time"]
-        whole, left = constancy(replace(fit, score=fit.score_of_whole), quarters), constancy(fit, quarters)
-        for method, walk in laser.walks.items():
-            seen = left if method == GLOBAL else whole
-            odd = seen.turned.size and seen.probability < _LOOKED_AT
-            of_quarters = _walks_of_quarters(laser, fit, method, seen) if odd else np.array([walk.n_deg_rth])
-            move = float(np.max(np.abs(of_quarters - walk.n_deg_rth))) / _U(walk)
-            low, high = float(of_quarters.min()), float(of_quarters.max())
+def _with_lock_in(laser: LaserResult, changing: Changing) -> Iterator[Evidence]:
+    """Yield outputs of which a lock-in that changes makes another random walk in a part of the record than in all.
+
+    One that changes and leaves the walk as it is says nothing of the walk, not even a note.
+    """
+    for method, walk in laser.walks.items():
+        of_parts = _walks_of_parts(laser, method, changing)
+        move = float(np.max(np.abs(of_parts - walk.n_deg_rth))) / _U(walk)
+        if move > LEAST_MOVE:
+            low, high = float(of_parts.min()), float(of_parts.max())
             of_it = say("evidence.output", name=laser.name, method=label(method))
             sentence = say("evidence.walk_with_lock_in", output=of_it, low=1e3 * low, high=1e3 * high)
-            # A lock-in that changes and leaves the walk as it is says nothing of the walk, not even a note.
-            probability = seen.probability if move > LEAST_MOVE else 1.0
-            yield from _of_walk(laser, method, "walk_with_lock_in", sentence, high, probability, move)
+            yield from _of_walk(laser, method, "walk_with_lock_in", sentence, high, 0.0, move)
 
 
-def _walks_of_quarters(laser: LaserResult, fit: GlobalConstants, method: str, seen: Constancy) -> Floats:
-    """Return the random walk of an output in each quarter, if all that changes is the lock-in; (4,), deg/rt-h.
+def _walks_of_parts(laser: LaserResult, method: str, changing: Changing) -> Floats:
+    """Return the random walk of an output in each part of the record, if all that changes is the lock-in, deg/rt-h.
 
-    Before compensation the jumps of a quarter go with its lock-in, behind the global fit with what its lock-in is off
-    the constants of its time, behind another compensator with what that is expected to leave.
+    Before compensation the jumps of a part go with its lock-in, behind the global fit with what its lock-in is off the
+    constants of its time, behind another compensator with what that is expected to leave.
     """
     walk, rate = laser.walks[method].n_deg_rth, laser.expected_deg_rth
     if method in SINGLE:
-        left = np.array([_left(laser, fit, method, turned) for turned in seen.turned])
+        left = np.array([_left(laser, method, changing.constants * turned) for turned in changing.turned])
         return np.asarray(walk * left / np.sqrt(np.mean(np.square(left))))
-    power = np.square(np.abs(seen.turned - (1.0 if method == GLOBAL else 0.0)))
+    power = np.square(np.abs(changing.left if method == GLOBAL else changing.turned))
     share = 0.0 if rate is None else rate**2
     return np.asarray(np.sqrt(np.maximum(walk**2 + share * (power - power.mean()), 0.0)))
 
 
-def _left(laser: LaserResult, fit: GlobalConstants, method: str, turned: complex) -> float:
-    """Return the walk, rad/rt-s, expected behind a compensator of single turnarounds if the lock-in is so turned."""
+def _left(laser: LaserResult, method: str, constants: complex) -> float:
+    """Return the walk, rad/rt-s, expected behind a compensator of single turnarounds by such a lock-in."""
     behind = laser.walks.get(GLOBAL)
     quantum = 0.0 if behind is None else laser.gain * math.radians(behind.n_deg_rth / 60.0)
     nominal = NominalLaser(
-        kappa_rad_s=fit.kappa_rad_s * abs(turned),
-        beta_rad=fit.beta_rad + cmath.phase(turned),
+        kappa_rad_s=abs(constants),
+        beta_rad=cmath.phase(constants),
         omega_rad_s=laser.found.omega_rad_s,
         rate_rad_s=laser.found.swing_rad * laser.found.omega_rad_s / 2.0,
         walk_rad_rt_s=quantum,
@@ -299,4 +230,4 @@ def _left(laser: LaserResult, fit: GlobalConstants, method: str, turned: complex
     try:
         return expected_output(nominal, SINGLE[method]).walk_rad_rt_s
     except FitError:  # a dither that hardly reaches 16 crossings: what is left goes with the lock-in at most
-        return abs(turned)
+        return abs(constants)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -297,8 +296,7 @@ def requirement_of(campaign: Document) -> Requirement:
 
 def record_estimates(laser: LaserResult, requirement: Requirement, judged: str) -> Estimates:
     """Of one record; the alignment time by the method ``judged`` carries the verdict, if the campaign limits it."""
-    place = laser.record.place(laser.clock_Hz)
-    entries = _constants(laser, place)
+    entries = constant_estimates(laser)
     for method in (RAW, *COMPENSATORS):
         walk = laser.walks.get(method)
         if walk is not None:
@@ -350,18 +348,17 @@ def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
     return Measured(of_one_s * square.value, of_one_s * square.std, square.dof)
 
 
-def _constants(laser: LaserResult, place: dict[str, Any]) -> Estimates:
-    entries = []
-    counted = {
-        "n": laser.found.turnarounds,
-        "dropped": laser.found.turnarounds - max(laser.found.used.values(), default=0),
-    }
+def constant_estimates(laser: LaserResult) -> Estimates:
+    """Lock-in rate and backscatter phase of one record; none where no two constants could be fitted."""
+    place, of_all = laser.record.place(laser.clock_Hz), laser.found.turnarounds
+    counted = {"n": of_all, "dropped": of_all - max(laser.found.used.values(), default=0)}
     rate, phase = laser.lock_in_deg_s, laser.backscatter_deg
-    if rate is not None:
-        entries.append(estimate("lock_in_rate", "deg/s", rate.value, rate.std, place, **counted))
-    if phase is not None:
-        entries.append(estimate("backscatter_phase", "deg", phase.value, phase.std, place, **counted))
-    return entries
+    if rate is None or phase is None:
+        return []
+    return [
+        estimate("lock_in_rate", "deg/s", rate.value, rate.std, place, **counted),
+        estimate("backscatter_phase", "deg", phase.value, phase.std, place, **counted),
+    ]
 
 
 def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Estimates:

@@ -59,7 +59,6 @@ _CARRIERS: Mapping[str, tuple[str, tuple[int, ...]]] = {
     "noise": ("dB", (NOISE,)),
 }
 _SEARCHES = {("azimuth", "heading", "lock_in", "waveform"): 0.8, ("amplitude",): 0.1, ("noise",): 0.1}
-_FEW = 1  # departure that explains all: where there are more, none is told from another
 
 
 def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
@@ -68,18 +67,11 @@ def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
     found: list[Floats] = []
     heard = [*_signal(solution), *_rate(solution)]
     for carriers, share in _SEARCHES.items():
-        residuals = rows.residuals(carriers[0], found)
-        if residuals is None:
-            continue
-        outcome = search(residuals, rows.departures(carriers), share)
-        found += [finding.departure.effect for finding in outcome.findings]
-        seen, count = evidence_of(outcome, rows.entries, rows.words), len(outcome.findings)
-        if count > _FEW and seen:
-            touched = np.abs(residuals.operator) @ rows.at(_CARRIERS[carriers[0]][1]) > 0.0
-            entries = [entry for entry, hit in zip(rows.entries, touched, strict=True) if hit]
-            said = say("evidence.many", count=count, first=seen[0].sentence)
-            seen = [replace(seen[0], code="unexplained", sentence=said, entries=entries)]
-        heard += seen
+        residuals, departures = rows.residuals(carriers[0], found), rows.departures(carriers)
+        if residuals is not None and departures:
+            outcome = search(residuals, departures, share)
+            found += [finding.departure.effect for finding in outcome.findings]
+            heard += evidence_of(outcome, rows.entries, rows.words)
     return heard
 
 
@@ -290,6 +282,7 @@ class Rows:
             carriers={name: (_CARRIERS[name][0], self.at(_CARRIERS[name][1])) for name in carriers},
             scales={"head": (np.tile(kinds["head"] / 360.0, 5), (1,))},
             scopes=[(), ("item",)],
+            steps_within=False,
         )
 
     def words(self, label: str, value: Any) -> str:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
+from bench.systems.time_sync.departures import chi2_of, evidence, rows_of
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
 from bench.systems.time_sync.estimators.kalman.innovation import observability
-from bench.systems.time_sync.evidence import evidence, held
 from bench.systems.time_sync.filtering import METHODS as _METHODS
 from bench.systems.time_sync.filtering import Filtered, filtered, trajectory_figures
 from bench.systems.time_sync.image import Image, first_pulse_s, image_of
@@ -45,14 +45,16 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
     image, missing = _image(taken, filtering)
     seen = observability(filtering.run.covariance, filtering.run.first_covariance)
     result = SyncResult(taken.manoeuvre, ready, clocks, filtering, seen, image, demands, method)
-    held_against = held(result, densities, spread)
+    rows, entries = rows_of(result, densities, spread, taken), sync_estimates(result)
+    residuals, stated = rows.residuals(entries)
+    chi2, dof = chi2_of(residuals)
     return Analysis(
         campaign=campaign,
         method=method,
         uut=material.campaign["uut"],
-        estimates=sync_estimates(result),
-        evidence=evidence(result, held_against, taken),
-        groups=[{"reduced_chi2": held_against.fit.chi2 / held_against.fit.dof, "dof": held_against.fit.dof}],
+        estimates=entries,
+        evidence=evidence(result, rows, residuals, stated),
+        groups=[{"reduced_chi2": chi2 / dof, "dof": dof}],
         notes=[*no_result(missing), *notes(result)],
         missing=missing,
         figures=[*trajectory_figures(ready.egi, taken.radar), *figures(result)],

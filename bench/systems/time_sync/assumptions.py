@@ -14,35 +14,22 @@ from typing import Any
 from bench.model.assumptions import Assumption, assumed
 from bench.systems.time_sync.wording import say
 
-_QUANTILE = 3.9  # standard deviations at which a check of a recording speaks
+_QUANTILE = 5.0  # standard deviations at which a check of a recording speaks
 _MS = 1e3
 _OFFSETS = ("time_offset", "time_offset_uncertainty")
 _STAMPS = ("time_offset_from_stamps", "time_offset_drift", "clock_rate")
-# seen in half of all cases: offset step s, drift s/s, age of velocities s, lever arm m, axes deg, scales
-_STEP_s, _DRIFT, _AGE_s, _LEVER_m, _AXES_deg = 0.7e-3, 160e-6, 1.3e-3, 0.11, 0.007
-_GYRO, _ACCELEROMETER = 3.4e-4, 4.5e-4
-_VELOCITY_m_s, _LEVEL_deg = 0.017, 0.0013  # errors of the EGI with which these were seen
+_STEP_s, _DRIFT = 0.5e-3, 140e-6  # of an offset, and s/s, that are seen in half of all cases
+_VELOCITY_m_s = 0.017  # error of the EGI with which these were seen
 
 
 def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what a recording takes for granted, from the section "campaign" of its plan or manifest."""
     stated = campaign.get("egi") or {}
     worse = float(stated.get("velocity_m_s", _VELOCITY_m_s)) / _VELOCITY_m_s
-    tilted = float(stated.get("level_deg", _LEVEL_deg)) / _LEVEL_deg
     drift_ppm = 1e6 * _DRIFT * worse
     return [
         _latency(campaign.get("latency")),
         assumed(say, "one_offset", _OFFSETS, step=_MS * _STEP_s * worse, drift=drift_ppm),
-        assumed(say, "one_age", _OFFSETS, age=_MS * _AGE_s * worse),
-        assumed(say, "one_place", _OFFSETS, lever=_LEVER_m * worse),
-        assumed(say, "same_axes", (*_OFFSETS, "accel_bias"), axes=_AXES_deg * tilted),
-        assumed(
-            say,
-            "scales_of_inertial_unit",
-            (*_OFFSETS, "gyro_bias", "accel_bias"),
-            gyro=1e6 * _GYRO,
-            accelerometer=1e6 * _ACCELEROMETER,
-        ),
         assumed(say, "steady_delay", (*_STAMPS, *_OFFSETS), drift=drift_ppm),
         assumed(say, "errors_as_stated", _OFFSETS),
     ]

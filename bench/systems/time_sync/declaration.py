@@ -181,7 +181,7 @@ _OF_UNITS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {  # axes and bas
 }
 
 
-def _check_units(log: Log) -> None:
+def _check_units(log: Log, said: str | None) -> None:
     columns = {column.quantity: column for column in log.values.values() if isinstance(column, UnitColumn)}
     for role, (axes, units) in _OF_UNITS.items():
         due = [f"{role}_{axis}" for axis in axes] or [role]
@@ -192,6 +192,14 @@ def _check_units(log: Log) -> None:
                 f"the analysis {log.analysis!r} needs columns of the role {role}{of_axes} in units of "
                 f"{' or '.join(units)}"
             )
+    rates = [name for name, column in columns.items() if column.dimension in ("deg/s", "m/s2")]
+    if rates and said is None:
+        raise ValueError(
+            f"columns of rates, such as {rates[0]}, need 'rates: mean' where a value is the mean over the interval "
+            "that ends at its stamp, or 'rates: instant' where it holds at its stamp"
+        )
+    if said and not rates:
+        raise ValueError(f"'rates: {said}' is for deg/s and m/s2, and the log has increments: leave it out")
 
 
 class SampleColumn(LogColumn):
@@ -234,12 +242,16 @@ class TimeSyncLog(LogSections):
     inertial: Inertial | None = Field(None, description="what a navigation filter is told of the inertial sensors")
     egi: Egi | None = Field(None, description="what is known of the errors of an EGI that serves as reference")
     latency: Latency | None = Field(None, description="of two units that stream side by side")
+    rates: Literal["mean", "instant"] | None = Field(
+        None,
+        description="deg/s and m/s2 of an inertial unit: means up to the stamp, or at the stamp",
+    )
 
     def check_log(self, log: Log) -> None:
         """Check that both streams have the same motions, and that a phase history is whole. Raises: ValueError."""
         _check_streams(log)
         if log.analysis == "egi_offset":
-            _check_units(log)
+            _check_units(log, self.rates)
         counts = Counter(column.role for column in log.values.values())
         whole = counts["antenna"] == 3 and counts["in_phase"] == counts["quadrature"] > 1 and self.frequencies
         if log.analysis == "radar_image" and not whole:
@@ -254,6 +266,7 @@ class TimeSyncLog(LogSections):
     def log_constants(self, log: Log) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"."""
         units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency, stamps=None).constants()
+        units |= stated({"rates": self.rates})
         if self.frequencies is None:
             return units
         return units | {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}

@@ -7,15 +7,17 @@ other unit are empty. Units that stamp evenly are counted by their stamps.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from bench.analysis import Analysis, Material, check_method
-from bench.maths.arrays import Floats
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.time_sync.analysis import METHODS as _METHODS
 from bench.systems.time_sync.analysis import analysis_of
 from bench.systems.time_sync.records import EGI, NS, Recording, Stream, check_clock
+from bench.systems.time_sync.wording import say
 
 METHODS: tuple[str, ...] = _METHODS
 _FEWEST = 200  # rows of either unit
@@ -29,7 +31,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-FIT-004 (unknown method), B-SYNC-003, -004, -006 to -009, -011; B-SYNC-014 (too few rows).
     """
     check_method(method, METHODS)
-    return analysis_of("egi_offset", _recording(material), material, method)
+    analysis = analysis_of("egi_offset", _recording(material), material, method)
+    convention = say(f"note.rates.{material.campaign.get('rates', 'increments')}")
+    return replace(analysis, notes=[convention, *analysis.notes])
 
 
 def _recording(material: Material) -> Recording:
@@ -44,7 +48,10 @@ def _recording(material: Material) -> Recording:
     step_s = float(np.median(np.diff(imu.tick_s)))
     for name, rate in (("delta_angle", "deg/s"), ("delta_velocity", "m/s2")):
         column = imu.columns[name]  # changed in place: nobody else has it yet
-        column *= step_s if dimensions[f"{name}_x"] == rate else 1.0
+        if dimensions[f"{name}_x"] == rate:
+            column *= step_s
+            if material.campaign.get("rates") == "instant":
+                column += 0.5 * (_before(imu.counter, column) - column)
     imu.columns["delta_angle"][:] = np.radians(imu.columns["delta_angle"])
     first_s = float(imu.tick_s[0])
     for stream in (imu, egi):
@@ -52,6 +59,14 @@ def _recording(material: Material) -> Recording:
     for name, stream in (("imu", imu), (EGI, egi)):
         check_clock(name, stream)
     return Recording(imu, egi, None, "", ())
+
+
+def _before(counter: Integers, values: Floats) -> Floats:
+    """Return what values (n, 3) were a sample earlier, between their neighbours where that one is lost.
+
+    The mean over an interval is that of both ends, to second order.
+    """
+    return np.stack([np.interp(counter - 1, counter, column) for column in values.T], axis=1)
 
 
 def _three(name: str, axes: Sequence[str]) -> list[str]:

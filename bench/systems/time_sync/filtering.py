@@ -18,6 +18,7 @@ import numpy as np
 from bench.analysis import Figure, series
 from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
+from bench.systems.time_sync.estimators.differences import block_edges_s
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import (
     LOOSE,
@@ -59,9 +60,8 @@ class Offset:
     ``offset_s``, ``std_s``: with everything that makes it uncertain.   ``filter_std_s``: by the covariance of the
     filter alone.   ``error_std_s``: what the stated errors of both units leave.   ``prior_std_s``: of what was assumed
     beforehand and still counts.   ``inflation``: by which the innovations are larger than they should be, 1 at the
-    least.   ``drift_std_s``: part of the drift.   ``lever_s``: from the middle of the recording to when the filter
-    learnt it.   ``normalised``: variance at the end, of that at first.   ``seen``: False if the motion does not show
-    the offset.
+    least.   ``drift_std_s``: part of the drift.   ``normalised``: variance at the end, of that at first.   ``seen``:
+    False if the motion does not show the offset.
     """
 
     method: str
@@ -72,7 +72,6 @@ class Offset:
     prior_std_s: float
     inflation: float
     drift_std_s: float
-    lever_s: float
     normalised: float
     seen: bool
 
@@ -131,6 +130,7 @@ def filtered(
         keep_every=max(1, egi.t_s.size // _KEPT),
         fine_from_s=hold_s,
         hold_position_from_s=hold_s,
+        edges_s=block_edges_s(egi.t_s),
     )
     run = run_filter(ready.imu, egi, setup)
     _check_fit(run)
@@ -175,13 +175,12 @@ def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle
     normalised = float(std_s[-1] / first_std_s) ** 2
     seen = normalised <= SEEN
     inflation = math.sqrt(max(1.0, ratio_of(run, group)))
-    lever_s = _learnt_s(run.t_s, std_s, first_std_s) - middle_s
-    drift_std_s = abs(lever_s) * drift_std
+    drift_std_s = abs(_learnt_s(run.t_s, std_s, first_std_s) - middle_s) * drift_std
     prior_std_s = first_std_s * (normalised if seen else 1.0)  # of an estimate that is drawn to what was assumed
     error_std_s = inflation * math.sqrt(float(_real(run)[group, OFFSET, OFFSET]))
     total_s = math.hypot(error_std_s, prior_std_s, drift_std_s)
     offset_s = float(run.offset_s[-1, group, 0]) + coarse_s
-    return Offset(name, offset_s, total_s, float(std_s[-1]), error_std_s, prior_std_s, inflation, drift_std_s, lever_s,
+    return Offset(name, offset_s, total_s, float(std_s[-1]), error_std_s, prior_std_s, inflation, drift_std_s,
                   normalised, seen)  # fmt: skip
 
 

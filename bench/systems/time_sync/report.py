@@ -275,22 +275,12 @@ def _thin(t_s: Floats, *values: Floats) -> tuple[Floats, ...]:
 
 def notes(result: SyncResult) -> list[str]:
     """Return all of them."""
-    return [*result.ready.notes, *_against_stamps(result), *_of_clocks(result), *_filter(result)]
-
-
-def _against_stamps(result: SyncResult) -> list[str]:
-    if result.clocks.offset_s is None:
-        return [say("note.no_latencies")]
-    if result.difference_s is None:
-        return []
-    apart_s, std_s = result.difference_s
-    if abs(apart_s) <= coverage_factor() * std_s:
-        return []
-    return [say("note.apart", apart=1e3 * apart_s, due=1e3 * coverage_factor() * std_s)]
+    return [*result.ready.notes, *_of_clocks(result), *_filter(result)]
 
 
 def _of_clocks(result: SyncResult) -> list[str]:
-    clocks, notes = result.clocks, []
+    clocks = result.clocks
+    notes = [] if clocks.offset_s is not None else [say("note.no_latencies")]
     if clocks.coarse_s:
         notes.append(say("note.coarse", apart=clocks.coarse_s))
     if clocks.imu.grid_s > 0.0:

@@ -25,7 +25,7 @@ REPEATED = 1
 QUANTITIES = ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc0", "dsf_n_tc1", "dsf_n_tc2", "dsf_p_tc0", "dsf_p_tc1",
               "dsf_p_tc2")  # fmt: skip
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
-HOURS = 21.0
+TAIL_s = 45.0
 SEEN = 7.5  # of |P d|: a threshold of about 4.5 and a power of 99.9 %
 BETWEEN_ppm = 1.0  # standard, of a counter from visit to visit: what the plan declares, its curve beyond a parabola too
 QUIET = sim.Switches(gain=False, calibrator_errors=False, noise=False, quantised=False)
@@ -56,6 +56,14 @@ class Departed(sim.World):
         if self.what == "part":
             return current_A * (1.0 + self.size * self.where(at))
         return current_A + self.size * self.where(at) * (self.what == "current")
+
+    def halves_A(self, at: sim.Place, seconds: float) -> tuple[float, float]:
+        if self.what != "tail" or at.step[0] == "open":
+            return 0.0, 0.0
+        begin_A = self.size * self.where(at) * (at.step[1] * at.step[2] - at.before_A)
+        left = np.exp(-seconds / 2.0 / TAIL_s)
+        mean_A = begin_A * TAIL_s / (seconds / 2.0) * (1.0 - left)
+        return mean_A, mean_A * left
 
     def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
         factors = {"n": ("n", "unit"), "p": ("p", "unit")}
@@ -103,6 +111,7 @@ TABLE: tuple[tuple[str, str, Where, tuple[float, ...]], ...] = (
     ("shunt", "part", lambda at: -1.0, (5e-7, 1e-5, 1e-4)),
     ("self_heating", "part", lambda at: (at.step[1] / sim.KIND[KINDS[at.channel]]["full_scale_A"]) ** 2,
      (3e-6, 3e-5, 5e-4)),
+    ("settling_tail", "tail", _always, (5e-7, 5e-6, 4e-5)),
     ("memory", "current", lambda at: 1e-6 * at.before_A, (1.0, 20.0, 500.0)),
 )  # fmt: skip
 
@@ -246,7 +255,8 @@ def left_over(wrong: sim.SimulatedCampaign, right: sim.SimulatedCampaign) -> flo
     left, singular, _ = np.linalg.svd(design / np.linalg.norm(design, axis=0), full_matrices=False)
     left = left[:, singular > 1e-9 * singular[0]]
     white = factor @ change
-    return float(np.linalg.norm(white - left @ (left.T @ white)))
+    halves = np.array([(_more(one) - _more(other)) / _more_std_A(other) for one, other in pairs])
+    return float(np.hypot(np.linalg.norm(white - left @ (left.T @ white)), np.linalg.norm(halves)))
 
 
 def _is_closed(row: sim.Row) -> bool:
@@ -259,6 +269,18 @@ def _reading(row: sim.Row) -> float:
     ratio = sim.F_AF0_Hz * gate_s / row.sums["af_clock"]
     pulses = row.sums["npp"][at - 1] - row.sums["ppp"][at - 1]
     return float(sim.KIND[KINDS[at]]["k0_C"] * ratio * pulses / gate_s)
+
+
+def _more(row: sim.Row) -> float:
+    """Return how much more current the first half of a record has than the second, ampere."""
+    rest = {name: row.sums[name] - row.first_half[name] for name in row.sums}
+    return _reading(replace(row, sums=row.first_half)) - _reading(replace(row, sums=rest))
+
+
+def _more_std_A(row: sim.Row) -> float:
+    """Return the noise of that: the residues of a pulse at both ends and twice in the middle, and white noise."""
+    quantum_A = sim.KIND[row.window.conditions["kind"]]["k0_C"] / 50.0
+    return float(np.hypot(quantum_A * np.sqrt(6.0 / 12.0), sim.NOISE["white_A_rtHz"] / np.sqrt(50.0)))
 
 
 def _columns(rows: list[sim.Row]) -> tuple[np.ndarray, np.ndarray]:

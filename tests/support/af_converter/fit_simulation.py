@@ -7,7 +7,7 @@ product makes of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,7 @@ class Row:
     frames: int = 10000
     lost: int = 0
     bad: int = 0
+    first_half: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -183,6 +184,10 @@ class World:
         """Return what reaches the integrator of a current into the input."""
         return current_A
 
+    def halves_A(self, at: Place, seconds: float) -> tuple[float, float]:
+        """Return the mean further current in each half of a record."""
+        return 0.0, 0.0
+
     def units(self, units: dict[int, Unit]) -> dict[int, Unit]:
         """Return what the units really are."""
         return units
@@ -259,25 +264,28 @@ class _Bench:
         route, level, polarity, full = step
         return 0.0 if route == "open" else self.current_A(level, full, polarity) + leak_A[0 if polarity > 0 else 1]
 
-    def floor(self, phase: float, clock: str = "") -> float:
-        """Pulses of a phase that starts anywhere."""
+    def floor(self, phases: np.ndarray, clock: str = "") -> np.ndarray:
+        """Pulses of the first half and of the whole of a gate whose phase, (2,), starts anywhere."""
         if not self.switches.quantised:
-            return phase
+            return phases
         start = self.cut[clock] if clock in self.cut else self.rng.uniform()
-        return float(np.floor(start + phase))
+        return np.floor(start + phases)
 
-    def counts(self, current_A: float, unit: Unit, temperature_degC: float, nominal_s: float) -> dict[str, float]:
-        """Counts of one gate of ``nominal_s`` by the master clock, net current into the integrator given."""
-        true_s = nominal_s / (1 + self.master_error)
-        side = 0 if current_A > 0 else 1
+    def counts(self, current_A: np.ndarray, unit: Unit, temperature_degC: float, nominal_s: float) -> list[dict]:
+        """Counts of the first half and of the whole of one gate of ``nominal_s`` by the master clock, the net current
+        into the integrator in both, (2,), given.
+        """
+        true_s = nominal_s / (1 + self.master_error) * np.array([0.5, 1.0])
+        side = 0 if current_A[1] > 0 else 1
         per_pulse_C = KIND[unit.kind]["k0_C"] * (1 + 1e-6 * unit.dsf(temperature_degC)[side]) / (1 + self.af_error)
-        pulses = self.floor(abs(current_A) * true_s / per_pulse_C)
-        return {
-            "n": pulses if side == 0 else 0.0,
-            "p": pulses if side else 0.0,
+        pulses = self.floor(np.abs(current_A) * true_s / per_pulse_C)
+        counted = {
+            "n": pulses if side == 0 else np.zeros(2),
+            "p": pulses if side else np.zeros(2),
             "af": self.floor(F_AF0_Hz * (1 + self.af_error) * true_s, "af"),
             "fg": self.floor(FG_Hz * (1 + self.generator) * true_s, "fg"),
         }
+        return [{name: float(column[part]) for name, column in counted.items()} for part in range(2)]
 
 
 def schedule(kind: str, switches: Switches) -> list[Step]:
@@ -347,7 +355,7 @@ def simulate_points(
     bench = _Bench(rng, switches)
     units = world.units({number: _unit(rng, kind, switches) for number, kind in kinds.items()})
     leak = rng.uniform(-1e-10, 1e-10, 2) * bench.on
-    walk = _Walk(rng, switches.noise)
+    walk, within = _Walk(rng, switches.noise), np.random.default_rng([seed, 1])
     sensor_degC = rng.normal(0, switches.sensor_sigma_degC) if switches.sensor_sigma_degC else 0.0
     drift = rng.normal(0, switches.gain_drift_sigma) if switches.gain_drift_sigma else 0.0
     rows: list[Row] = []
@@ -361,8 +369,11 @@ def simulate_points(
         biases_A.setdefault((at.channel, at.nominal_degC), bias_A)
         bench.drift = drift * (at.share - 0.5) + world.gain(at)
         net_A = world.input_A(bench.input_A(at.step, leak), at) - bias_A
-        net_A += rng.normal(0, switches.white_A_rtHz / np.sqrt(2.0 * point.seconds)) if switches.noise else 0.0
-        counts = world.counted(bench.counts(net_A, unit, unit_degC, point.seconds), at)
+        std_A = switches.white_A_rtHz / np.sqrt(2.0 * point.seconds) if switches.noise else 0.0
+        net_A += rng.normal(0, std_A) if switches.noise else 0.0
+        halves_A = net_A + np.array(world.halves_A(at, point.seconds)) + [1.0, -1.0] * within.normal(0, std_A, 1)
+        counted = bench.counts(np.array([halves_A[0], halves_A.mean()]), unit, unit_degC, point.seconds)
+        counts = [world.counted(one, at) for one in counted]
         rows.append(_row(len(rows) + 1, point, counts, world.sensed_degC(unit_degC + sensor_degC)))
     errors = bench.gain, bench.af_error, bench.master_error
     return SimulatedCampaign(rows, units, *errors, *manifest(kinds), biases_A, drift)
@@ -411,19 +422,17 @@ def _conditions(kind: str, at: Place) -> dict[str, Any]:
     }
 
 
-def _row(number: int, point: Point, counts: dict[str, float], unit_degC: float) -> Row:
-    npp, ppp = np.zeros(10), np.zeros(10)
-    npp[point.place.channel - 1], ppp[point.place.channel - 1] = counts["n"], counts["p"]
+def _row(number: int, point: Point, counts: list[dict[str, float]], unit_degC: float) -> Row:
+    halves = []
+    for counted, share in zip(counts, (0.5, 1.0), strict=True):
+        npp, ppp = np.zeros(10), np.zeros(10)
+        npp[point.place.channel - 1], ppp[point.place.channel - 1] = counted["n"], counted["p"]
+        clocks = {"af_clock": np.float64(counted["af"]), "fg_count": np.float64(counted["fg"])}
+        master = np.int64(round(share * point.seconds * MASTER_Hz))
+        halves.append({"npp": npp, "ppp": ppp, **clocks, "master_count": master})
     start_ns = round((point.at_s + point.lead_s) * 1e9)
-    sums = {
-        "npp": npp,
-        "ppp": ppp,
-        "af_clock": np.float64(counts["af"]),
-        "fg_count": np.float64(counts["fg"]),
-        "master_count": np.int64(round(point.seconds * MASTER_Hz)),
-    }
     window = Window(number, point.conditions, start_ns, start_ns + round(point.seconds * 1e9))
-    return Row(window, sums, {"unit_temperature_degC": unit_degC})
+    return Row(window, halves[1], {"unit_temperature_degC": unit_degC}, first_half=halves[0])
 
 
 def analysed(
@@ -440,5 +449,5 @@ def repeated_off(campaign: SimulatedCampaign, ppm: float) -> list[Row]:
     for row in campaign.rows:
         factor = 1.0 + 1e-6 * ppm * row.window.conditions["repeat"]
         sums = row.sums | {name: row.sums[name] * factor for name in ("npp", "ppp")}
-        rows.append(Row(row.window, sums, row.context))
+        rows.append(Row(row.window, sums, row.context, first_half=row.first_half))
     return rows

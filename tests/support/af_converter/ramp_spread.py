@@ -117,7 +117,7 @@ def _residual_error(fit: ChannelFit, one: Ramp, constants: Campaign) -> float:
     gate_s = gates.end_s - gates.start_s
     true_A = (np.interp(gates.end_s, t_s, charge) - np.interp(gates.start_s, t_s, charge)) / gate_s
     seen_A = true_A / (1.0 + one.unit.dsf)
-    left_A = compensated_A(fit, constants)
+    left_A = compensated_A(fit)
     hour = ((gates.middle_s - gates.start_s[0]) // 3600.0).astype(int)
     length_s = np.bincount(hour, gate_s)
     means = np.bincount(hour, left_A * gate_s) / length_s * (length_s >= 1800.0)  # less than half an hour is none

@@ -83,6 +83,13 @@ def tilted(w: World, pose_g: Any, record: int = 0) -> Any:
     return imu.turned(2, w.size) @ pose_g
 
 
+def table_tilted(w: World, pose_g: Any, record: int) -> Any:
+    """The base of the table leans, so that up in the body differs by what its axes turn it into."""
+    outer, middle, inner = list(imu.POSES.values())[record % len(imu.POSES)]
+    up_g = imu.turned(0, w.size) @ np.array([0.0, 0.0, imu.SITE["gravity_m_s2"] / 9.80665])
+    return imu.to_local(outer, middle, inner, "x").T @ up_g
+
+
 def bumped(w: World, output_g: Any, force_g: Any, record: int) -> Any:
     late = np.arange(len(output_g)) > 0.6 * len(output_g)
     return output_g + w.size * (late * (record == 3))[:, None] * np.array([0.0, 1.0, 0.5])
@@ -141,6 +148,7 @@ SWITCHES = (
     Switch(
         "one_pose_tilted", wrong(gravity_g=lambda w, up, n: up if n else tilted(w, up)), (1e-4, 2e-2, 2.0), "mounting"
     ),
+    Switch("table_tilted", wrong(gravity_g=table_tilted), (1e-4, 1e-2, 0.2), "mounting"),
     Switch(
         "upside_down", wrong(gravity_g=lambda w, up, n: -up if n < w.size else up), (1.0, 2.0, 12.0)
     ),  # the first poses are not what the records say

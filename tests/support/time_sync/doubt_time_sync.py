@@ -85,12 +85,12 @@ SWITCHES = (
     ),
     Switch("age_steps", ages(lambda w, t_s: w.size * (t_s > MIDDLE_s)), (3e-4, 3e-3, 3e-2), "one_offset"),
     Switch("age_drifts", ages(lambda w, t_s: w.size * (t_s - MIDDLE_s)), (1e-5, 1e-4, 1e-3), "one_offset"),
-    Switch("velocity_older", wrong(age_s=old_velocity), (1e-3, 1e-2, 1e-1), "one_age"),
+    Switch("velocity_older", wrong(age_s=old_velocity), (1e-3, 1e-2, 1e-1)),
     # the EGI sits off the inertial unit, forward and to the right
-    Switch("lever_arm", wrong(lever_m=lambda w: w.size * np.array([1.0, 0.5, 0.0])), (0.1, 1.0, 10.0), "one_place"),
-    Switch("axes_turned", wrong(sent=turned_axes), (1e-3, 1e-2, 1e-1), "same_axes"),
-    Switch("gyro_scale", wrong(increments=scaled(False)), (1e-5, 1e-4, 1e-3), "scales_of_inertial_unit"),
-    Switch("accelerometer_scale", wrong(increments=scaled(True)), (1e-4, 1e-3, 1e-2), "scales_of_inertial_unit"),
+    Switch("lever_arm", wrong(lever_m=lambda w: w.size * np.array([1.0, 0.5, 0.0])), (0.1, 1.0, 10.0)),
+    Switch("axes_turned", wrong(sent=turned_axes), (1e-3, 1e-2, 1e-1)),
+    Switch("gyro_scale", wrong(increments=scaled(False)), (1e-5, 1e-4, 1e-3)),
+    Switch("accelerometer_scale", wrong(increments=scaled(True)), (1e-4, 1e-3, 1e-2)),
     Switch("one_bad_solution", wrong(sent=one_bad_solution), (0.1, 10.0, 1e4)),
     Switch("bad_burst", wrong(sent=bad_burst), (0.1, 3.0, 100.0)),
     Switch("frozen_solutions", wrong(sent=frozen), (0.001, 0.01, 0.1)),
@@ -115,9 +115,6 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     wanted = [entry for entry in estimates_of(document) if entry.quantity in JUDGED]
     (fit,) = analysis.groups
     chi2, dof = fit["reduced_chi2"] * fit["dof"], fit["dof"]
-    for entry in analysis.estimates:
-        if entry.quantity == "stamps_difference":
-            chi2, dof = chi2 + (entry.value / entry.std_uncertainty) ** 2, dof + 1
     return Seen(wanted, [truth_of(entry) for entry in wanted], chi2, dof, 6)
 
 

@@ -37,6 +37,7 @@ from bench.analysis import Material, Trace, build_results, estimates_of
 from bench.model.assumptions import assumptions_of
 from bench.session.coefficients import coefficients_of_session
 from bench.systems.af_converter.bias_ramp.analysis import analyse
+from bench.systems.af_converter.bias_ramp.departures import Rows
 from bench.systems.af_converter.estimators.pulses import count_step
 
 SEEDS = {of_counts: range(1), of_meter: range(3)}  # ten seeds of each, and 500 right worlds: make doubt
@@ -249,17 +250,66 @@ def reasons_against(estimates: Sequence[Any], quantity: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_hysteresis_of_three_plays_is_doubted_and_the_rival_has_the_width(seed: int) -> None:
+def test_hysteresis_of_three_plays_is_doubted(seed: int) -> None:
     """Three pistons in parallel, each a third of the hysteresis: slack of 0.4, 1.5 and 3.5 times the half-width."""
     seen = of_ramp.seen(seed, SWITCHES[of_ramp]["several_plays"], 1.0)
-    reasons = reasons_against(seen.entries, "hysteresis_width")
-    assert {"lack_of_fit", "rival_several_play_operators"} <= reasons.keys()
-    width_nA = float(reasons["rival_several_play_operators"].split("about ")[1].split(" nA")[0])
-    (true_A,) = {
-        truth for entry, truth in zip(seen.entries, seen.truths, strict=True) if entry.quantity == "hysteresis_width"
-    }
-    assert width_nA == pytest.approx(1e9 * true_A, abs=4.0)
-    assert max(len(one) for one in reasons.values()) <= 200
+    assert "departs" in reasons_against(seen.entries, "hysteresis_width")
+    assert sorted_classes(seen, right_world(of_ramp, seed))[WRONG] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "words"),
+    [
+        ("second_lag", 0.1, ["another lag", "nA/degC"]),
+        ("step_of_bias", 0.1, ["The bias of channel 1, step between 14.9 h and 15 h"]),
+        ("width_over_temperature", 0.1, ["The loop of channel 1"]),
+        ("bend", 1.0, ["a bend at 30 degC: +2."]),
+        ("drift_of_bias", 1.0, ["drift from begin to end"]),
+        ("daily_rhythm", 1.0, ["cycle of about 24 h"]),
+    ],
+)
+def test_what_departs_in_a_ramp_is_named(name: str, size: float, words: list[str]) -> None:
+    said = " ".join(seen.sentence for entry in of_ramp.seen(1, SWITCHES[of_ramp][name], size).entries
+                    for seen in entry.reasons)  # fmt: skip
+    assert all(word in said for word in words), said
+
+
+class Leak(of_ramp.World):
+    """Slack that gives way: the piston returns to the middle within 25 min, so that the loop fades in every hold."""
+
+    def added_A(self, at: of_ramp.Course) -> np.ndarray:
+        half_degC, leak = at.unit.half_width_degC, np.exp(-bias_simulation.STEP_s / 1500.0)
+        behind_degC, path = 0.0, np.zeros_like(at.unit_degC)
+        for k, step in enumerate(np.diff(at.unit_degC, prepend=at.unit_degC[0])):
+            behind_degC = np.clip((behind_degC - step) * leak, -half_degC, half_degC)
+            path[k] = behind_degC
+        whole = bias_simulation.slack(at.unit_degC, half_degC) - at.unit_degC
+        return self.size * at.unit.width_A * (path - whole) / (2.0 * half_degC)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_loop_that_relaxes_is_doubted(seed: int) -> None:
+    seen = of_ramp.seen(seed, Switch("leak", Leak, (1.0,)), 1.0)
+    assert "departs" in codes_of(seen)
+    assert sorted_classes(seen, right_world(of_ramp, seed))[WRONG] == 0
+
+
+def test_estimates_follow_the_readings_as_the_search_takes_them_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against the fit itself, in which a small second lag really flows: what it moves, within 0.05 U.
+
+    The hour that is compensated worst may be another one then, so that its mean is not compared.
+    """
+    given: list[Any] = []
+    residuals = Rows.residuals
+    monkeypatch.setattr(Rows, "residuals", lambda *of: given.append(residuals(*of)) or given[-1])
+    for size in (0.0, 0.02):
+        of_ramp.seen(2, SWITCHES[of_ramp]["second_lag"], size, noise_free=True)
+    (rows, before), (others, after) = given
+    moved = rows.operator @ (others.readings - rows.readings) / rows.expanded
+    changed = np.subtract([one.value for one in after], [one.value for one in before]) / rows.expanded
+    same = [one.quantity != "bias_residual" for one in before]
+    assert np.abs(moved[same]).max() > 0.3
+    assert moved[same] == pytest.approx(changed[same], abs=0.05)
 
 
 def ramp_results(ramps: dict[int, bias_simulation.Ramp]) -> list[Any]:
@@ -279,14 +329,14 @@ def test_two_thermal_lags_without_hysteresis_are_doubted(seed: int, monkeypatch:
     monkeypatch.setattr(bias_simulation, "heat", lambda _=0.0: replace(quick, unit_degC=both))
     unit = bias_simulation.draw(np.random.default_rng(seed), "gyro", hysteresis=False)
     entries = ramp_results({1: bias_simulation.ramp(seed, "gyro", unit)})
-    assert "rival_second_thermal_lag" in reasons_against(entries, "hysteresis_width")
+    assert "departs" in reasons_against(entries, "hysteresis_width")
 
 
 def test_a_step_of_the_bias_is_doubted_on_its_channel_alone() -> None:
     t_s = bias_simulation.heat().t_s
     stepped = bias_simulation.ramp(1, added_A=1e-8 * (np.arange(t_s.size) > 0.6 * t_s.size))
     entries = ramp_results({1: stepped, 2: bias_simulation.ramp(2, "accelerometer")})
-    assert "rival_step" in reasons_against(entries, "bias")
+    assert "step between 1" in reasons_against(entries, "bias")["departs"]
     assert all(one.quality == "sound" for one in entries if one.conditions.get("channel") == 2)
 
 

@@ -12,21 +12,20 @@ from doubt_classes import DOUBTED, REFUSED, WRONG, codes_of, right_world, sorted
 from bench.model.assumptions import Assumption, assumptions_of
 from bench.plan import compile_sequence
 
-GROSS = {
-    "solutions_older_than_tags": {"stamps_disagree"},
-    "latency_not_as_stated": {"stamps_disagree"},
-    "age_steps": {"offset_steps", "misfit"},
-    "age_drifts": {"offset_steps", "misfit"},
-    "velocity_older": {"ages_differ"},
-    "lever_arm": {"lever_arm"},
-    "axes_turned": {"axes_turned"},
-    "gyro_scale": {"gyro_scale"},
-    "accelerometer_scale": {"misfit"},
-    "bad_burst": {"misfit"},
-    "frozen_solutions": {"stuck_solutions"},
-    "line_fills": {"offset_drifts"},
-    "line_switches": {"delays_unsteady"},
-    "larger_errors": {"misfit"},
+_AGE, _DELAY = "Age of the solutions", "Least delay, "
+GROSS: dict[str, tuple[int, list[str]]] = {  # estimates that are doubted at the least, and what is said
+    "solutions_older_than_tags": (3, [f"{_AGE}: +30", "least delay, at frames of the EGI only"]),
+    "latency_not_as_stated": (3, ["at frames of the EGI only", "age of the solutions"]),
+    "age_steps": (2, [f"{_AGE}, step between 9.6 s and 10.1 s after the begin"]),
+    "age_drifts": (4, ["drift from begin to end"]),
+    "velocity_older": (2, [f"{_AGE}, at velocity only: +100 ms"]),
+    "lever_arm": (2, ["Lever arm between both units, forward: -10 m", "enter it into the EGI"]),
+    "axes_turned": (2, ["Axes of both units turned against each other, right: -0.09"]),
+    "bad_burst": (2, ["8.4 s, there only"]),
+    "frozen_solutions": (3, ["24 solutions of the EGI repeat the one before"]),
+    "line_fills": (4, ["drift from begin to end"]),
+    "line_switches": (3, [f"{_DELAY}frames of the EGI, step between 7.49 s and 9.97 s after the begin: +9.91 ms"]),
+    "larger_errors": (2, ["What the fit leaves over is no noise"]),
 }
 BY_NAME = {switch.name: switch for switch in worlds.SWITCHES}
 
@@ -34,14 +33,31 @@ BY_NAME = {switch.name: switch for switch in worlds.SWITCHES}
 @pytest.mark.parametrize("name", GROSS)
 def test_what_is_grossly_wrong_is_doubted_and_named(name: str) -> None:
     wrong = worlds.seen(0, BY_NAME[name], BY_NAME[name].sizes[-1])
-    counted = sorted_classes(wrong, right_world(worlds, 0))
+    counted, (least, words) = sorted_classes(wrong, right_world(worlds, 0)), GROSS[name]
     assert counted[WRONG] == 0
-    assert counted[DOUBTED] + counted[REFUSED] >= 3
-    assert GROSS[name] <= codes_of(wrong)
+    assert counted[DOUBTED] + counted[REFUSED] >= least
+    said = " ".join(reason.sentence for entry in wrong.entries for reason in entry.reasons)
+    assert all(word in said for word in words), said
 
 
-def test_a_scale_of_the_accelerometers_is_named_where_it_moves_the_offset() -> None:
-    assert {"accelerometer_scale", "misfit"} <= codes_of(worlds.seen(2, BY_NAME["accelerometer_scale"], 1e-3))
+@pytest.mark.parametrize(
+    ("name", "size", "words"),
+    [
+        ("gyro_scale", 1e3, "Scale of the gyros of the inertial unit"),
+        ("accelerometer_scale", 1e4, "Scale of the accelerometers of the inertial unit"),
+        ("velocity_older", 10.0, "Age of the solutions, at velocity only"),
+    ],
+)
+def test_what_departs_moves_results_as_far_as_it_says(name: str, size: float, words: str) -> None:
+    """Against the filters themselves, of the same seed in a right world."""
+    world = BY_NAME[name].world(size * (1e-6 if "scale" in name else 1e-3))
+    right, wrong = (worlds.analyse(worlds.Recording(0, one).material()) for one in (worlds.World(), world))
+    (found,) = [seen for seen in wrong.evidence if seen.code == "departs"]
+    assert words in found.sentence
+    assert found.figure == pytest.approx(size, rel=0.05)
+    pairs = [pair for pair in zip(right.estimates, wrong.estimates, strict=True) if pair[1] in found.entries]
+    moved = [abs(one.value - other.value) / other.expanded_uncertainty for one, other in pairs if other.std_uncertainty]
+    assert max(moved) == pytest.approx(found.move, rel=0.1)
 
 
 def test_an_offset_beyond_what_was_looked_for_is_refused() -> None:
@@ -78,9 +94,8 @@ def taken_for_granted(**sections: object) -> dict[str, Assumption]:
 
 def test_what_no_recording_can_show_is_named_with_its_size() -> None:
     assert {switch.assumption for switch in worlds.SWITCHES} - {""} <= set(taken_for_granted())
-    assert "up to 5.5 ms" in taken_for_granted()["latency_as_stated"].unseen
+    assert "up to 7.1 ms" in taken_for_granted()["latency_as_stated"].unseen
     assert "any size" in taken_for_granted(latency=None)["latency_as_stated"].unseen
-    for velocity_m_s, text in ((0.017, "0.11 m"), (0.17, "1.10 m")):
-        place = taken_for_granted(egi={"velocity_m_s": velocity_m_s, "level_deg": 0.0013})["one_place"]
-        assert text in place.unseen
-    assert len(assumptions_of(compile_sequence("time_sync_turn", None, {}).campaign)) == 8
+    for velocity_m_s, text in ((0.017, "0.5 ms"), (0.17, "5.0 ms")):
+        assert text in taken_for_granted(egi={"velocity_m_s": velocity_m_s})["one_offset"].unseen
+    assert len(assumptions_of(compile_sequence("time_sync_turn", None, {}).campaign)) == 4

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Analysis, Figure, Material
-from bench.maths.tests import chi2_tail
 from bench.model.errors import FitError
+from bench.systems.af_converter.bias_ramp.departures import evidence
 from bench.systems.af_converter.bias_ramp.estimates import (
     DSF_STD,
     channel_estimates,
     compensation,
-    evidence,
     master_clock_estimates,
     temperatures,
 )
@@ -51,7 +50,6 @@ from bench.systems.af_converter.estimators.oscillator import OscillatorFit
 from bench.systems.af_converter.wording import say
 
 METHODS: tuple[str, ...] = FIT_METHODS
-_CHI2_PROBABILITY = 1e-4
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -88,7 +86,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
         compensation=compensation(fits, clock),
-        evidence=evidence(fits, drive),
+        evidence=evidence(fits, drive, entries),
     )
 
 
@@ -177,7 +175,7 @@ def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, 
     notes.append(say("ramp.joint" if without_sensor else "ramp.joint_sensor", driver=driver))
     notes += _estimators(fits) + _naive(fits, campaign, method)
     for channel in fits:
-        notes += _undetermined(channel) + _chi_square(channel)
+        notes += _undetermined(channel)
     notes.append(say("ramp.nominal", ppm=DSF_STD * 1e6))
     if campaign.temperature_sensor_u95_degC is None:
         notes.append(say("note.sensor_not_stated"))
@@ -219,10 +217,3 @@ def _undetermined(channel: ChannelFit) -> list[str]:
     if not fit.lag_determined:
         notes.append(say("ramp.no_lag", channel=number, lag=fit.value(LAG) / 60, u=fit.std(LAG) / 60))
     return notes
-
-
-def _chi_square(channel: ChannelFit) -> list[str]:
-    fit = channel.fit
-    if chi2_tail(fit.chi2, fit.dof) >= _CHI2_PROBABILITY:
-        return []
-    return [say("ramp.chi2", channel=channel.readings.channel.number, chi2=fit.reduced_chi2)]

@@ -1,12 +1,6 @@
 """Estimates of a bias campaign: bias, its temperature coefficients, hysteresis, play and lag of every channel.
 
 All temperatures of the estimates are those of the unit's own sensor, which is what a navigation unit compensates by.
-
-What the windows of a bias ramp say against the joint fit of their channel.
-
-Residuals must be no larger than the declared noise, and none of the short list of rivals (step, drift, second thermal
-lag, several play operators) may describe the windows better than chance lets it.
-Source: docs/decisions/0025-doubt.md.
 """
 
 from __future__ import annotations
@@ -18,17 +12,12 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import LEAST_MOVE, Document, Estimate, Estimates, Evidence, Floats, estimate
-from bench.maths.tests import chi2_tail
-from bench.maths.verdict import coverage_factor
+from bench.analysis import Document, Estimate, Estimates, Floats, estimate
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.coefficients import compensation_entry
 from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.estimators.gates import Drive
-from bench.systems.af_converter.estimators.hysteresis import rivals
-from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, width_at
-from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, HysteresisModel, ModelShape
-from bench.systems.af_converter.estimators.hysteresis.search import Problem
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, width_at, width_weights
+from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import GENERATOR, OscillatorFit
 from bench.systems.af_converter.wording import say
 
@@ -36,11 +25,13 @@ STEP_degC = 15.0  # between the temperatures of the estimates, counted from the 
 DSF_STD = 400e-6  # of a converter whose scale factor is not calibrated (design: drawn with 400 ppm)
 HOUR_s = 3600.0
 _OPEN_degC = 1.0  # nearer to an end the loop closes by itself, whatever the channel does
+_PARAMETERS = {  # of the fit, and how many of its unit are one of the estimate's
+    "hysteresis_width": (WIDTH, 1.0),
+    "play_half_width": (HALF_WIDTH, 1.0),
+    "thermal_lag": (LAG, 60.0),
+}
+QUANTITIES = ("bias", "bias_tc1", "bias_tc2", "bias_tc3", "bias_residual", *_PARAMETERS)  # that follow from a joint fit
 _REACH_degC = 0.6  # how far beyond the ends of the loop a polynomial may be read
-CHECKS = 5  # of a channel: the misfit and four rivals
-_BLOCKS = 12  # of an influence
-_LAGS_s = (30.0, 21_600.0)
-_nA = 1e9
 
 
 def temperatures(channel: ChannelFit) -> list[float]:
@@ -60,14 +51,16 @@ def on_sensor(channel: ChannelFit) -> tuple[Floats, Floats]:
 
     The sensor reads ``offset_degC`` more than the temperature of the fit: b(T) = sum c_k (T - offset - T_ref)^k.
     """
-    fit, order = channel.fit, channel.fit.order
-    moved = np.array(
-        [
-            [special.comb(k, j) * (-channel.offset_degC) ** (k - j) if k >= j else 0.0 for k in range(order + 1)]
-            for j in range(order + 1)
-        ]
-    )
-    return moved @ fit.parameters[: order + 1], moved @ fit.covariance[: order + 1, : order + 1] @ moved.T
+    moved = _to_sensor(channel)
+    fit, of_curve = channel.fit, slice(len(moved))
+    return moved @ fit.parameters[of_curve], moved @ fit.covariance[of_curve, of_curve] @ moved.T
+
+
+def _to_sensor(channel: ChannelFit) -> Floats:
+    """Return how the coefficients against the sensor, (order + 1,), follow those of the fit."""
+    orders = range(channel.fit.order + 1)
+    offset_degC = -channel.offset_degC
+    return np.array([[special.comb(k, j) * offset_degC ** (k - j) if k >= j else 0.0 for k in orders] for j in orders])
 
 
 def bias_parts(channel: ChannelFit, weights: Floats, campaign: Campaign) -> dict[str, float]:
@@ -92,7 +85,7 @@ def channel_estimates(channel: ChannelFit, campaign: Campaign, dropped: int) -> 
     return [
         *_bias(channel, campaign, about, counts),
         *_hysteresis(channel, campaign, about, counts),
-        _residual(channel, campaign, about, counts),
+        _residual(channel, about, counts),
     ]
 
 
@@ -136,36 +129,71 @@ def _hysteresis(channel: ChannelFit, campaign: Campaign, about: Document, counts
     return entries
 
 
-def compensated_A(channel: ChannelFit, campaign: Campaign) -> Floats:
-    """Reading minus the polynomial against the unit's sensor, (k,): what a navigation unit is left with, ampere."""
-    coefficients, _ = on_sensor(channel)
+def parameter_weights(channel: ChannelFit, entry: Estimate) -> Floats:
+    """Return how an estimate of ``QUANTITIES`` follows each parameter of the fit, (n,)."""
+    fit, where = channel.fit, entry.conditions
+    weights = np.zeros(fit.parameters.size)
+    of_curve, moved = weights[: fit.order + 1], _to_sensor(channel)
+    if entry.quantity == "hysteresis_width" and "temperature_degC" in where:
+        return width_weights(fit, where["temperature_degC"] - channel.offset_degC)
+    if entry.quantity in _PARAMETERS:
+        name, unit = _PARAMETERS[entry.quantity]
+        weights[fit.names.index(name)] = 1.0 / unit
+    elif entry.quantity == "bias":
+        of_curve[:] = (where["temperature_degC"] - fit.reference_degC) ** np.arange(of_curve.size) @ moved
+    elif entry.quantity == "bias_residual":
+        of_curve[:] = -_worst_hour(channel)[0] @ np.vander(_rest_degC(channel), of_curve.size, increasing=True) @ moved
+    else:
+        of_curve[:] = moved[int(entry.quantity[-1])]
+    return weights
+
+
+def reading_weights(channel: ChannelFit, entry: Estimate) -> Floats:
+    """Return how an estimate of ``QUANTITIES`` follows the readings themselves, (m,)."""
+    of_hour = entry.quantity == "bias_residual"
+    return _worst_hour(channel)[0] if of_hour else np.zeros(channel.readings.bias_A.size)
+
+
+def _rest_degC(channel: ChannelFit) -> Floats:
+    """Return the temperature that a navigation unit compensates by above that of reference, (k,)."""
     known = np.isfinite(channel.sensor_degC)
     temperature = np.where(known, channel.sensor_degC, channel.fit.unit_degC + channel.offset_degC)
-    x = temperature - campaign.reference_temperature_degC
-    return channel.readings.bias_A - np.polynomial.polynomial.polyval(x, coefficients)
+    return np.asarray(temperature - channel.fit.reference_degC)
+
+
+def compensated_A(channel: ChannelFit) -> Floats:
+    """Reading minus the polynomial against the unit's sensor, (k,): what a navigation unit is left with, ampere."""
+    coefficients, _ = on_sensor(channel)
+    return channel.readings.bias_A - np.polynomial.polynomial.polyval(_rest_degC(channel), coefficients)
+
+
+def _worst_hour(channel: ChannelFit) -> tuple[Floats, float, float]:
+    """Return the weights (k,) of the readings in the hour that is compensated worst, its mean and its noise, ampere."""
+    gates = channel.readings.gates
+    gate_s = gates.end_s - gates.start_s
+    hour = ((gates.middle_s - gates.start_s[0]) // HOUR_s).astype(np.int64)
+    length_s = np.bincount(hour, gate_s)
+    full = np.flatnonzero(length_s >= 0.5 * length_s.max())
+    means = np.bincount(hour, compensated_A(channel) * gate_s)[full] / length_s[full]
+    noise = np.sqrt(np.bincount(hour, (channel.readings.white_A * gate_s) ** 2)[full]) / length_s[full]
+    worst = int(np.argmax(np.abs(means)))
+    weights = gate_s * (hour == full[worst]) / length_s[full[worst]]
+    return weights, float(means[worst]), float(noise[worst])
 
 
 def _residual(
     channel: ChannelFit,
-    campaign: Campaign,
     about: Document,
     counts: Mapping[str, int],
 ) -> Estimate:
     """Largest mean over an hour of what the polynomial leaves; hysteresis and random walk are in it, as in use."""
-    left = compensated_A(channel, campaign)
-    middle_s, gate_s = channel.readings.gates.middle_s, channel.readings.gates.end_s - channel.readings.gates.start_s
-    hour = ((middle_s - channel.readings.gates.start_s[0]) // HOUR_s).astype(np.int64)
-    length_s = np.bincount(hour, gate_s)
-    full = length_s >= 0.5 * length_s.max()
-    means = np.bincount(hour, left * gate_s)[full] / length_s[full]
-    noise = np.sqrt(np.bincount(hour, (channel.readings.white_A * gate_s) ** 2)[full]) / length_s[full]
-    worst = int(np.argmax(np.abs(means)))
-    std = float(np.hypot(noise[worst], means[worst] * DSF_STD))
+    _, mean_A, noise_A = _worst_hour(channel)
+    std = float(np.hypot(noise_A, mean_A * DSF_STD))
     conditions = {**about, "averaging_h": HOUR_s / 3600.0, "compensation": say("compensation.sensor")}
     return estimate(
         "bias_residual",
         "A",
-        float(means[worst]),
+        mean_A,
         std,
         conditions,
         **counts,
@@ -208,102 +236,3 @@ def compensation(fits: Sequence[ChannelFit], clock: OscillatorFit | None) -> lis
         whole = (None, None), clock.reference_degC, clock.coefficients_ppm, list(clock.span_degC)
         entries.append(compensation_entry("master_clock", *whole))
     return entries
-
-
-def evidence(fits: Sequence[ChannelFit], drive: Drive) -> list[Evidence]:
-    """Return what every check of every channel says, those that found nothing included."""
-    return [seen for channel in fits for seen in _of_channel(channel, drive)]
-
-
-def listed_rivals(channel: ChannelFit, drive: Drive) -> tuple[rivals.Base, list[rivals.Rival]]:
-    """Return the fit of a channel in first order, and the rivals it is held against."""
-    fit, readings = channel.fit, channel.readings
-    shape = ModelShape(reference_degC=fit.reference_degC, order=fit.order)
-    problem = Problem(HysteresisModel(readings.gates, drive, shape), readings.bias_A, readings.noise.whiten)
-    base = rivals.base_of(problem, fit.value(LAG), fit.value(HALF_WIDTH), (LAG, HALF_WIDTH))
-    middle_s = readings.gates.middle_s
-    lag_s = fit.value(LAG)
-    listed = [
-        *(rivals.steps(middle_s), rivals.drift(middle_s)),
-        *(rivals.second_lag(problem, lag_s, _LAGS_s), rivals.several_plays(problem, lag_s)),
-    ]
-    return base, listed
-
-
-def _of_channel(channel: ChannelFit, drive: Drive) -> list[Evidence]:
-    base, listed = listed_rivals(channel, drive)
-    outcomes = rivals.compare(base, listed, [rivals.Noise(channel.readings.noise.whiten)])
-    return [_misfit(channel, base), *(_rival(channel, outcome) for outcome in outcomes)]
-
-
-def _about(channel: ChannelFit) -> dict[str, Any]:
-    return {"channel": channel.readings.channel.number}
-
-
-def moves(channel: ChannelFit, shift: Mapping[str, float]) -> dict[str, float]:
-    """Return by how much of its expanded uncertainty of the fit each quantity moves with the parameters.
-
-    What is not stated does not move; the bias moves as its worst coefficient does.
-    """
-    fit = channel.fit
-    moved = {name: abs(shift[name]) / (coverage_factor() * fit.std(name)) for name in shift if fit.std(name) > 0.0}
-    found = {"bias": max(moved.get(f"b{k}", 0.0) for k in range(fit.order + 1))}
-    found["bias_residual"] = found["bias"]
-    if channel.there_and_back:
-        found["hysteresis_width"] = moved.get(WIDTH, 0.0)
-    if fit.lag_determined:
-        found["thermal_lag"] = moved.get(LAG, 0.0)
-    if fit.half_width_determined:
-        found["play_half_width"] = moved.get(HALF_WIDTH, 0.0)
-    return found
-
-
-def _misfit(channel: ChannelFit, base: rivals.Base) -> Evidence:
-    """Return whether the residuals are larger than declared, and how far one stretch of time carries the result."""
-    fit = channel.fit
-    probability = chi2_tail(fit.chi2, fit.dof)
-    worst = _carried(channel, base)
-    sentence = say("evidence.misfit", channel=channel.readings.channel.number, chi2=fit.reduced_chi2)
-    return Evidence(
-        "lack_of_fit", sentence, fit.reduced_chi2, probability, max(worst.values()),
-        _bearing(worst, everything=True), _about(channel),
-    )  # fmt: skip
-
-
-def _carried(channel: ChannelFit, base: rivals.Base) -> dict[str, float]:
-    """Return the largest move of each quantity when one of twelve stretches of time is left out."""
-    whiten = channel.readings.noise.whiten
-    worst: dict[str, float] = {}
-    for block in np.array_split(np.arange(base.residual.size), _BLOCKS):
-        left_out = np.zeros((base.residual.size, block.size))
-        left_out[block, np.arange(block.size)] = 1.0  # a column of its own takes each reading out
-        design = whiten(np.column_stack((base.columns, left_out)))
-        scale = np.linalg.norm(design, axis=0)
-        scale = np.where(scale > 0, scale, 1.0)
-        solved = np.linalg.lstsq(design / scale, whiten(base.residual), rcond=1e-10)[0] / scale
-        shift = dict(zip(base.names, solved[: len(base.names)].tolist(), strict=True))
-        for name, moved in moves(channel, shift).items():
-            worst[name] = max(worst.get(name, 0.0), moved)
-    return worst
-
-
-def _bearing(moved: dict[str, float], *, everything: bool = False) -> tuple[str, ...]:
-    """Return the quantities that move enough to be doubted; all of them if none does, or if they share a misfit."""
-    enough = tuple(name for name, move in moved.items() if move > LEAST_MOVE)
-    return tuple(moved) if everything or not enough else enough
-
-
-def _rival(channel: ChannelFit, outcome: rivals.Outcome) -> Evidence:
-    moved = moves(channel, outcome.shift)
-    code, width_nA = rivals.code_of(outcome.name), _nA * (channel.fit.value(WIDTH) + outcome.shift[WIDTH])
-    sentence = say(
-        "evidence.rival",
-        name=say(code, place=outcome.place),
-        channel=channel.readings.channel.number,
-        gain=outcome.gain,
-        width=width_nA,
-    )
-    return Evidence(
-        code, sentence, outcome.gain,
-        outcome.probability, max(moved.values()), _bearing(moved), _about(channel),
-    )  # fmt: skip

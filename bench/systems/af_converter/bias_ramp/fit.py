@@ -162,7 +162,8 @@ def _readings(records: RampRecords, rates: RecordRates, channel: Channel) -> Cha
 class ChannelFit:
     """Fit of one channel; per window (k,): the unit's sensor and the chamber's air (NaN = unknown), and the branch.
 
-    ``sensor_problem``: why the sensor is not used (it is NaN then), "" if it is.
+    ``bounds``: of the search for lag and half-width.   ``sensor_problem``: why the sensor is not used (it is NaN then),
+    "" if it is.
     """
 
     readings: ChannelReadings
@@ -170,6 +171,7 @@ class ChannelFit:
     sensor_degC: Floats
     air_degC: Floats
     branch: NDArray[np.str_]
+    bounds: Bounds
     sensor_problem: str = ""
 
     @property
@@ -262,7 +264,7 @@ def fit_channel(
     known = np.isfinite(trace.air_degC)
     air = np.interp(gates.middle_s, trace.t_s[known], trace.air_degC[known]) if known.any() else gates.middle_s * np.nan
     sensor, problem = _usable_sensor(records.unit_degC[readings.used], fit)
-    return ChannelFit(readings, fit, sensor, air, records.branch[readings.used], problem)
+    return ChannelFit(readings, fit, sensor, air, records.branch[readings.used], bounds, problem)
 
 
 def _require_inside(fit: HysteresisFit, bounds: Bounds) -> None:

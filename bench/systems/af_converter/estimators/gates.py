@@ -50,6 +50,11 @@ class Whitener:
         white, _ = lapack.dtbtrs(self.factor, steps, uplo="L")
         return np.asarray(white, dtype=np.float64).reshape(x.shape)
 
+    def turn(self, x: Floats) -> Floats:
+        """Transpose of V^-1/2 times x, (m, p): ``turn(w).T @ y`` is ``w.T @ whiten(y)``."""
+        back, _ = lapack.dtbtrs(self.factor, x, uplo="L", trans="T")
+        return np.asarray(-np.diff(back, axis=0, append=np.zeros_like(x[:1])))
+
 
 def series_covariance(
     estimator: ArrayLike,

@@ -116,6 +116,7 @@ class Readings:
     temperature_gap: Floats  # rows with the same number share one error of interpolation
     scatter: Floats  # variance of (n - p) / af_count by the scatter of records; for rows with ``scatter_dof`` only
     scatter_dof: Floats  # its degrees of freedom; 0: the noise is as declared
+    halves: Floats  # first less second half of the gate of (n - p) / af_count; NaN: not known
 
     def take(self, rows: Flags) -> Readings:
         """The rows where the mask is true."""
@@ -145,6 +146,16 @@ def quantisation_A2(rows: Readings, converter: Converter) -> Floats:
     Source: docs/decisions/0004; rectangular distribution of JCGM 100:2008 4.3.7.
     """
     return (converter.k0_C / rows.gate_s) ** 2 / 6.0 * (1.0 + rows.gaps)
+
+
+def halves_A2(rows: Readings, converter: Converter) -> Floats:
+    """Variance of the difference of both halves of a gate, (m,): quantisation of counts and clock, white noise, walk.
+
+    Three residues of a pulse, the middle one twice, are (1 + 4 + 1) / 12 of it squared, over half the gate.
+    Source:  rectangular distribution of JCGM 100:2008 4.3.7; means of a random walk over two halves of a gate.
+    """
+    quantised = (quantisation_A2(rows, converter) + clock_A2(rows, converter)) * 12.0
+    return quantised + 4.0 * white_A2(rows, converter) + converter.walk_A_rth**2 / 3600.0 * rows.gate_s / 3.0
 
 
 def clock_A2(rows: Readings, converter: Converter) -> Floats:

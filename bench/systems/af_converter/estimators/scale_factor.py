@@ -188,7 +188,8 @@ def unreferred_A(rows: Readings, n_A: Floats, p_A: Floats, to_degC: float) -> Fl
 
 def usable_rows(rows: Readings) -> Flags:
     """Mask (m,) of the rows with finite values, a gate and an AF clock."""
-    finite = np.all([np.isfinite(getattr(rows, name)) for name in rows.__dataclass_fields__], axis=0)
+    needed = rows.__dataclass_fields__.keys() - {"halves"}
+    finite = np.all([np.isfinite(getattr(rows, name)) for name in needed], axis=0)
     return np.asarray(finite & (rows.gate_s > 0) & (rows.af_count > 0))
 
 

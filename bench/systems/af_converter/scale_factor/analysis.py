@@ -30,7 +30,7 @@ from bench.systems.af_converter.group_fit import (
 )
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
-from bench.systems.af_converter.scale_factor.departures import evidence
+from bench.systems.af_converter.scale_factor.departures import judged
 from bench.systems.af_converter.scale_factor.estimates import determine
 from bench.systems.af_converter.wording import kind_name, say
 
@@ -54,13 +54,14 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     known = determine(material, method)
     constants, register, fitted, chosen = known.constants, known.standards, known.fitted, known.rows
     entries, zero_gain = known.estimates, zero_gain_table(fitted, constants, register, method)
+    heard, unseen = judged(fitted, entries, constants, register, material)
     missing = missing_groups(chosen, {visit.group.place for visit in fitted.groups}, fitted.refused, constants)
     return Analysis(
         campaign=constants.analysis,
         method=method,
         uut=constants.uut,
         estimates=entries,
-        evidence=evidence(fitted, entries, constants, register, material),
+        evidence=heard,
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
         groups=_quality_of_fit(fitted, constants),
@@ -71,7 +72,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
             *zero_gain_notes(zero_gain),
         ],
         missing=missing,
-        tables=[*budget_tables(fitted, constants, register, method), *zero_gain],
+        tables=[*budget_tables(fitted, constants, register, method), *zero_gain, unseen],
         compensation=scale_factor_compensation(fitted, constants),
     )
 

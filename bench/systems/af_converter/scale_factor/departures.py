@@ -1,8 +1,8 @@
 """What the data of a scale-factor campaign say against its model: all visits of all channels as rows of one fit.
 
-Readings are counted currents. Free are the coefficients of both counters, an offset of each polarity of each visit,
-and, as far as their priors go, errors of the calibrator and its drift. Beside them stands what no converter can be, and
-counts that go in steps of several pulses.
+Readings are counted currents, and what the halves of records differ by. Free are the coefficients of both counters, an
+offset of each polarity of each visit, and, as far as their priors go, errors of the calibrator and its drift. Beside
+them stands what no converter can be, and counts that go in steps of several pulses.
 Source: docs/decisions/0004 (model), 0025 (doubt), 0052 (departures).
 """
 
@@ -23,12 +23,14 @@ from bench.analysis import (
     Labels,
     Material,
     Residuals,
+    Table,
     Words,
     departures_of,
     evidence_of,
     search,
+    unseen_table,
 )
-from bench.maths.arrays import Floats, Integers
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import of_many
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.assumptions import BETWEEN_VISITS_ppm
@@ -38,6 +40,7 @@ from bench.systems.af_converter.estimators.readings import (
     QUANTISATION,
     Readings,
     calibrator_effects,
+    halves_A2,
     noise_parts,
     pulse_currents_A,
     relative_errors,
@@ -57,19 +60,25 @@ from bench.systems.af_converter.wording import kind_name, say
 
 _PPM, _nA = 1e-6, 1e-9
 _DEGREE = 2
+_OWN = 4.0  # of the limit of residuals, at the temperature farthest from that of reference: it leaves a third
+_TAILS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # time constants, in lengths of a record
+_RANK = 1e-9
 
 
-def evidence(
+def judged(
     fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, material: Material
-) -> list[Evidence]:
-    """Return what every check says of the estimates, those that found nothing included."""
+) -> tuple[list[Evidence], Table]:
+    """Return what every check says of the estimates, those that found nothing included, and what none can show."""
     rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
-    return [
+    found, words = search(rows, departures, share=0.5), words_of(fitted)  # the other half: counts, odd records
+    heard = [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
-        *evidence_of(search(rows, departures, share=0.5), stated, words_of(fitted)),  # the other half: counts
+        *evidence_of(found, stated, words),
+        _odd_alike(fitted, words),
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
+    return heard, unseen_table(found, stated, words)
 
 
 def _whole_counts(visit: GroupFit) -> Evidence:
@@ -87,6 +96,27 @@ def _whole_counts(visit: GroupFit) -> Evidence:
     sentence = say("evidence.steps", place=place_name(visit.group.place), step=step, move=move)
     chance = of_many(probability, 2)
     return Evidence("counts_in_steps", sentence, float(step), chance, move, SCALE_FACTORS, about(visit.group))
+
+
+def _odd_alike(fitted: Fitted, words: Words) -> Evidence:
+    """Return whether records that were left out, each as the one odd one of its visit, have a label in common.
+
+    Source: binomial distribution of those at one label, the union bound over the labels.
+    """
+    from scipy import special
+
+    odd = [row for visit in fitted.groups for row in visit.group.odd]
+    used = [visit.group.closed for visit in fitted.groups]
+    found = [(1.0, "level", 0.0, 0)]
+    for label, name in (("level", "level_A"), ("polarity", "polarity"), ("range", "range_A")):
+        of_odd, of_used = (np.concatenate([np.zeros(0), *(getattr(one, name) for one in rows)]) for rows in (odd, used))
+        for value in np.unique(of_odd):
+            here, others = int(np.sum(of_odd == value)), int(np.sum(of_used == value))
+            share = (here + others) / (of_odd.size + of_used.size)
+            found.append((float(special.bdtrc(here - 1, of_odd.size, share)), label, float(value), here))
+    chance, label, value, here = min(found)
+    sentence = say("evidence.odd_alike", count=here, odd=len(odd), where=words(label, value))
+    return Evidence("odd_alike", sentence, float(here), of_many(chance, 2 * len(found)), quantities=SCALE_FACTORS)
 
 
 def words_of(fitted: Fitted) -> Words:
@@ -115,18 +145,22 @@ def residuals_of(
     rows = _Rows(fitted, campaign, standards)
     held, noise_A2 = rows.held(), rows.noise_A2()
     factor = np.linalg.inv(np.linalg.cholesky(noise_A2))
+    labels = rows.labels()
+    halves = _Halves(rows, labels)
 
     def whiten(columns: Floats) -> Floats:
-        return np.vstack([factor @ columns, np.zeros((len(held), columns.shape[1]))])
+        return np.vstack([factor @ columns, np.zeros((len(held) + halves.white.size, columns.shape[1]))])
 
     free = rows.free()
     design = whiten(np.column_stack([*free, *held]))
-    design[len(factor) :, len(free) :] = np.eye(len(held))
+    design[len(factor) : len(factor) + len(held), len(free) :] = np.eye(len(held))
+    white = whiten((rows.counted_A - rows.reference_A)[:, None])[:, 0]
+    white[len(factor) + len(held) :] = halves.white
     operator, stated = rows.operators(entries)
     noise = np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator))
     residuals = Residuals(
         readings=rows.counted_A,
-        white=whiten((rows.counted_A - rows.reference_A)[:, None])[:, 0],
+        white=white,
         design=design,
         scatter=whiten(np.column_stack(list(rows.scatter()))),
         whiten=whiten,
@@ -134,8 +168,9 @@ def residuals_of(
         expanded=np.array([_expanded(entry, fitted, one) for entry, one in zip(stated, noise, strict=True)]),
         noise=coverage_factor() * noise,
         on_curve=np.array(["_tc" in entry.quantity for entry in stated]),
+        rest=halves.rest,
     )
-    return residuals, departures_of(rows.labels()), stated
+    return residuals, [*departures_of(labels), *halves.tails], stated
 
 
 def _expanded(entry: Estimate, fitted: Fitted, noise: float) -> float:
@@ -145,6 +180,42 @@ def _expanded(entry: Estimate, fitted: Fitted, noise: float) -> float:
     if polynomial is None or not polynomial.misfit_dof:
         return float(entry.expanded_uncertainty)
     return float(coverage_factor() * np.sqrt(entry.std_uncertainty**2 - polynomial.misfit[int(order)] ** 2 + noise**2))
+
+
+class _Halves:
+    """What the first halves of records differ by from the second ones, as rows beside the records.
+
+    A change of the current may leave a tail, which halves tell from other currents. ``white`` (q,): the differences
+    along all that ``tails`` make of them, in units of their noise; ``rest``: chi-square of what no tail makes, and its
+    degrees of freedom.
+    """
+
+    def __init__(self, rows: _Rows, labels: Labels) -> None:
+        known, white, std_A = rows.halves()
+        tails = list(self._tails(rows, labels))
+        made = np.column_stack([halves_A[known] / std_A for _, halves_A, _ in tails])
+        axes, size, _ = np.linalg.svd(made, full_matrices=False)
+        axes = axes[:, size > _RANK * size.max(initial=0.0)]
+        self.white = axes.T @ white
+        self.rest = float(white @ white - self.white @ self.white), white.size - self.white.size
+        self.tails = [
+            Departure("current: tail", "ppm", whole_A[:, None], about, beside=axes.T @ one)
+            for (whole_A, _, about), one in zip(tails, made.T, strict=True)
+        ]
+
+    @staticmethod
+    def _tails(rows: _Rows, labels: Labels) -> Iterator[tuple[Floats, Floats, dict[str, Any]]]:
+        """Yield what a tail of 1 ppm of each change adds to records and to differences of their halves, (r,) each."""
+        gate_s, change_A = rows.column("gate_s"), _PPM * rows.change_A
+        for share in _TAILS:
+            early = 2.0 * share * (1.0 - np.exp(-0.5 / share))
+            late = early * np.exp(-0.5 / share)
+            for name in ("", *labels.kinds):
+                kind = labels.kinds.get(name, np.zeros(gate_s.size))
+                for value in np.unique(kind).tolist():
+                    inside_A = change_A * (kind == value)
+                    about = {"seconds": share * float(gate_s.mean())} | ({name: value} if name else {})
+                    yield inside_A * (early + late) / 2.0, inside_A * (early - late), about
 
 
 @dataclass(frozen=True)
@@ -217,6 +288,29 @@ class _Rows:
         """Temperature of the unit above that of reference."""
         return self.column("unit_temperature_degC") - self.campaign.reference_temperature_degC
 
+    @cached_property
+    def before_A(self) -> Floats:
+        """Current of the record before, 0 where a visit begins."""
+        return np.concatenate([np.append(0.0, self.reference_A[part][:-1]) for part in self.slices])
+
+    @property
+    def change_A(self) -> Floats:
+        """By what the current changed before each record."""
+        return self.reference_A - self.before_A
+
+    def halves(self) -> tuple[Flags, Floats, Floats]:
+        """Return which records have halves that are known, (r,), how much more current the first ones have, in units of
+        its noise, and that noise, ampere.
+        """
+        halves_A, std_A = [], []
+        for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True):
+            converter = self.campaign.converter(visit.group.channel)
+            halves_A.append(converter.k0_C * converter.af_clock_Hz * rows.halves)
+            std_A.append(np.sqrt(halves_A2(rows, converter)))
+        more_A, noise_A = np.concatenate(halves_A), np.concatenate(std_A)
+        known = np.isfinite(more_A)
+        return known, more_A[known] / noise_A[known], noise_A[known]
+
     def noise_A2(self) -> Floats:
         """Return the covariance of the readings, (r, r): that of each visit."""
         covariance = np.zeros((self.visit.size,) * 2)
@@ -274,8 +368,8 @@ class _Rows:
         of_channel = {channel.number: channel for channel in self.campaign.channels}
         channels = [of_channel[number] for number in self.channel.tolist()]
         warmest_degC = max(float(np.abs(self.rest_degC).max()), 1.0)
-        before_mA = [1e3 * np.concatenate([[0.0], self.reference_A[part][:-1]]) for part in self.slices]
         level_A = self.column("level_A")
+        own_ppm = _OWN * max(channel.stability_limit_ppm or 0.0 for channel in self.campaign.channels)
         return Labels(
             kinds={
                 "channel": self.channel,
@@ -291,13 +385,13 @@ class _Rows:
             scales={
                 "temperature": (self.rest_degC / warmest_degC, (3, 4)),
                 "level": (level_A / np.array([channel.full_scale_A for channel in channels]), (1, 2, 3)),
-                "before": (np.concatenate(before_mA), (1,)),
+                "before": (1e3 * self.before_A, (1,)),
             },
             carriers={"gain": ("ppm", _PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
             scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
             corners=[("channel", "temperature")],
             exchanged=("channel", "kind", "polarity", "gain"),
-            own=[("gain", "temperature ^3"), ("gain", "temperature ^4")],
+            own={("gain", f"temperature ^{power}"): own_ppm for power in (3, 4)},
         )
 
     def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:

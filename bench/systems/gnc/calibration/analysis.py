@@ -14,11 +14,12 @@ import numpy as np
 
 from bench.analysis import Analysis, Document, Estimates, Floats, Material, check_method, estimate
 from bench.model.errors import FitError
-from bench.systems.gnc.calibration.evidence import evidence
+from bench.systems.gnc.calibration.departures import evidence
 from bench.systems.gnc.calibration.report import (
     TURNS,
     UPS,
     Calibration,
+    Sets,
     calibration_notes,
     matrix_table,
     position_figure,
@@ -64,7 +65,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
     good, bad = usable(looked_at)
     good, odd = without_bad_samples(good, ("gyro", "accelerometer"))
-    parts = calibrate(Calibration(sets_of(good), clock_of(good), power_on_of(good)), material)
+    parts = Calibration(sets_of(good), clock_of(good), power_on_of(good))
+    parts = calibrate(parts, material, sets_of([seen.row for seen in looked_at if seen.reason]))
     if parts.accelerometer is None and parts.gyro is None and parts.refused:
         raise parts.refused[0]
     limits = limits_of(material.campaign)
@@ -74,7 +76,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=material.campaign["uut"],
         estimates=estimates,
-        evidence=evidence(parts, looked_at, limits),
+        evidence=evidence(parts, looked_at, limits, estimates),
         notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
         missing=[*empty, *bad, *parts.missing],
         figures=[*position_figure(parts), *rotation_figures(parts)],
@@ -84,9 +86,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def calibrate(parts: Calibration, material: Material) -> Calibration:
+def calibrate(parts: Calibration, material: Material, unusable: Sets | None = None) -> Calibration:
     """Fit what the records determine, and check it by the second set where there is one."""
-    name_missing(parts)
+    name_missing(parts, unusable)
     fit_positions(parts, material.campaign)
     fit_turns(parts, material.campaign)
     return parts
@@ -154,14 +156,17 @@ class _Part:
         return True
 
 
-def name_missing(parts: Calibration) -> None:
-    """Add a sentence for each record that a calibration and its check need and that is not there."""
-    sets = parts.sets
-    parts.missing += [say("missing.position", up=up) for up in UPS if up not in sets.positions]
+def name_missing(parts: Calibration, unusable: Sets | None = None) -> None:
+    """Add a sentence for each record that a calibration and its check need and that is not there.
+
+    ``unusable``: records that have one already.
+    """
+    sets, told = parts.sets, unusable or Sets()
+    parts.missing += [say("missing.position", up=up) for up in UPS if up not in {*sets.positions, *told.positions}]
     parts.missing += [
         say("missing.rotation", axis=axis.upper(), sign="+" if sign > 0 else "-")
         for axis, sign in TURNS
-        if (axis, sign) not in sets.rotations
+        if (axis, sign) not in {*sets.rotations, *told.rotations}
     ]
     if not sets.check_positions:
         parts.missing.append(say("missing.check_positions"))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import CONTINUES, Document, Estimates, Planned, Reading
+from bench.analysis import CONTINUES, Document, Estimates, Planned, Reading, powers
 from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
@@ -24,8 +24,8 @@ from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.plan import MEASUREMENT, Plan, PlannedCall, PlannedRecord, Step, bus_s
 from bench.systems.gnc.calibration.analysis import estimates_of, fit_positions
+from bench.systems.gnc.calibration.departures import SHARE, triads
 from bench.systems.gnc.calibration.report import TURNS, UPS, Calibration, sets_of
-from bench.systems.gnc.calibration.rivals import FOUND, rival_powers
 from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import MARGIN_S
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
@@ -35,6 +35,13 @@ from bench.systems.gnc.rows import SampledRow, sampled_rows
 
 POSITION, CHECK, TURN = "position", "check_position", "turn_record"  # parameters that the records take their length of
 _SETS = 2
+_FOUND = ("scale_error", "cross_coupling", "bias")  # of both triads: what a calibration is made for
+_RIVALS = {
+    ("accel", "offset: drift"): "accelerometer biases that drift steadily",
+    ("accel", "offset: own ^2"): "square of the acceleration",
+    ("gyro", "offset: drift"): "gyro biases that drift steadily",
+    ("gyro", "gain: own absolute"): "scale factors of gyros that change with the rate",
+}
 _SHORTEST_s, _STEP_s = 20.0, 1.0  # of positions: 20 means of a second tell their noise
 _CHECKS_s = 20.0, 30.0, 40.0, 50.0  # beside that of today
 _TURN_STEP_s = 0.5
@@ -72,7 +79,7 @@ def design(given: Given) -> Calibrations:
 class Calibrations:
     """The problem as the search sees it (``bench.design.Problem``)."""
 
-    wanted = tuple((f"{triad}_{name}", "") for triad in ("accel", "gyro") for name in FOUND)
+    wanted = tuple((f"{triad}_{name}", "") for triad in ("accel", "gyro") for name in _FOUND)
 
     def __init__(self, given: Given) -> None:
         """Take a calibration apart. Raises: InputError B-DES-004 if it has less than the rules ask for, B-DES-005."""
@@ -145,7 +152,19 @@ class Calibrations:
         return estimates_of(self.nominal(candidate, length_s)[1], limits_of(self._plan.campaign))
 
     def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
-        return rival_powers(*self.nominal(candidate, length_s), self._plan.campaign)
+        """Return how surely each rival would be seen that moves a result by 1 U; the noise holds what is declared."""
+        parts, found = self.nominal(candidate, length_s)[1], []
+        for triad in triads(parts, limits_of(self._plan.campaign)):
+            departures = [one for one in triad.departures() if len(one.effect.T) == 1]
+            rows, stated = triad.residuals(self.estimates(candidate, length_s))
+            known = replace(rows, scatter=rows.scatter[:, :0], noise_dof=math.inf)
+            for one, seen in zip(departures, powers(known, departures, SHARE), strict=True):
+                name = _RIVALS.get((triad.prefix, one.family), "") if not one.about else ""
+                for quantity in _FOUND[: 2 if "drift" in one.family else 3] if name else ():  # a bias is of its time
+                    wanted = f"{triad.prefix}_{quantity}"
+                    of_it = [p for p, entry in zip(seen, stated, strict=True) if entry.quantity == wanted]
+                    found.append(Power(name, wanted, float(min(of_it))))
+        return found
 
     def at_least(self, candidate: Candidate, length_s: float) -> dict[Key, float]:
         """Return what accelerometers reach by the first positions alone, and what white noise leaves of the gyros.

@@ -21,7 +21,7 @@ from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import RestNoise, RotationRecord, rest_dof, static_means, up_in_body
 from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
-from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position, spread_out
+from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position, rows_of_positions, spread_out
 from bench.systems.gnc.rows import AXES, SampledRow, temperature_span
 from bench.systems.gnc.unit_test.analysis import folder_name
 from bench.systems.gnc.wording import say
@@ -140,10 +140,12 @@ def position_fit(
     else:
         means, covariance, dof = _declared_means(rows, outputs, noise)
     force = gravity * np.stack([up_in_body(row.pose) for row in rows])
-    if not one_power_on:
-        return fit_six_position(means, force)
-    fit = fit_six_position(means, force, covariance, tilt_std_deg=tilt_std_deg)
-    return replace(fit, dof=min(fit.dof, dof))
+    if one_power_on:
+        fit = fit_six_position(means, force, covariance, tilt_std_deg=tilt_std_deg)
+        fit = replace(fit, dof=min(fit.dof, dof))
+    else:
+        fit = fit_six_position(means, force)
+    return replace(fit, rows=rows_of_positions(fit, means, force, covariance, tilt_std_deg, dof))
 
 
 def _declared_means(

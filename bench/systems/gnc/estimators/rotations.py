@@ -36,7 +36,7 @@ from bench.systems.gnc.estimators.earth_rate import (
 )
 from bench.systems.gnc.estimators.rotation_inputs import Declared, Inputs, turn_and_rest, whole_turn
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
-from bench.systems.gnc.estimators.triad import AXES, TriadFit, improbable, propagate_inputs
+from bench.systems.gnc.estimators.triad import AXES, TriadFit, TriadRows, derivatives, improbable, propagate_inputs
 
 _LEAST_SPREAD = 1e-12
 _DRIFT_DOF = 15  # three sensors at rest in six records, less three biases
@@ -86,15 +86,19 @@ def fit_rotations(
     inputs = Inputs.of(parts, site)
     parameters, residual = paired(inputs)
     quantisation = quantisation_variance(std, declared.resolution_deg_s)
+    common = np.diag(quantisation)
+    wandering = None if noise is None else _wandering(noise, ordered, trimmed)
+    declared_covariance, noise_dof = inputs.covariance(declared, site, density, common, wandering), dof
     drift_deg_s = _drift(residual, inputs, density, quantisation)
     if drift_deg_s > declared.drift_deg_s:
         dof = min(dof, float(_DRIFT_DOF))
         declared = replace(declared, drift_deg_s=drift_deg_s)
-    common = np.diag(quantisation)
-    wandering = None if noise is None else _wandering(noise, ordered, trimmed)
     covariance = inputs.covariance(declared, site, density, common, wandering)
-    spread = propagate_inputs(lambda x: np.concatenate(_both(paired(inputs.at(x)))), inputs.vector, covariance)
-    triad = _triad(parameters, residual, spread, inputs, dof, declared.time_std)
+    jacobian = derivatives(
+        lambda x: np.concatenate(_both(paired(inputs.at(x)))), inputs.vector, np.sqrt(covariance.diagonal())
+    )
+    triad = _triad(parameters, residual, jacobian @ covariance @ jacobian.T, inputs, dof, declared.time_std)
+    triad = replace(triad, rows=_rows(triad.matrix, inputs, jacobian, declared_covariance, noise_dof))
     names = [record.name for record in ordered]
     return RotationFit(
         triad=triad,
@@ -128,6 +132,25 @@ def paired(inputs: Inputs) -> tuple[Floats, Floats]:
         offset = np.sum(left * other, axis=0) / np.sum(length * other, axis=0)
     inverse = np.linalg.inv(sensitivity)
     return np.concatenate([inverse.ravel(), inverse @ offset]), left - offset * length
+
+
+def _rows(matrix: Floats, inputs: Inputs, jacobian: Floats, covariance: Floats, dof: float) -> TriadRows:
+    """Return mean rates of turns and rests, (r, 3) deg/s. ``jacobian``: of K and bias by the vector of the inputs."""
+    sensitivity, length = np.linalg.inv(matrix), inputs.duration_s[:, None]
+
+    def left(vector: Floats) -> Floats:
+        at = inputs.at(vector)
+        return np.asarray((at.integral @ matrix.T - at.known - at.earth) / length).ravel()
+
+    by_integral = jacobian[:12, : inputs.integral.size].reshape(12, -1, 3)
+    return TriadRows(
+        output=inputs.integral / length,
+        input=(inputs.known + inputs.earth) / length,
+        force=inputs.seen[:, :, 2] / length,
+        covariance=propagate_inputs(left, inputs.vector, covariance),
+        operator=(by_integral * length @ sensitivity).reshape(12, -1),
+        dof=dof,
+    )
 
 
 def _drift(residual: Floats, inputs: Inputs, density: Floats, quantisation: Floats) -> float:

@@ -48,13 +48,14 @@ LARGEST_SHARE = 1e-3
 @dataclass(frozen=True)
 class Finding:
     """One kind of fault in one channel: ``kind``, ``channel`` ("" for the whole sample), ``count`` of samples,
-    ``first``: index of the first of them, ``sentence`` for a report."""
+    ``first``: index of the first of them, ``sentence`` for a report, ``limit``: steps at the end of its range."""
 
     kind: str
     channel: str
     count: int
     first: int
     sentence: str
+    limit: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -204,7 +205,7 @@ def _saturated(name: str, values: Column, limit: float) -> list[Finding]:
         first = int(np.argmax(at_limit))
         count = int(at_limit.sum())
         text = say("check.saturated", name=channel_name(name), count=count, first=first)
-        return [Finding(SATURATED, name, count, first, text)]
+        return [Finding(SATURATED, name, count, first, text, limit)]
     return []
 
 

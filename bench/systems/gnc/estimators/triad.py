@@ -32,13 +32,30 @@ _NAMES = ("the column of N_x", "the column of N_y", "the column of N_z", "the bi
 
 
 @dataclass(frozen=True)
+class TriadRows:
+    """Mean outputs that a fit is made of, (n, 3) each.
+
+    ``output``: as indicated; ``input``: that is due; ``force``: specific force meanwhile, g.   ``covariance``
+    (3n, 3n): of the output through K, without the wandering of a bias that nobody declares.   ``operator`` (12, 3n):
+    what K, row by row, and bias gain per unit of it.   ``dof``: degrees of freedom of the noise.
+    """
+
+    output: Floats
+    input: Floats
+    force: Floats
+    covariance: Floats
+    operator: Floats
+    dof: float
+
+
+@dataclass(frozen=True)
 class TriadFit:
     """Fit of a triad. Accelerometer: a = K N + bias; gyroscope: w = K N - bias, so N = S (w + bias).
 
     ``covariance`` is that of the nine elements of K, row by row, and then the three of the bias. ``dof`` are the
     degrees of freedom behind it (infinite where the noise was known). ``chi2`` is the weighted sum of squares of
     ``residual_dof`` independent residuals. ``inflated`` says that the residuals are larger than what was declared can
-    explain and that the covariance was enlarged for it.
+    explain and that the covariance was enlarged for it. ``rows``: of a calibration by positions or by turns.
     """
 
     matrix: Floats  # (3, 3) K, true input per indicated unit
@@ -50,17 +67,22 @@ class TriadFit:
     dof: float
     condition: float  # of the design with columns of unit length
     inflated: bool = False
+    rows: TriadRows | None = None
 
     @cached_property
     def sensitivity(self) -> Floats:
         """S = K^-1, (3, 3), indicated unit per input unit."""
         return np.asarray(np.linalg.inv(self.matrix))
 
+    @property
+    def by_matrix(self) -> Floats:
+        """(9, 9) derivatives of S by K, both row by row: dS = -S dK S. Source: JCGM 102:2011 section 6."""
+        return np.asarray(-np.kron(self.sensitivity, self.sensitivity.T))
+
     @cached_property
     def sensitivity_covariance(self) -> Floats:
-        """(9, 9) of S, row by row: dS = -S dK S, so the Jacobian is -(S kron S^T). Source: JCGM 102:2011 section 6."""
-        jacobian = np.kron(self.sensitivity, self.sensitivity.T)
-        return jacobian @ self.covariance[:9, :9] @ jacobian.T
+        """(9, 9) of S, row by row."""
+        return self.by_matrix @ self.covariance[:9, :9] @ self.by_matrix.T
 
     @property
     def matrix_std(self) -> Floats:
@@ -111,25 +133,26 @@ def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
     return dof > 0 and chi2_tail(chi2, dof) < below
 
 
-def propagate_inputs(function: Callable[[Floats], Floats], at: Floats, covariance: Floats) -> Floats:
-    """Return covariance of ``function`` of correlated inputs, by central differences.
+def derivatives(function: Callable[[Floats], Floats], at: Floats, std: Floats) -> Floats:
+    """Return derivatives of a function by each of its inputs, by central differences.
 
-    Args:    function: (k,) -> (p,).   at: (k,), where.   covariance: (k, k); an input of no variance is left out.
-    Returns: (p, p).
+    Args:    function: (k,) -> (p,).   at: (k,), where.   std: (k,), of the inputs; one of none is left out.
+    Returns: (p, k), zero for what is left out.
     Raises:  nothing of its own.
     Source:  JCGM 102:2011 section 6.2.
     """
-    std = np.sqrt(covariance.diagonal())
-    columns = []
+    jacobian = np.zeros((function(at).size, at.size))
     for place in np.flatnonzero(std > 0):
         step = np.zeros(at.size)
         step[place] = std[place] * _STEP
-        columns.append((function(at + step) - function(at - step)) / (2.0 * step[place]))
-    if not columns:
-        return np.zeros((function(at).size,) * 2)
-    jacobian = np.stack(columns, axis=1)
-    used = std > 0
-    return np.asarray(jacobian @ covariance[np.ix_(used, used)] @ jacobian.T)
+        jacobian[:, place] = (function(at + step) - function(at - step)) / (2.0 * step[place])
+    return jacobian
+
+
+def propagate_inputs(function: Callable[[Floats], Floats], at: Floats, covariance: Floats) -> Floats:
+    """Return covariance (p, p) of ``function`` of inputs of a covariance (k, k). Args, Source: as ``derivatives``."""
+    jacobian = derivatives(function, at, np.sqrt(covariance.diagonal()))
+    return jacobian @ covariance @ jacobian.T
 
 
 def fit_six_position(
@@ -189,6 +212,15 @@ def fit_six_position(
     )
 
 
+def rows_of_positions(
+    fit: TriadFit, mean: Floats, force: Floats, covariance_of_means: Floats, tilt_std_deg: float, dof: float
+) -> TriadRows:
+    """Return the rows of a fit. Args: as ``fit_six_position``; ``dof``: of the covariance. Source: its equations."""
+    operator = np.linalg.pinv(np.column_stack([mean, np.ones(len(mean))]))
+    noise = _scaled(fit.matrix, covariance_of_means) + _tilt(force, tilt_std_deg)
+    return TriadRows(mean, force, force, noise, -_weights(operator, len(mean)), dof)
+
+
 def _tilt(force: Floats, tilt_std_deg: float) -> Floats:
     """(3n, 3n): a small rotation vector phi turns f into f + phi x f, covariance sigma^2 (|f|^2 I - f f^T)."""
     sigma = math.radians(tilt_std_deg)
@@ -226,8 +258,14 @@ def _chi_square(residual: Floats, operator: Floats, design: Floats, rows: Floats
 
 def _parameters(operator: Floats, rows: Floats, poses: int) -> Floats:
     """Covariance (12, 12) of K row by row and the bias, from that of the row equations, pose by pose x, y, z."""
+    weights = _weights(operator, poses)
+    return weights @ rows @ weights.T
+
+
+def _weights(operator: Floats, poses: int) -> Floats:
+    """Derivatives (12, 3n) of K row by row and the bias by the forces, pose by pose x, y, z."""
     weights = np.zeros((12, 3 * poses))
     for sensor in range(3):
         weights[3 * sensor : 3 * sensor + 3, sensor::3] = operator[:3]
         weights[9 + sensor, sensor::3] = operator[3]
-    return weights @ rows @ weights.T
+    return weights

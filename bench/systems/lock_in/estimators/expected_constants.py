@@ -74,9 +74,9 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
     covariance = covariance_of(information.sum(axis=0), scatter.sum(axis=0)) * sides / turnarounds
     value = laser.kappa_rad_s * np.array([[math.cos(laser.beta_rad), math.sin(laser.beta_rad)]])
     kappa, kappa_std, beta, beta_std = Constants(value, covariance[None]).polar()
-    jump = shapes.jump(np.repeat(value, sides, axis=0))
+    local = np.repeat(value, sides, axis=0)
     return GlobalConstants(
-        jumps=jumps_of("global_constants", np.ones(sides, bool), jump, motion, np.zeros_like(time_s)),
+        jumps=jumps_of("global_constants", np.ones(sides, bool), shapes.jump(local), motion, np.zeros_like(time_s)),
         kappa_rad_s=float(kappa[0]),
         kappa_std_rad_s=float(kappa_std[0]),
         beta_rad=float(beta[0]),
@@ -89,7 +89,8 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
         residual_jump_rad=np.zeros(sides),
         score=np.zeros((sides, 2)),
         information=information,
-        followed=np.zeros((sides, 2)),
+        local=local,
+        sense=motion.sign,
     )
 
 

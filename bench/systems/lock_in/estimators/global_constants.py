@@ -34,7 +34,7 @@ class GlobalConstants:
         residual_jump_rad: step at the zero-rate instant that the crossings still show, (n,): what the model lacks.
         score, information: what each usable turnaround says against the constants of its time, (u, 2), and with what
             weight, (u, 2, 2); ``information`` times a change of (kc, ks) is the score that it explains.
-        followed: constants of its time, (u, 2), less those of the whole stretch, rad/s.
+        local: constants of its time, (u, 2), rad/s.   sense: -1 at a maximum of the phase, (u,).
     """
 
     jumps: Jumps
@@ -50,12 +50,8 @@ class GlobalConstants:
     residual_jump_rad: Floats
     score: Floats
     information: Floats
-    followed: Floats
-
-    @property
-    def score_of_whole(self) -> Floats:
-        """Return what each usable turnaround says against the constants of the whole stretch, (u, 2)."""
-        return np.asarray(self.score + np.einsum("upq,uq->up", self.information, self.followed))
+    local: Floats
+    sense: Integers
 
 
 @dataclass(frozen=True)
@@ -130,7 +126,8 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
         residual_jump_rad=spread(turns.usable, steps),
         score=np.asarray(np.einsum("ukp,uk->up", lock_in, fit.left)),
         information=np.asarray(lock_in.transpose(0, 2, 1) @ lock_in),
-        followed=fit.local - constants.value,
+        local=fit.local,
+        sense=turns.sign[turns.usable],
     )
 
 

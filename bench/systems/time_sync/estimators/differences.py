@@ -12,20 +12,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.maths.arrays import Floats
+from bench.maths.arrays import Floats, Integers
 from bench.maths.strapdown import Track, earth_rate, navigate
 from bench.systems.time_sync.estimators.kalman.filter import first_model, refresh_model, skew
 from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuDensities, ImuSamples
-from bench.systems.time_sync.estimators.kalman.stream import filled_noise
+from bench.systems.time_sync.estimators.kalman.stream import block_of, filled_noise
 
 STATES = 15  # errors of position, velocity and attitude at the begin, biases of accelerometers and gyros
+_FIXES = 0.25  # of what errors change by in a block: at a fix of its GPS an EGI corrects all of a solution at once
 _SEEN = 9  # position, velocity, attitude
-_BLOCK_s = 1.0
+_BLOCK_s = 0.5
 _FEWEST, _MOST = 12, 60  # blocks
 _NODE_s = 0.1  # steps of the error model
 _KICKS = 3  # of the walks, in a block
@@ -35,22 +36,25 @@ _FLOOR = np.repeat([1e-3, 1e-4, 1e-6], 3)  # m, m/s, rad: arithmetic and resolut
 
 @dataclass(frozen=True)
 class Solved:
-    """Solutions of an EGI in one frame: tags by the clock of the inertial unit (m,), ``p``, ``v`` (m, 3), ``C``."""
+    """Solutions of an EGI in one frame: tags by the clock of the inertial unit (m,), ``p``, ``v`` (m, 3), ``C``.
+
+    ``middle_s``: about which the drift of the tags was taken out.
+    """
 
     t_s: Floats
     p: Floats
     v: Floats
     C: Floats
     latitude_deg: float
+    middle_s: float
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Stated errors, one sigma.   ``drift_std``: of the tags against each other, s/s.   ``tag_std_s``: white."""
+    """Stated errors, one sigma; ``tag_std_s``: white, of the tags of the EGI."""
 
     imu: ImuDensities
     egi: EgiSpread
-    drift_std: float
     tag_std_s: float
 
 
@@ -67,15 +71,17 @@ class Guess:
 class Differences:
     """Means over b blocks of prediction minus solution, position m, velocity m/s, attitude rad.
 
-    ``at_s``: middles (b,).   ``y``: (b, 9).   ``states``: (b, 9, 15) what errors of the states make of them.
-    ``motion``: (b, 9) what a second of offset makes.   ``others``: (b, 9, k) what else could be true, by name.
-    ``covariance``: (9 b, 9 b).
+    ``block``: numbers (b,) between the edges.   ``at_s``: middles (b,).   ``y``: (b, 9).   ``states``: (b, 9, 15) what
+    errors of the states make of them.   ``motion``: (b, 9) what a second of offset makes.   ``drifting``: (b, 9) what 1
+    s/s of its drift makes.   ``others``: (b, 9, k) what else could be true, by name.   ``covariance``: (9 b, 9 b).
     """
 
+    block: Integers
     at_s: Floats
     y: Floats
     states: Floats
     motion: Floats
+    drifting: Floats
     others: Mapping[str, Floats]
     covariance: Floats
 
@@ -89,41 +95,50 @@ def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Dif
     valid_s = egi.t_s - guess.offset_s
     start = max(int(np.searchsorted(imu.t_s, valid_s[0])), 0)
     use = (valid_s >= imu.t_s[start]) & (valid_s <= imu.t_s[-1])
-    egi = Solved(egi.t_s[use], egi.p[use], egi.v[use], egi.C[use], egi.latitude_deg)
-    valid_s = valid_s[use]
+    blocks = _Blocks(valid_s[use], block_of(egi.t_s, block_edges_s(egi.t_s))[use])
+    egi = replace(egi, t_s=egi.t_s[use], p=egi.p[use], v=egi.v[use], C=egi.C[use])
     path = _Path(imu, egi, guess, noise.imu, start)
-    track = path.at(valid_s)
+    track = path.at(blocks.t_s)
     turned = rotation_between(np.moveaxis(track.C, 0, -1), np.moveaxis(egi.C, 0, -1)).T
     y = np.concatenate((track.p - egi.p, track.v - egi.v, turned), axis=1)
-    blocks = _Blocks(valid_s)
     transition, rate, acceleration = (
-        path.between(values, valid_s) for values in (path.X, path.rate, path.acceleration)
+        path.between(values, blocks.t_s) for values in (path.X, path.rate, path.acceleration)
     )
     motion = np.concatenate((track.v, acceleration, rate), axis=1)
-    mean = {name: blocks.mean(column) for name, column in _others(valid_s, track.C, rate, motion, transition).items()}
-    states, mean_motion = blocks.mean(transition[:, :_SEEN, :STATES]), blocks.mean(motion)
+    mean_motion = blocks.mean(motion)
     covariance = blocks.covariance(noise.egi) + path.walked(blocks, noise.imu)
-    drifted = (noise.drift_std * (blocks.at_s - valid_s.mean())[:, None] * mean_motion).ravel()
-    covariance += np.outer(drifted, drifted)
     tags = (noise.tag_std_s / np.sqrt(blocks.count))[:, None] * mean_motion
     for block, tag in enumerate(tags):
         part = slice(_SEEN * block, _SEEN * (block + 1))
         covariance[part, part] += np.outer(tag, tag)
-    return Differences(blocks.at_s, blocks.mean(y), states, mean_motion, mean, covariance)
+    alone = blocks.mean(path.unsure(blocks.t_s) ** 2) / blocks.count[:, None] + blocks.changes(noise.egi) ** 2
+    covariance += np.diag(alone.ravel())
+    return Differences(
+        block=blocks.number,
+        at_s=blocks.at_s,
+        y=blocks.mean(y),
+        states=blocks.mean(transition[:, :_SEEN, :STATES]),
+        motion=mean_motion,
+        drifting=blocks.mean(motion * (egi.t_s - egi.middle_s)[:, None]),
+        others={name: blocks.mean(column) for name, column in _others(track.C, rate, transition).items()},
+        covariance=covariance,
+    )
 
 
-def _others(at_s: Floats, C: Floats, rate: Floats, motion: Floats, transition: Floats) -> dict[str, Floats]:
-    """Return what else could be true of each solution, (m, 9, k) by name."""
-    lever, axes, ages = np.zeros((len(C), _SEEN, 3)), np.zeros((len(C), _SEEN, 3)), np.zeros((len(C), _SEEN, 2))
+def block_edges_s(t_s: Floats) -> Floats:
+    """Return the edges (b + 1,) of blocks of equal length of solutions with tags (m,)."""
+    number = int(np.clip((t_s[-1] - t_s[0]) / _BLOCK_s, _FEWEST, _MOST))
+    return np.linspace(t_s[0], t_s[-1], number + 1)
+
+
+def _others(C: Floats, rate: Floats, transition: Floats) -> dict[str, Floats]:
+    """Return what else could be true of each solution, (m, 9, k) by name: m and rad along the body's axes, scales."""
+    lever, axes = np.zeros((len(C), _SEEN, 3)), np.zeros((len(C), _SEEN, 3))
     lever[:, :3], lever[:, 3:6] = C, skew(rate) @ C
     axes[:, 6:] = C
-    drifting = motion * (at_s - at_s.mean())[:, None]
-    ages[:, :3, 0], ages[:, 3:6, 1] = motion[:, :3], motion[:, 3:6]
     return {
         "lever_arm": lever,
-        "axes_turned": axes,
-        "ages_differ": ages,
-        "offset_drifts": drifting[..., None],
+        "axes": axes,
         "gyro_scale": transition[:, :_SEEN, STATES : STATES + 1],
         "accelerometer_scale": transition[:, :_SEEN, STATES + 1 : STATES + 2],
     }
@@ -137,6 +152,8 @@ class _Path:
         dt = np.diff(imu.t_s[start:])[:, None]
         dv = imu.dv[start + 1 :, 0] - guess.accel_bias * dt
         dtheta = imu.dtheta[start + 1 :, 0] - guess.gyro_bias * dt
+        changes = [np.diff(x, axis=0, prepend=x[:1], append=x[-1:]) for x in (0.0 * dv, dv, dtheta)]
+        self._changes = np.linalg.norm(changes, axis=2).T
         first_p = egi.p[0] + egi.v[0] * (imu.t_s[start] - egi.t_s[0] + guess.offset_s)
         walked = navigate(t_s, dv, dtheta, first_p, egi.v[0], egi.C[0], egi.latitude_deg, begin_s=float(imu.t_s[start]))
         begin = [values[None] for values in (first_p, egi.v[0], egi.C[0])]
@@ -178,6 +195,12 @@ class _Path:
         track = self._track
         return Track(t_s, *(_linear(t_s, track.t_s, values) for values in (track.p, track.v, track.C)))
 
+    def unsure(self, t_s: Floats) -> Floats:
+        """Return what a motion that changes from sample to sample leaves open between them, (m, 9): that of a kink."""
+        before = np.clip(np.searchsorted(self._track.t_s, t_s, side="right") - 1, 0, self._changes.shape[0] - 2)
+        most = 0.25 * np.maximum(self._changes[before], self._changes[before + 1])
+        return np.repeat(most, 3, axis=1)
+
     def between(self, at_nodes: Floats, t_s: Floats) -> Floats:
         """Return values of the nodes at other times."""
         return _linear(t_s, self.t_s, at_nodes)
@@ -197,16 +220,13 @@ class _Path:
 
 
 class _Blocks:
-    """Times (m,) in blocks of equal length, without those that hold none."""
+    """Times (m,) in blocks of equal length; ``number``: those (b,) that hold some."""
 
-    def __init__(self, t_s: Floats) -> None:
+    def __init__(self, t_s: Floats, block: Integers) -> None:
         self.t_s = t_s
-        span_s = float(t_s[-1] - t_s[0])
-        number = int(np.clip(span_s / _BLOCK_s, _FEWEST, _MOST))
-        of = np.minimum(((t_s - t_s[0]) / span_s * number).astype(np.int64), number - 1)
-        self._first = np.unique(of, return_index=True)[1]
+        self.number, self._first = np.unique(block, return_index=True)
         self.count = np.diff(np.append(self._first, t_s.size))
-        self._length_s = span_s / number
+        self._length_s = float(t_s[-1] - t_s[0]) / self.number.size
         self.at_s = self.mean(t_s)
 
     def mean(self, values: Floats) -> Floats:
@@ -235,6 +255,12 @@ class _Blocks:
         out[:, 8, :, 8] = math.radians(egi.heading_deg) ** 2 * heading
         flat = out.reshape(self.at_s.size * _SEEN, -1)
         return flat + np.diag(np.tile(_FLOOR**2, self.at_s.size))
+
+    def changes(self, egi: EgiSpread) -> Floats:
+        """Return errors of single blocks beside those that wander, (9,)."""
+        part = np.repeat(_FIXES * self._length_s / np.array([egi.wander_s, egi.heading_wander_s]), [6, 3])
+        level = [0.0, 0.0, math.radians(egi.heading_deg)]
+        return np.asarray(np.sqrt(part) * np.array([*(egi.position_m,) * 3, *(egi.velocity_m_s,) * 3, *level]))
 
     def _alike(self, time_s: float) -> Floats:
         """Return covariance of the means of an error of unit variance that wanders and returns, (b, b)."""

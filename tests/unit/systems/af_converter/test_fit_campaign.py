@@ -17,6 +17,7 @@ from bench.analysis.doubt import weigh
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.af_converter.constants import read_campaign, read_standards
+from bench.systems.af_converter.estimators.readings import halves_A2
 from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor
 from bench.systems.af_converter.groups import campaign_rows, group_rows
 from bench.systems.af_converter.scale_factor.analysis import one_zero_pair
@@ -50,6 +51,19 @@ def test_every_channel_and_temperature_has_its_estimates(campaign: sim.Simulated
         combined = parts.pop("combined")
         assert combined == pytest.approx(np.sqrt(np.sum(np.square(list(parts.values())))), rel=0.01)
         assert parts["calibrator gain, common to all rows"] == pytest.approx(10.0, abs=0.02)
+
+
+def test_halves_of_records_differ_by_their_noise() -> None:
+    """Mean square in units of its variance within three sigma; seeds 0 to 4."""
+    squares = []
+    for seed in range(5):
+        found = sim.simulate(seed)
+        for group in group_rows(campaign_rows(found.rows), sim.MASTER_Hz):
+            converter = read_campaign(found.campaign).converter(group.channel)
+            more_A = converter.k0_C * converter.af_clock_Hz * group.closed.halves
+            squares += (more_A**2 / halves_A2(group.closed, converter)).tolist()
+    assert len(squares) == 700
+    assert abs(np.mean(squares) - 1.0) < 3.0 * np.sqrt(2.0 / len(squares))
 
 
 def test_rows_of_a_warming_unit_are_referred_to_one_temperature() -> None:
@@ -191,7 +205,7 @@ def test_one_temperature_gives_no_coefficients() -> None:
     analysis = run(sim.simulate(SEED, sim.Switches(), temperatures=(20.0,)))
     assert not [one for one in analysis.estimates if "_tc" in one.quantity]
     assert any(note.startswith("One temperature only") for note in analysis.notes)
-    assert {seen.code for seen in analysis.evidence} == {"counts_in_steps"}  # nothing tells a step in time
+    assert {seen.code for seen in analysis.evidence} == {"counts_in_steps", "odd_alike"}  # nothing tells a step in time
 
 
 def test_other_orders_and_records_of_wiring_change_no_number(campaign: sim.SimulatedCampaign) -> None:

@@ -158,9 +158,11 @@ def test_what_is_missing_is_named_and_costs_only_its_part() -> None:
     rig.rows[6].samples.columns["gyro"][1000:1010, 0] = 80_000  # a saturated record is not used either
     rig.rows = [row for row in rig.rows if row.window.number != 8 and row.window.conditions.get("up") != "-y"]
     analysis = analysed(rig)
-    lacking = {f"{text}: no record" for text in ("position -y up", "rotation X-", "rotation X+")}
-    assert lacking <= set(analysis.missing)
-    assert any("at the end of the range" in text for text in analysis.missing)
+    assert {f"{text}: no record" for text in ("position -y up", "rotation X-")} <= set(analysis.missing)
+    assert "rotation X+: no record" not in analysis.missing
+    (at_limit,) = (text for text in analysis.missing if "at its limit" in text)
+    assert "gyro x is at its limit in rotation x +1080 (record 7): +400 deg/s of 400 deg/s in 10 samples" in at_limit
+    assert "the first at sample 1000" in at_limit
     assert any(text.startswith("gyros: ") and "B-FIT-081" in text for text in analysis.missing)
     assert every(analysis, "accel_matrix") != []
     assert every(analysis, "gyro_matrix") == []

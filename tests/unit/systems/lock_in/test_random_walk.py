@@ -4,7 +4,6 @@ numbers made by hand: fair chances where nothing is odd, small where it is.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import allantools
@@ -13,7 +12,7 @@ import pytest
 
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators import random_walk as walking
-from bench.systems.lock_in.estimators.steadiness import change, constancy, line, parts_of, runs, wander
+from bench.systems.lock_in.estimators.steadiness import change, line, wander
 
 PERIOD_s = 1.0 / 400.0
 MIL_deg = 0.05625
@@ -156,18 +155,6 @@ def outputs(seed: int, quantum: float = 0.5) -> Any:
     return found
 
 
-def constants(seed: int, shift: Any = 0.0) -> Any:
-    """Scores of a laser whose kc is off by ``shift`` at each turnaround."""
-    rng = np.random.default_rng(seed)
-    root = rng.standard_normal((PERIODS, 2, 2))
-    information = root @ root.transpose(0, 2, 1)
-    score = np.einsum("upq,uq->up", root, rng.standard_normal((PERIODS, 2)))
-    score += information[:, :, 0] * np.broadcast_to(shift, PERIODS)[:, None]
-    change = np.linalg.solve(information.sum(axis=0), score.sum(axis=0))
-    score -= information @ change  # the fit has taken off what is common
-    return SimpleNamespace(score=score, information=information, kappa_rad_s=10.0, beta_rad=0.0)
-
-
 def assert_fair(chances: Any) -> None:
     """No more small probabilities than chance brings, at three levels (99.9 % of a binomial count)."""
     for level, most in ((0.1, 62), (0.01, 13), (0.001, 5)):
@@ -179,10 +166,6 @@ def test_chances_are_fair_where_nothing_is_odd() -> None:
     assert_fair([wander(record).probability for record in records])
     assert_fair([line(record).probability for record in records])
     assert_fair([change(record)[0] for record in records])
-    fits = [constants(seed) for seed in range(RECORDS)]
-    assert_fair([constancy(fit, TIME * 4 // PERIODS).probability for fit in fits])
-    assert_fair([constancy(fit, TIME % 2).probability for fit in fits])
-    assert_fair([runs(fit)[0] for fit in fits])
 
 
 @pytest.mark.parametrize(
@@ -201,20 +184,6 @@ def test_what_is_odd_is_found_and_taken_off(added: Any, check: Any) -> None:
     scatter = [np.nanstd(values[: PERIODS // 5 * 5].reshape(-1, 5).mean(axis=1)) for values in (right, right + added)]
     left = np.nanstd(seen.left[: PERIODS // 5 * 5].reshape(-1, 5).mean(axis=1))
     assert abs(left - scatter[0]) < 0.35 * abs(scatter[1] - scatter[0])
-
-
-def test_constants_that_change_from_group_to_group() -> None:
-    late = TIME >= 400
-    seen = constancy(constants(3, 0.5 * late), TIME * 4 // PERIODS)
-    assert seen.probability < 1e-9
-    assert abs(seen.kappa_moves) < 0.01  # as many before as behind
-    assert constancy(constants(3, 0.5 * late), TIME % 2).probability > 1e-3
-    wave = np.sin(2.0 * np.pi * TIME / 40.0)
-    probability, factor = runs(constants(4, wave))
-    assert probability < 1e-9
-    assert factor > 1.5
-    assert constancy(constants(5), np.minimum(TIME, 1)).probability == 1.0  # groups that tell nothing say nothing
-    assert parts_of(np.array([5.0, 1.0, 3.0, 2.0]), 2).tolist() == [1, 0, 1, 0]
 
 
 def test_a_turn_that_is_lost_is_odd_and_a_late_pick_off_is_not() -> None:

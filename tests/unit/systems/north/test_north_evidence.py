@@ -208,15 +208,18 @@ def test_a_ramp_of_the_output_is_doubted_by_as_much_as_a_column_for_it_moves_the
     assert "The output, drift" in reason.sentence
     angle = np.radians(table[:, 2])
     columns = [function(k * angle) for k in range(1, 6) for function in (np.sin, np.cos)] + [np.ones(angle.size)]
-    headings_deg = []
+    headings_deg, sizes_V = [], []
     for each in (columns, [*columns, table[:, 0]]):
-        sine, cosine, *_ = np.linalg.lstsq(np.column_stack(each), table[:, 1], rcond=None)[0]
+        sine, cosine, *_ = np.linalg.lstsq(np.column_stack(each), 1e-3 * table[:, 1], rcond=None)[0]
         headings_deg.append(90.0 - np.degrees(np.arctan2(cosine, sine)))
+        sizes_V.append(np.hypot(sine, cosine))
     assert azimuth.value == pytest.approx(headings_deg[0], abs=1e-6)
     assert abs(headings_deg[1] - 63.4) < abs(headings_deg[0] - 63.4)
-    std_deg = float(likelihood_north(table[:, 1], table[:, 2], harmonics=(2, 3, 4, 5)).half_width_deg())
-    said = float(reason.sentence.split("up to ")[1].split()[0])
-    assert said == pytest.approx(abs(headings_deg[1] - headings_deg[0]) / std_deg, rel=0.1)
+    wide = likelihood_north(1e-3 * table[:, 1], table[:, 2], harmonics=(2, 3, 4, 5))
+    of_size_V = 1.96 * float(wide.noise_V) * np.sqrt(2.0 / len(table))
+    moves = [abs(np.diff(headings_deg)[0]) / float(wide.half_width_deg()), abs(np.diff(sizes_V)[0]) / of_size_V]
+    assert moves[0] > 0.3
+    assert float(reason.sentence.split("up to ")[1].split()[0]) == pytest.approx(max(moves), rel=0.1)
 
 
 def test_a_ramp_that_moves_little_is_not_doubted(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ of both units, by a physics of its own (``sync_physics``), whose offset is known
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import pytest
 from imported_logs import columns_of, estimates_of, imported, of_mirror, parsed, table
 from numpy.typing import NDArray
 from one_estimate import every, one
-from sync_physics import IMU_s, OFFSET_s, Recording
+from sync_physics import IMU_CLOCK, TURNING, IMU_s, OFFSET_s, Recording
+from sync_physics import Path as Drive
 
 from bench.analysis import Material
 from bench.analysis.doubt import weigh
@@ -155,6 +157,7 @@ uut: {model: EGI and IMU, serial: S-1}
 analysis: egi_offset
 latency: {egi: 8 ms, imu: 0.8 ms, uncertainty: 1 ms}
 overload: {values: [""]}
+rates: mean
 columns:
   received: {role: time, format: unix, unit: s}
   imu_stamp: {role: imu_stamp, unit: s}
@@ -176,13 +179,17 @@ columns:
   attitude_heading: {role: attitude, axis: heading, unit: deg}
   position_sigma: {role: position_sigma, unit: m}
 """
-NAMES = [line.split(":")[0].strip() for line in UNITS.splitlines()[7:]]
+NAMES = [line.split(":")[0].strip() for line in UNITS.splitlines()[8:]]
 AXES = {"velocity": ("north", "east", "down"), "attitude": ("roll", "pitch", "heading")}
 
 
-def log_of(seed: int) -> dict[str, Array]:
-    """Return one row for each frame of both units in the order in which they came, rates of turn in rad/s."""
-    (row,) = Recording(seed).material().rows
+def log_of(seed: int, *, instant: bool = False) -> dict[str, Array]:
+    """Return one row for each frame of both units in the order in which they came, rates of turn in rad/s.
+
+    ``instant``: rates of both triads at their stamps. They jump between two samples, where both ends show it.
+    """
+    recording = Recording(seed, path=Drive(turn_s=(6.0 + 0.5 * IMU_s, 14.0 + 0.5 * IMU_s)) if instant else TURNING)
+    (row,) = recording.material().rows
     parts = []
     for unit, samples in (("imu", row.samples), ("egi", row.beside["egi"])):
         assert samples is not None
@@ -192,21 +199,29 @@ def log_of(seed: int) -> dict[str, Array]:
             for name, column in columns.items()
             for at, axis in enumerate(AXES.get(name, "xyz") if column.ndim > 1 else ("",))
         }
+        if unit == "imu" and instant:
+            edges_s = np.arange(len(samples) + 1) * IMU_s / (1.0 + IMU_CLOCK)
+            means, ends = recording.path.integrals(edges_s), recording.path.felt(edges_s[1:])
+            for name, mean, end in zip(("delta_velocity", "delta_angle"), means, ends, strict=True):
+                for at, axis in enumerate("xyz"):
+                    columns[f"{name}_{axis}"] += IMU_s * end[:, at] - mean[:, at]
         columns[f"{unit}_stamp"] = samples.columns["tick"].astype(np.float64) * 1e-7
         parts.append((samples.t_ns * 1e-9, columns))
+    rates = ("delta_angle", "delta_velocity") if instant else "delta_angle"
     received_s = np.concatenate([part[0] for part in parts])
     order = np.argsort(received_s, kind="stable")
     series = {"t_s": received_s[order]}
     for name in NAMES:
         pieces = [columns.get(name, np.full(at_s.size, np.nan)) for at_s, columns in parts]
-        series[name] = np.concatenate(pieces)[order] * (1.0 / IMU_s if name.startswith("delta_angle") else 1.0)
+        series[name] = np.concatenate(pieces)[order] * (1.0 / IMU_s if name.startswith(rates) else 1.0)
     return series
 
 
-def material(seed: int) -> Material:
+def material(seed: int, said: str = "mean", *, instant: bool = False) -> Material:
     """Return the log as an import hands it on, in base units."""
-    campaign = parsed(UNITS).campaign()
-    series: dict[str, Any] = log_of(seed)
+    units = re.sub("(delta_velocity.*m/s)", r"\g<1>2", UNITS) if instant else UNITS
+    campaign = parsed(units.replace("rates: mean", f"rates: {said}")).campaign()
+    series: dict[str, Any] = log_of(seed, instant=instant)
     for axis in "xyz":
         series[f"delta_angle_{axis}"] = np.degrees(series[f"delta_angle_{axis}"])
     return Material((), campaign, {}, series=series)
@@ -222,6 +237,17 @@ def test_the_offset_is_that_which_the_log_was_made_with() -> None:
     stamps = one(analysis, "time_offset_from_stamps")
     assert stamps.value == pytest.approx(OFFSET_s, abs=1.5 * stamps.expanded_uncertainty)
     assert weigh(analysis.evidence).against == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rates_at_their_stamps_give_the_offset_that_they_say(seed: int) -> None:
+    """Taken for means they put it half a sample off."""
+    right, wrong = (egi_log.analyse(material(seed, said, instant=True)) for said in ("instant", "mean"))
+    assert "at their stamp" in right.notes[0]
+    assert weigh(right.evidence).against == []
+    for offset, other in zip(every(right, "time_offset"), every(wrong, "time_offset"), strict=True):
+        assert offset.value == pytest.approx(OFFSET_s, abs=1.5 * offset.expanded_uncertainty)
+        assert abs(other.value - offset.value) == pytest.approx(0.5 * IMU_s, rel=0.1)
 
 
 def test_a_log_comes_back_from_its_session(tmp_path: Path) -> None:
@@ -250,6 +276,7 @@ def test_too_few_rows_of_a_unit_are_refused() -> None:
         (UNITS, "  height: {role: height, unit: m}\n", "", "needs columns of the role height in units of m"),
         (UNITS, "attitude, axis: heading", "attitude, axis: x", "attitude, axes roll, pitch, heading,"),
         (UNITS, "delta_angle, axis: z, unit: rad/s", "delta_angle, axis: z, unit: rad", "in units of deg or deg/s"),
+        (UNITS, "rates: mean\n", "", "such as delta_angle_x, need 'rates: mean' where a value is the mean"),
         (UNITS, "role: latitude", "role: motion, stream: one", "it takes: time, imu_stamp, delta_angle"),
     ],
 )

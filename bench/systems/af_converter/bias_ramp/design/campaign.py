@@ -4,12 +4,9 @@ Windows stay as long as they are, both branches and the range stay. What is fast
 less, so that the shortest ramp follows from the fit of each candidate and from the rivals that it would still tell.
 Decision: docs/decisions/0049-the-shortest-plan.md.
 
-How surely a ramp would show what else could be true, at the size that puts its results off.
-
-A rival is a column beside the fit of a nominal ramp in first order; the fit says how far it moves a result and what it
-leaves for the checks to see. Both scale with the size.
-Source: docs/decisions/0049-the-shortest-plan.md; likelihood ratio of further columns; noncentral chi-square: Scheffé,
-The Analysis of Variance (1959), 2.8.
+How surely a ramp would show what else could be true, at the size that puts its results off: the departures of its
+search, of which the fit of a nominal ramp says how far they move a result and what it leaves of them to be seen.
+Source: docs/decisions/0049-the-shortest-plan.md; noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
 """
 
 from __future__ import annotations
@@ -30,25 +27,22 @@ from bench.maths.tests import SMALLEST
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import CHAMBER, Plan
+from bench.systems.af_converter.bias_ramp.departures import RELAXATION, SECOND_LAG, SECOND_PLAY, Rows
 from bench.systems.af_converter.bias_ramp.design.template import HOLDS, Template, template_of, write_steps
-from bench.systems.af_converter.bias_ramp.estimates import CHECKS, listed_rivals
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit, FOLLOWS_degC
 from bench.systems.af_converter.bias_ramp.predicted import Fitted, channels_predicted, fitted
 from bench.systems.af_converter.constants import read_campaign
-from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
-from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
-from bench.systems.af_converter.estimators.hysteresis.rivals import PLAYS, Rival
 from bench.systems.af_converter.wording import kind_name
 
-PARAMETERS = {  # of the fit, and how many of its unit are one of the estimate's
-    "bias": ("b0", 1.0),
-    "bias_tc1": ("b1", 1.0),
-    "hysteresis_width": (WIDTH, 1.0),
-    "play_half_width": (HALF_WIDTH, 1.0),
-    "thermal_lag": (LAG, 60.0),
+QUANTITIES = ("bias", "bias_tc1", "hysteresis_width", "play_half_width", "thermal_lag")
+RIVALS = {
+    "a step": "bias: step",
+    "a linear drift": "bias: drift",
+    "a second thermal lag": f"bias: {SECOND_LAG}",
+    "several play operators": f"bias: {SECOND_PLAY}",
+    "a loop that relaxes": f"bias: {RELAXATION}",
 }
 _NOT_MISSED = 1e3  # noncentrality: seen by any check
-_RANK = 1e-9
 _DAY_h, _HOURS = 24.0, 12  # half a day later the same rhythm begins with the other sign
 _BELIEVED = 1.5  # expanded uncertainties off, from which on a sound result counts as wrong
 _LAGS = 4.0  # of a hold: 2 % of what trails is left
@@ -58,103 +52,56 @@ _HOLD_STEP = 6  # windows
 _NOISE = ("white_noise", "random_walk")
 
 
-@dataclass(frozen=True)
-class _Effect:
-    """``left``: whitened, what the fit leaves of each column, (m, k).   ``moves``: of each parameter, (p, k)."""
-
-    left: Floats
-    moves: Floats
-
-
 class Rivals:
-    """The fit of one channel in first order, and what could stand beside it. ``checks``: of the campaign, which share
-    the chance of a false doubt; ``entries``: of the ramp, which hold U.
+    """The rows of one channel, and what could be true instead. ``fits``: of the campaign, which share the chance of a
+    false doubt; ``entries``: of the ramp, which hold U.
     """
 
-    def __init__(self, channel: ChannelFit, ramp: Fitted, entries: Estimates, checks: int) -> None:
-        """Whiten the columns of the fit and those of its rivals."""
-        self._channel, self._checks = channel, checks
-        self._base, self._listed = listed_rivals(channel, ramp.drive)
-        white = channel.readings.noise.whiten(self._base.columns)
-        self._scale = np.linalg.norm(white, axis=0)
-        self._basis, self._triangle = np.linalg.qr(white / self._scale)
-        self._effects = [self._effect(np.column_stack(rival.candidates)) for rival in self._listed]
-        self._U = {name: unit * _at_reference(entries, name, channel) for name, (_, unit) in PARAMETERS.items()}
+    def __init__(self, channel: ChannelFit, ramp: Fitted, entries: Estimates, fits: int) -> None:
+        """Whiten the columns of the fit."""
+        rows = Rows(channel, ramp.drive)
+        self._channel, self._rows, (self._residuals, stated) = channel, rows, rows.residuals(entries)
+        scale = np.linalg.norm(self._residuals.design, axis=0)
+        self._basis = np.linalg.qr(self._residuals.design / scale)[0]
+        reference_degC = channel.fit.reference_degC
+        at_reference = [entry.conditions.get("temperature_degC", reference_degC) == reference_degC for entry in stated]
+        quantities = np.array([entry.quantity for entry in stated])
+        self._of = {name: np.flatnonzero((quantities == name) & at_reference) for name in QUANTITIES}
+        self._departures = rows.departures()
+        self._chance = FALSE_DOUBT / 2.0 / fits / len(self._departures)
 
-    def _effect(self, columns: Floats) -> _Effect:
-        effect = self._channel.readings.noise.whiten(columns)
-        inside = self._basis.T @ effect
-        moves = np.linalg.solve(self._triangle, inside) / self._scale[:, None]
-        return _Effect(effect - self._basis @ inside, moves)
+    def _effect(self, columns: Floats) -> tuple[Floats, dict[str, Floats]]:
+        """Return what the fit leaves of each column, as a square (k,), and by what part of U it moves each quantity."""
+        white = self._residuals.whiten(columns)
+        left = white - self._basis @ (self._basis.T @ white)
+        moves = np.abs(self._residuals.operator @ columns) / self._residuals.expanded[:, None]
+        of_quantity = {name: np.max(moves[at], axis=0, initial=SMALLEST) for name, at in self._of.items()}
+        return np.sum(left**2, axis=0), of_quantity
 
     def powers(self) -> Iterator[Power]:
-        """Yield how surely each listed rival would be seen at its worst place, were it large enough to cost 1 U."""
-        for rival, effect in zip(self._listed, self._effects, strict=True):
-            moves = effect.moves.copy()
-            if rival.name == PLAYS:
-                moves[self._base.names.index(WIDTH)] -= 1.0  # the width of a unit is that of all its play operators
-            seen = np.sum(effect.left**2, axis=0)
-            for quantity in PARAMETERS:
-                size = 1.0 / np.maximum(self._in_U(moves, quantity), SMALLEST)
-                power = self._seen(rival, float(np.min(seen * size**2)))
-                yield Power(f"{rival.name} ({self._channel.readings.channel.kind})", quantity, power)
+        """Yield how surely each kind of departure would be seen at its worst, were it large enough to cost 1 U."""
+        for name, family in RIVALS.items():
+            of_kind = [one.effect for one in self._departures if one.family == family]
+            square, moves = self._effect(np.column_stack(of_kind))
+            for quantity in QUANTITIES:
+                power = _power(1, self._chance, float(np.min(square / moves[quantity] ** 2)))
+                yield Power(f"{name} ({self._channel.readings.channel.kind})", quantity, power)
 
     def rhythm_powers(self) -> Floats:
         """Return how surely a daily rhythm would be seen, (12,), by the hour of the day at which the windows begin.
 
-        It is no rival of the list, so that the misfit and the rivals see it by what they share with it. It is so large
-        that the quantity which it moves most is 1.5 U off.
+        It is so large that the quantity which it moves most is 1.5 U off.
         """
         gates = self._channel.readings.gates
         hours = (gates.middle_s - gates.start_s[0]) / 3600.0
-        begins = np.arange(_HOURS)
-        effect = self._effect(np.sin(2.0 * np.pi / _DAY_h * (hours[:, None] + begins)))
-        size = _BELIEVED / np.max([self._in_U(effect.moves, quantity) for quantity in PARAMETERS], axis=0)
-        return self._seen_by_any(effect.left * size)
-
-    def _in_U(self, moves: Floats, quantity: str) -> Floats:
-        parameter, _ = PARAMETERS[quantity]
-        return np.asarray(np.abs(moves[self._base.names.index(parameter)]) / self._U[quantity])
-
-    def _seen_by_any(self, left: Floats) -> Floats:
-        """Return the power of the check that sees best what the fit leaves, whitened (m, k), of each of its columns."""
-        dof = left.shape[0] - self._base.columns.shape[1]
-        powers = [[_power(dof, FALSE_DOUBT / self._checks, square) for square in np.sum(left**2, axis=0)]]
-        for rival, effect in zip(self._listed, self._effects, strict=True):
-            powers.append([self._seen(rival, shared) for shared in _shared(left, effect.left, rival)])
-        return np.asarray(np.max(powers, axis=0))
-
-    def _seen(self, rival: Rival, noncentrality: float) -> float:
-        added, candidates = rival.candidates[0].shape[1], len(rival.candidates)
-        return _power(added, FALSE_DOUBT / (self._checks * candidates), noncentrality)
-
-
-def _shared(left: Floats, columns: Floats, rival: Rival) -> Floats:
-    """Return how much of each residual (m, k) the candidate of a rival takes that takes most, as a square (k,)."""
-    if rival.candidates[0].shape[1] == 1:
-        length = np.linalg.norm(columns, axis=0)
-        shares = (columns / np.where(length > 0.0, length, 1.0)).T @ left
-        return np.asarray(np.max(shares**2, axis=0))
-    vectors, singular, _ = np.linalg.svd(np.split(columns, len(rival.candidates), axis=1), full_matrices=False)
-    kept = vectors * (singular > _RANK * singular[:, :1])[:, None, :]
-    return np.asarray(np.max(np.sum((kept.transpose(0, 2, 1) @ left) ** 2, axis=1), axis=0))
+        square, moves = self._effect(np.sin(2.0 * np.pi / _DAY_h * (hours[:, None] + np.arange(_HOURS))))
+        size = _BELIEVED / np.max(list(moves.values()), axis=0)
+        return np.array([_power(2, self._chance, one) for one in square * size**2])
 
 
 def _power(added: int, chance: float, noncentrality: float) -> float:
     limit = special.chdtri(added, chance)
     return float(1.0 - special.chndtr(limit, added, min(noncentrality, _NOT_MISSED)))
-
-
-def _at_reference(entries: Estimates, quantity: str, channel: ChannelFit) -> float:
-    """Return U of a quantity of a channel at the reference temperature, infinite if the ramp does not tell it."""
-    number, at_degC = channel.readings.channel.number, channel.fit.reference_degC
-    conditions = [(entry, entry.conditions) for entry in entries if entry.quantity == quantity]
-    found = [
-        entry.expanded_uncertainty
-        for entry, of_entry in conditions
-        if of_entry["channel"] == number and of_entry.get("temperature_degC", at_degC) == at_degC
-    ]
-    return max(found, default=math.inf)
 
 
 @dataclass(frozen=True)
@@ -173,13 +120,13 @@ def design(given: Given) -> Ramps:
 class Ramps:
     """The problem as the search sees it (``bench.design.Problem``)."""
 
-    wanted = tuple((quantity, "") for quantity in PARAMETERS)
+    wanted = tuple((quantity, "") for quantity in QUANTITIES)
 
     def __init__(self, given: Given, template: Template) -> None:
         """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared, B-DES-001 for less lag."""
         self._given, self._template = given, template
         self._campaign = _one_of_each_kind(given.plan.campaign)
-        self._checks = CHECKS * len(given.plan.campaign["channels"])
+        self._count = len(given.plan.campaign["channels"])
         constants = read_campaign(self._campaign)
         if constants.thermal_lag_s is None or any(channel.typical is None for channel in constants.channels):
             message = f"{given.plan.name} declares no typical unit, of which the uncertainties of a ramp are"
@@ -285,7 +232,7 @@ class Ramps:
     def _rivals(self, candidate: Candidate, length_s: float) -> dict[str, Rivals]:
         """Return what could stand beside the fit of each kind."""
         ramp, entries = self._fitted(candidate), self.estimates(candidate, length_s)
-        return {kind: Rivals(channel, ramp, entries, self._checks) for kind, channel in ramp.fits.items()}
+        return {kind: Rivals(channel, ramp, entries, self._count) for kind, channel in ramp.fits.items()}
 
     def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
         return [power for rivals in self.rivals(candidate, length_s).values() for power in rivals.powers()]

@@ -166,6 +166,16 @@ def width_at(fit: HysteresisFit, temperature_degC: float) -> tuple[float, float]
     Raises:  nothing.
     Source:  width = W min(1, d / (2 r)) with d the distance from the nearer end, of a loop wider than 2 r.
     """
+    weights = width_weights(fit, temperature_degC)
+    width = fit.value(WIDTH) * float(weights[fit.names.index(WIDTH)])
+    return width, float(np.sqrt(weights @ fit.covariance @ weights))
+
+
+def width_weights(fit: HysteresisFit, temperature_degC: float) -> Floats:
+    """Return how the width at a lagged temperature follows each parameter, (n,).
+
+    Source: as for ``width_at``.
+    """
     low, high = fit.loop_degC
     twice = 2.0 * fit.value(HALF_WIDTH)
     crossed = np.clip(min(temperature_degC - low, high - temperature_degC, high - low - twice) / twice, 0.0, 1.0)
@@ -173,7 +183,7 @@ def width_at(fit: HysteresisFit, temperature_degC: float) -> tuple[float, float]
     weights[fit.names.index(WIDTH)] = crossed
     if crossed < 1.0:
         weights[fit.names.index(HALF_WIDTH)] = -fit.value(WIDTH) * crossed / fit.value(HALF_WIDTH)
-    return float(fit.value(WIDTH) * crossed), float(np.sqrt(weights @ fit.covariance @ weights))
+    return weights
 
 
 def branch_curves(fit: HysteresisFit, temperature_degC: Floats) -> tuple[Floats, Floats]:

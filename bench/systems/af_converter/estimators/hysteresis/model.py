@@ -117,11 +117,15 @@ class HysteresisModel:
         inside = self._unit(lag_s)[0][self._first[0] : self._stop[-1] + 1]
         return float(inside.min()), float(inside.max())
 
-    def shape_column(self, lag_s: float, half_width_degC: float) -> Floats:
-        """s = (P - T) / (2 r) averaged over each gate, (m,)."""
+    def shape_column(self, lag_s: float, half_width_degC: float, late_s: float = 0.0) -> Floats:
+        """s = (P - T) / (2 r) averaged over each gate, (m,); ``late_s``: lag of s itself, of a loop that opens late."""
         on_grid = self._unit(lag_s)[0]
-        behind = cell_means(on_grid, play(on_grid, half_width_degC, self.shape.play_start))
-        behind -= (on_grid[:-1] + on_grid[1:]) / 2.0  # straight between the times, as in the mean of P
+        moved = play(on_grid, half_width_degC, self.shape.play_start)
+        if late_s:
+            behind = lagged_means(self._t_s, moved - on_grid, lagged(self._t_s, moved - on_grid, late_s), late_s)
+        else:
+            behind = cell_means(on_grid, moved)
+            behind -= (on_grid[:-1] + on_grid[1:]) / 2.0  # straight between the times, as in the mean of P
         return self._gate_means(behind) / (2.0 * half_width_degC)
 
     def columns(self, lag_s: float, half_width_degC: float) -> Floats:

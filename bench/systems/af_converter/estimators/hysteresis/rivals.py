@@ -1,11 +1,10 @@
-"""What else could have made a series of readings: a step in time, a second thermal lag, several play operators.
+"""What else could have made a series of readings: a step in time, a second thermal lag, a finer curve.
 
 Each rival is a short fixed list of further columns beside the fitted model, lag and half-width free to follow in their
 first order. Where the noise was fitted to the same readings it is fitted again for every rival: it would otherwise
 have taken the misfit for noise already.
 Source: docs/decisions/0025-doubt.md; Seber and Lee, Linear Regression Analysis (2003), section 4.3 (F test of further
-columns); Bonferroni's inequality over the list of a rival; Krejci and Kuhnen, IEE Proc. Control Theory 148 (2001) 185
-(several play operators: the operator of Prandtl and Ishlinskii).
+columns); Bonferroni's inequality over the list of a rival.
 """
 
 from __future__ import annotations
@@ -17,23 +16,18 @@ import numpy as np
 
 from bench.maths.arrays import Floats
 from bench.maths.tests import chi2_tail, f_tail, of_many
-from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.hysteresis.search import Place, Problem, derivatives
 
 Whiten = Callable[[Floats], Floats]
-STEP, SECOND_LAG, PLAYS, DRIFT = "a step", "a second thermal lag", "several play operators", "a linear drift"
-FINER = "a finer dependence on temperature"
+STEP, SECOND_LAG, FINER = "a step", "a second thermal lag", "a finer dependence on temperature"
 _CODES = {
     STEP: "rival_step",
     SECOND_LAG: "rival_second_thermal_lag",
-    PLAYS: "rival_several_play_operators",
-    DRIFT: "rival_linear_drift",
     FINER: "rival_finer_temperature",
 }
 _STEPS = 1000  # places of a step, at most
 _EDGE = 0.02  # of the readings, at either end
 _LAGS = 8
-_PLAYS = (0.01, 0.03, 0.08, 0.15, 0.25)  # half-widths, in parts of the span of the temperature
 _HIGHER = (4, 5, 6)
 _RANK = 1e-9
 _TINY = float(np.finfo(np.float64).tiny)
@@ -138,11 +132,6 @@ def steps(middle_s: Floats) -> Rival:
     return Rival(STEP, [(np.arange(m) >= first).astype(np.float64)[:, None] for first in at], hours)
 
 
-def drift(middle_s: Floats) -> Rival:
-    """Return a linear drift in time. Args: middle_s: (m,). Source: see the module."""
-    return Rival(DRIFT, [((middle_s - middle_s.mean()) / 3600.0)[:, None]], [0.0])
-
-
 def finer(temperature_degC: Floats, beside: Floats) -> Rival:
     """Return what a cubic and one width leave out: the next orders, and a difference that changes over temperature.
 
@@ -170,17 +159,6 @@ def second_lag(problem: Problem, lag_s: float, lags_s: tuple[float, float]) -> R
     ]
     columns = [(model.unit_degC(second_s) - near)[:, None] for second_s in seconds]
     return Rival(SECOND_LAG, columns, [second_s / 60.0 for second_s in seconds])
-
-
-def several_plays(problem: Problem, lag_s: float) -> Rival:
-    """Return several play operators beside that of the fit.
-
-    Args:    lag_s: of the fit.
-    Source:  Prandtl and Ishlinskii: a sum of play operators of several half-widths.
-    """
-    low, high = problem.model.span_degC(lag_s)
-    columns = [problem.model.shape_column(lag_s, share * (high - low)) for share in _PLAYS]
-    return Rival(PLAYS, [np.column_stack(columns)], [0.0])
 
 
 def compare(base: Base, rivals: Iterable[Rival], noises: Sequence[Noise]) -> list[Outcome]:
@@ -263,7 +241,7 @@ def _outcome(rival: Rival, base: Base, states: Sequence[_State], best: float) ->
     cost, index, at, added_columns = min(found)
     state, gain = states[index], max(best - cost, 0.0)
     chance = of_many(_chance(gain, added_columns, state), len(rival.candidates))
-    shift = _shift(rival.candidates[at], base, state.noise, several=rival.name == PLAYS)
+    shift = _shift(rival.candidates[at], base, state.noise)
     return Outcome(rival.name, rival.places[at], gain, chance, shift)
 
 
@@ -276,13 +254,10 @@ def _chance(gain: float, added: int, state: _State) -> float:
     return f_tail(float(np.expm1(gain / state.dof)) * rest / added, added, rest)
 
 
-def _shift(candidate: Floats, base: Base, noise: Noise, *, several: bool) -> dict[str, float]:
-    """By how much each parameter differs with the candidate beside it; the width is that of all play operators."""
+def _shift(candidate: Floats, base: Base, noise: Noise) -> dict[str, float]:
+    """By how much each parameter differs with the candidate beside it."""
     design = noise.whiten(np.column_stack((base.columns, candidate)))
     scale = np.linalg.norm(design, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     solved = np.linalg.lstsq(design / scale, noise.whiten(base.residual), rcond=_RANK)[0] / scale
-    shift = dict(zip(base.names, solved[: len(base.names)].tolist(), strict=True))
-    if several and WIDTH in shift:
-        shift[WIDTH] += float(np.sum(solved[len(base.names) :]))
-    return shift
+    return dict(zip(base.names, solved[: len(base.names)].tolist(), strict=True))

@@ -54,6 +54,7 @@ def visit_readings(points: Sequence[Point], length_s: float, channel: int, campa
         temperature_gap=nothing,
         scatter=nothing,
         scatter_dof=nothing,
+        halves=np.full(level_A.size, np.nan),
     )
 
 

@@ -24,6 +24,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +43,14 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuDensities,
     ImuSource,
 )
-from bench.systems.time_sync.estimators.kalman.stream import Keeping, egi_samples, filled_noise, first_sample, imu_steps
+from bench.systems.time_sync.estimators.kalman.stream import (
+    Keeping,
+    block_of,
+    egi_samples,
+    filled_noise,
+    first_sample,
+    imu_steps,
+)
 
 _EGI = 9  # errors of the EGI: position, velocity, rotation vector
 _LONGEST_STEP_s = 0.2  # of the covariance, where EGI samples are lost
@@ -134,10 +143,11 @@ def update(P: Floats, K: Floats, H: Floats, noise: Floats) -> Floats:
 class RealCovariance:
     """Covariance (G, 25, 25) of errors of the filter and of the EGI, from the first solution on.
 
-    Args: groups: filters.   spread: errors of the EGI.   imu: of the inertial unit.
+    Args: groups: filters.   spread: errors of the EGI.   imu: of the inertial unit.   edges_s: of blocks of solutions.
+    Attributes: response: (G, 16, b, 9) what errors of 1 of all solutions of a block make of the states.
     """
 
-    def __init__(self, groups: int, spread: EgiSpread, imu: ImuDensities) -> None:
+    def __init__(self, groups: int, spread: EgiSpread, imu: ImuDensities, edges_s: Floats) -> None:
         heading, level = math.radians(spread.heading_deg), math.radians(spread.level_deg)
         sigma = np.array([*(spread.position_m,) * 3, *(spread.velocity_m_s,) * 3, level, level, heading])
         self._variance = sigma**2
@@ -148,10 +158,15 @@ class RealCovariance:
             self._S[:, rows, first] = self._S[:, rows, own] = self._variance
         accel, gyro = imu.bias_sigmas
         self._S[:, range(9, 15), range(9, 15)] = np.repeat([accel, gyro], 3) ** 2
+        self._edges_s = edges_s
+        self.response = np.zeros((groups, STATES, edges_s.size - 1, _EGI))
+        self.response[:, first, 0, first] = 1.0
 
     def propagate(self, phi: Floats, noise: Floats) -> None:
         """Take the errors of the filter on; ``phi`` (G, 16, 16), ``noise`` (16,): as those of the filter itself."""
         S = self._S
+        flat = self._flat_response()
+        flat[...] = np.matmul(phi, flat)
         S[:, :STATES] = np.matmul(phi, S[:, :STATES])
         S[:, :, :STATES] = np.matmul(S[:, :, :STATES], phi.transpose(0, 2, 1))
         S[:, range(STATES), range(STATES)] += noise
@@ -164,14 +179,20 @@ class RealCovariance:
         S[:, :, STATES:] *= kept
         S[:, own, own] += self._variance * (1.0 - kept**2)
 
-    def update(self, K: Floats, H: Floats) -> None:
+    def update(self, K: Floats, H: Floats, at_s: float) -> None:
         """Correct by a solution; ``K`` (G, 16, z), ``H`` (G, z, 16): gain and rows of the last z of 9 differences."""
         S = self._S
+        flat = self._flat_response()
+        flat -= np.matmul(K, np.matmul(H, flat))
+        self.response[:, :, block_of(at_s, self._edges_s), _EGI - K.shape[2] :] += K
         change = np.concatenate((-H, np.zeros((*H.shape[:2], _EGI))), axis=2)
         change[:, range(H.shape[1]), range(STATES + _EGI - H.shape[1], STATES + _EGI)] = 1.0
         step = np.matmul(K, change)
         S[:, :STATES] += np.matmul(step, S)
         S[:, :, :STATES] += np.matmul(S, step.transpose(0, 2, 1))
+
+    def _flat_response(self) -> Floats:
+        return self.response.reshape(*self.response.shape[:2], -1)
 
     @property
     def of_filter(self) -> Floats:
@@ -190,7 +211,7 @@ class _Filter:
         self._history = History(imu.t_s, setup.reach_s, groups, runs)
         self._offset_s = np.full((groups, runs), setup.offset0_s)
         self._P, self._F = first_covariance(setup), first_model(setup)
-        self._real = RealCovariance(groups, setup.egi, setup.imu) if setup.egi is not None else None
+        self._real = RealCovariance(groups, setup.egi, setup.imu, setup.edges_s) if setup.egi is not None else None
         self._before_s = 0.0
         self._mean_C = np.zeros((groups, 3, 3))
         sigma_r = np.array(setup.sigma_r) * (1.0, 1.0, np.pi / 180.0)
@@ -232,9 +253,9 @@ class _Filter:
             self._keeping.epoch(float(self._t_s[self._j]), self.ins, self._offset_s, self._P, self._nis)
 
     @property
-    def real_covariance(self) -> Floats | None:
-        """Return that of the errors that the stated ones of the EGI leave, (G, 16, 16), None if none are stated."""
-        return None if self._real is None else self._real.of_filter
+    def real(self) -> dict[str, Any]:
+        """Return what the stated errors of the EGI do (``FilterRun``); nothing if none are stated."""
+        return {} if self._real is None else {"real_covariance": self._real.of_filter, "response": self._real.response}
 
     def _propagate(self) -> None:
         """Bring the covariance to the newest IMU sample, by the means of force and attitude since."""
@@ -265,7 +286,7 @@ class _Filter:
         self._nis.add(dz, S, sample.usable)
         self._P = update(self._P, K, H, R)
         if self._real is not None:
-            self._real.update(K, H)
+            self._real.update(K, H, sample.t_s)
         self._feed_back(np.ascontiguousarray(np.matmul(K, dz).transpose(1, 0, 2)))
 
     def _feed_back(self, dx: Floats) -> None:
@@ -307,7 +328,7 @@ def run_filter(imu: ImuSource, egi: EgiSource, setup: FilterSetup) -> FilterRun:
     samples = egi_samples(egi, first)
     work.begin(next(samples))
     _go_through(work, imu, samples, setup.look_ahead_s, start)
-    return keeping.result(work.real_covariance)
+    return replace(keeping.result(), **work.real)
 
 
 def _go_through(work: _Filter, imu: ImuSource, samples: Iterator[EgiSample], look_ahead_s: float, start: int) -> None:

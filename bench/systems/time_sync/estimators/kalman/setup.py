@@ -8,7 +8,7 @@ Source: Lee et al., JKSAS 48(4), 2020, equations (4)-(13), with the signs of err
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -156,6 +156,8 @@ class FilterSetup:
         fine_from_s: from here p, v and C are kept after every IMU sample.
         hold_position_from_s: from here (while the radar collects) only the attitude of the EGI is used; what it says
             about the position and velocity follows from their correlation alone and is small.
+        edges_s: (b + 1,) of blocks of EGI samples, of which ``FilterRun.response`` tells what an error of each does.
+        edges_s: (b + 1,) of blocks of EGI samples; ``FilterRun.response`` says what an error of each does.
     """
 
     augmented: tuple[bool, ...]
@@ -173,6 +175,7 @@ class FilterSetup:
     keep_every: int = 1
     fine_from_s: float = np.inf
     hold_position_from_s: float = np.inf
+    edges_s: Floats = field(default_factory=lambda: np.array([-np.inf, np.inf]))
 
     @property
     def groups(self) -> int:
@@ -207,6 +210,7 @@ class FilterRun:
             their 95 % interval.   nis_count: (m, G, 4) how many they were.   nis_dof: (4,) expected mean.
         fine: every IMU sample of the end, or None.
         real_covariance: (G, 16, 16) of the errors at the end with the real errors of the EGI, None without them.
+        response: (G, 16, b, 9) what an error of 1 of all EGI samples of a block makes of them, None likewise.
     """
 
     t_s: Floats
@@ -224,6 +228,7 @@ class FilterRun:
     nis_dof: Floats
     fine: FineTrack | None
     real_covariance: Floats | None = None
+    response: Floats | None = None
 
     @property
     def sigma(self) -> Floats:

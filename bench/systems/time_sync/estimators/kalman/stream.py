@@ -6,6 +6,7 @@ Source: bookkeeping, no estimate is made here; the variance of a filled sample i
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,11 @@ def egi_samples(egi: EgiSource, first: int) -> Iterator[EgiSample]:
         C = np.ascontiguousarray(C.transpose(0, 3, 4, 1, 2))
         for k in range(len(p)):
             yield EgiSample(float(egi.t_s[k0 + k]), p[k], v[k], C[k], usable[k])
+
+
+def block_of(t_s: Any, edges_s: Floats) -> Any:
+    """Return the block between edges (b + 1,) of each tag, the first or the last for one outside."""
+    return np.clip(np.searchsorted(edges_s, t_s, "right") - 1, 0, edges_s.size - 2)
 
 
 def imu_steps(imu: ImuSource, first: int) -> Iterator[tuple[int, Floats, Floats, float]]:
@@ -102,12 +108,12 @@ class Keeping:
         k, self._fine = self._fine, self._fine + 1
         self._fine_p[k], self._fine_v[k], self._fine_C[k] = (lanes_first(x) for x in (ins.p, ins.v, ins.C))
 
-    def result(self, real_covariance: Floats | None) -> FilterRun:
-        """Return what was kept; ``real_covariance``: at the end (``FilterRun``)."""
+    def result(self) -> FilterRun:
+        """Return what was kept."""
         k, q = slice(self._count), slice(self._fine)
         fine = FineTrack(self._fine_t_s[q], self._fine_p[q], self._fine_v[q], self._fine_C[q])
         return FilterRun(
             self._t_s[k], self._p[k], self._v[k], self._C[k], self._accel[k], self._gyro[k], self._offset[k],
             self._covariance[k], self._first, self._nis[k], self._outside[k], self._nis_count[k], NIS_DOF.copy(),
-            fine if self._fine_t_s.size else None, real_covariance,
+            fine if self._fine_t_s.size else None,
         )  # fmt: skip

@@ -1,0 +1,239 @@
+"""Families of departures: those that labels of the readings make, and how a departure is said.
+
+Source: docs/decisions/0052-departures.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.departures import Departure, Search
+from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
+from bench.analysis.estimates import Estimate
+from bench.analysis.figures import Table
+from bench.analysis.wording import say
+from bench.maths.arrays import Flags, Floats, Integers
+
+_LEAST = 1e-3  # of its size: what is smaller in all readings, such as a warm-up long ago, is none
+
+Words = Callable[[str, Any], str]  # a label, carrier or scale and its value, as a person says it
+
+
+def general_advice(departure: Departure) -> str:
+    """Return what to look for, by the shape of a departure."""
+    return say(f"departs.advice.{_kind(departure)}")
+
+
+def evidence_of(
+    found: Search, stated: Sequence[Estimate], words: Words, advice: Callable[[Departure], str] = general_advice
+) -> list[Evidence]:
+    """Return what a search says against the estimates that follow from its rows, one entry for each thing."""
+    evidence: list[Evidence] = []
+    doubted = found.doubted
+    for finding in found.findings:
+        moved = (finding.moves > LEAST_MOVE) & doubted
+        if moved.any():
+            name = described(finding.departure, words)
+            alike = [other for other in dict.fromkeys(described(one, words) for one in finding.equals) if other != name]
+            said = say(
+                "departs",
+                what=name[:1].upper() + name[1:],
+                size=f"{finding.size:+.3g} {finding.departure.unit}",
+                move=float(finding.move.max()),
+                others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
+                advice=advice(finding.departure),
+            )
+            entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
+            evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
+    several = [entry for entry, rests in zip(stated, found.together, strict=True) if rests]
+    if several:
+        evidence.append(Evidence("depart_together", say("departs.together"), None, CERTAIN, entries=several))
+    left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
+    if not found.is_noise:
+        said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)
+        move = float(found.unexplained.max(initial=0.0))
+        evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
+    return evidence
+
+
+def unseen_table(found: Search, stated: Sequence[Estimate], words: Words) -> Table:
+    """Return what moves an estimate by its uncertainty and would not have been found, with what size."""
+
+    def size(value: float, unit: str) -> str:
+        return f"{value:.2g} {unit}" if math.isfinite(value) else say("unseen.never")
+
+    rows = []
+    for one in found.unseen:
+        name, entry, unit = described(one.departure, words), stated[one.first], one.departure.unit
+        rows.append([name[:1].upper() + name[1:], entry.quantity, size(one.size, unit), size(one.seen, unit)])
+    heads = say.heads("unseen", "what", "first", "size", "seen")
+    return Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)
+
+
+def described(departure: Departure, words: Words) -> str:
+    """Return a departure in words: what it is of, where, and its shape."""
+    carrier, _, family = departure.family.rpartition(": ")
+    kind, about = _kind(departure), dict(departure.about)
+    shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
+    level = about.pop(family, None) if kind in ("at", "own") else None
+    scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
+    shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
+    of_value = words(family, level) if kind in ("at", "own") else ""
+    of_scale = words(scale, None) if kind in ("power", "size") else ""
+    if kind in ("own", "constant"):
+        how = of_value
+    else:
+        how = say(f"departs.{kind}", **shape, at=of_value, scale=of_scale, power=power)
+    where = ", ".join(words(name, value) for name, value in about.items())
+    of = words(carrier, None) if carrier else ""
+    return ", ".join(part for part in (of, where, how) if part)
+
+
+def _duration(hours: float) -> str:
+    size, unit = next(((size, unit) for size, unit in _UNITS if hours * size >= 1.0), _UNITS[-1])
+    return f"{hours * size:.3g} {unit}"
+
+
+def _kind(departure: Departure) -> str:
+    """Return the kind of a departure: a general one, a level, a power, a size of what its family names, or its own."""
+    name = departure.family.rpartition(": ")[2]
+    if name in _FAMILIES:
+        return name.replace(" ", "_").replace("-", "_")
+    if "^" in name or name.endswith(" absolute"):
+        return "power" if "^" in name else "size"
+    return "at" if name in departure.about and not name.startswith("own ") else "own"
+
+
+# --- departures that labels make --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Labels of the readings of a fit, (r,) each: ``kinds`` have values, ``scales`` are numbers with powers to try.
+
+    ``hours``: time; ``visit``: which readings follow each other.   ``carriers``: by name unit and what the readings
+    (r,) gain if something is off by 1 everywhere.   ``scopes``: kinds whose values may confine a departure of any
+    shape; ``corners``: those that may confine what one value of a further kind does.   ``exchanged``: items of one kind
+    that could be taken for each other, their kind, their sides and the carrier.   ``own``: by carrier and family
+    up to which size a departure may be an item's own.   ``steps_within``: whether something may step inside a visit.
+    """
+
+    kinds: Mapping[str, Any]
+    hours: Floats
+    visit: Integers
+    carriers: Mapping[str, tuple[str, Floats]]
+    scales: Mapping[str, tuple[Floats, Sequence[int]]] = field(default_factory=dict)
+    scopes: Sequence[tuple[str, ...]] = ((),)
+    corners: Sequence[tuple[str, ...]] = ()
+    exchanged: tuple[str, str, str, str] | None = None
+    own: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    steps_within: bool = True
+
+    @property
+    def begins_h(self) -> dict[int, float]:
+        """When each visit begins, hours after the first."""
+        since_h = self.hours - self.hours.min()
+        return {visit: float(since_h[self.visit == visit].min()) for visit in np.unique(self.visit).tolist()}
+
+
+_UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
+_FAMILIES = ("constant", "step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
+_NAMED = 2  # of the other explanations
+_DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
+_SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
+_CYCLES = (2.0, 1.5, 1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.32, 0.25, 0.2, 0.16)
+
+
+def departures_of(labels: Labels) -> list[Departure]:
+    """Return the general departures: each value of a label, steps, drifts, cycles, powers and memory, in all scopes."""
+    found = [
+        Departure(f"{carrier}: step in a visit", unit, (one * behind)[:, None], about)
+        for about, behind in (_within(labels) if labels.steps_within else ())
+        for carrier, (unit, one) in labels.carriers.items()
+    ]
+    if labels.exchanged:
+        found += _exchanged(labels, *labels.exchanged)
+    values, others = list(_values(labels)), list(_shapes(labels))
+    in_visits = {"step", "visit", *(name for name in labels.kinds if _is_of_visit(labels, name))}
+    tried = [*((scope, values + others) for scope in labels.scopes), *((scope, values) for scope in labels.corners)]
+    seen: set[bytes] = set()
+    for scope, shapes in tried:
+        for where, inside in _places(labels.kinds, scope):
+            for carrier, (unit, one) in labels.carriers.items():
+                everywhere = one * inside
+                for family, about, shape in shapes:
+                    effect = everywhere[:, None] * shape.reshape(one.size, -1)
+                    key = effect.tobytes()
+                    if family not in where and key not in seen and np.abs(effect).max() > _LEAST * np.abs(one).max():
+                        seen.add(key)
+                        own = labels.own.get((carrier, family), 0.0)
+                        whole = everywhere if family in in_visits else None
+                        found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own, whole))
+    return found
+
+
+def _is_of_visit(labels: Labels, name: str) -> bool:
+    column = np.asarray(labels.kinds[name])
+    return all(np.unique(column[labels.visit == visit]).size == 1 for visit in labels.begins_h)
+
+
+def _places(kinds: Mapping[str, Any], scope: tuple[str, ...]) -> Iterable[tuple[dict[str, Any], Flags]]:
+    columns = [np.asarray(kinds[name]) for name in scope]
+    everywhere = np.ones(len(next(iter(kinds.values()))), bool)
+    for values in dict.fromkeys(zip(*(column.tolist() for column in columns), strict=True)) if scope else [()]:
+        inside = [everywhere, *(column == value for column, value in zip(columns, values, strict=True))]
+        yield dict(zip(scope, values, strict=True)), np.all(inside, axis=0)
+
+
+def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) -> Iterable[Departure]:
+    """Yield what two items of a kind gain and lose that are exchanged from a visit on, a column for each side."""
+    items, kinds, sides = (np.asarray(labels.kinds[name]) for name in (item, kind, side))
+    (unit, one), since_h = labels.carriers[carrier], labels.hours - labels.hours.min()
+    for a, b in combinations(dict.fromkeys(items.tolist()), 2):
+        begins_h = {at for visit, at in labels.begins_h.items() if items[labels.visit == visit][0] in (a, b)}
+        for at in sorted(begins_h)[1:] if kinds[items == a][0] == kinds[items == b][0] else ():
+            moved = (1.0 * (items == a) - (items == b)) * (since_h >= at) * one
+            columns = np.column_stack([moved * (sides == value) for value in np.unique(sides)])
+            yield Departure("exchanged", unit, columns, {"pair": f"{a}, {b}", "hours": at})
+
+
+def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
+    """Yield what lies behind each reading of a visit but its first; readings at one time are one record."""
+    number = np.arange(labels.visit.size)
+    for visit in labels.begins_h:
+        inside = number[labels.visit == visit]
+        for record, at in enumerate(inside[np.diff(labels.hours[inside], prepend=np.inf) > 0.0].tolist(), start=2):
+            yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
+
+
+def _values(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
+    for name, column in labels.kinds.items():
+        for value in dict.fromkeys(np.asarray(column).tolist()):
+            yield name, {name: value}, 1.0 * (np.asarray(column) == value)
+
+
+def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
+    """Yield shapes of time and of scales."""
+    since_h, begins_h = labels.hours - labels.hours.min(), labels.begins_h
+    for before, at in pairwise(sorted(begins_h.values())):
+        yield "step", {"after": before, "hours": at}, 1.0 * (since_h >= at)
+    for visit in begins_h:
+        yield "visit", {"visit": visit}, 1.0 * (labels.visit == visit)
+    span_h = max(float(np.ptp(since_h)), 1e-9)
+    yield "drift", {}, since_h / span_h
+    for part in _SETTLES:
+        yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
+    day_h = (_DAY_h,) if _DAY_h < _LONGEST * span_h else ()
+    for period_h in (*day_h, *(part * span_h for part in _CYCLES)):
+        angle = 2.0 * np.pi * since_h / period_h
+        yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
+    for name, (scale, powers) in labels.scales.items():
+        for power in powers:
+            yield f"{name} ^{power}", {}, scale**power
+        yield f"{name} absolute", {}, np.abs(scale)

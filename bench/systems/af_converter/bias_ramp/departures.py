@@ -1,0 +1,196 @@
+"""What the windows of a bias ramp say against its joint fit: the windows of a channel are the rows of one search.
+
+Free are the curve, the width and, in first order, lag and half-width as far as the bounds of their search let them. The
+noise is declared; nothing scatters beside it. General departures are of the bias, its slope and its loop; a second lag,
+a second play, a loop that is late or lost, and a bend are those of a ramp.
+Source: docs/decisions/0006 (joint fit), 0052 (departures); Krejci and Kuhnen, IEE Proc. Control Theory 148 (2001) 185
+(several play operators); two masses in a row answer like (t1 F1 - t2 F2) / (t1 - t2), a sum of two first-order lags.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import (
+    Departure,
+    Estimate,
+    Estimates,
+    Evidence,
+    Labels,
+    Residuals,
+    departures_of,
+    evidence_of,
+    search,
+)
+from bench.maths.arrays import Floats
+from bench.maths.verdict import coverage_factor
+from bench.systems.af_converter.bias_ramp.estimates import QUANTITIES, parameter_weights, reading_weights
+from bench.systems.af_converter.bias_ramp.fit import ChannelFit
+from bench.systems.af_converter.estimators.gates import Drive
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
+from bench.systems.af_converter.estimators.hysteresis.model import HysteresisModel, ModelShape, mean_of_walk
+from bench.systems.af_converter.estimators.hysteresis.rivals import base_of
+from bench.systems.af_converter.estimators.hysteresis.search import Problem
+from bench.systems.af_converter.wording import say
+
+_nA = 1e-9
+SECOND_LAG, SECOND_PLAY, RELAXATION, BEND = "own lag", "own play", "own relaxation", "own bend"
+_LAGS_s, _APART = np.geomspace(30.0, 21_600.0, 13), np.log(1.3)
+_PLAYS = np.geomspace(0.008, 0.25, 9)  # half-widths, in parts of the span of the temperature
+_RELAXES_s = (400.0, 1000.0, 2500.0, 6000.0, 15_000.0, 40_000.0)
+_STEPS = 200  # places of a step of the bias, at most
+_PARTS = 20  # stretches of time in which slope or loop may be another
+_BAND_degC = 10.0
+
+
+def evidence(fits: Sequence[ChannelFit], drive: Drive, entries: Estimates) -> list[Evidence]:
+    """Return what is found against every channel; all of them share the chance of a false doubt."""
+    found: list[Evidence] = []
+    for channel in fits:
+        rows = Rows(channel, drive)
+        residuals, stated = rows.residuals(entries)
+        outcome = search(residuals, rows.departures(), share=1.0 / len(fits))
+        found += evidence_of(outcome, stated, rows.words)
+    return found
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The windows of a channel, (m,), with the joint fit in first order."""
+
+    channel: ChannelFit
+    drive: Drive
+
+    @cached_property
+    def model(self) -> HysteresisModel:
+        """The model of the fit over the windows."""
+        fit = self.channel.fit
+        shape = ModelShape(reference_degC=fit.reference_degC, order=fit.order)
+        return HysteresisModel(self.channel.readings.gates, self.drive, shape)
+
+    @property
+    def _place(self) -> tuple[float, float]:
+        return self.channel.fit.value(LAG), self.channel.fit.value(HALF_WIDTH)
+
+    @cached_property
+    def _rest_degC(self) -> Floats:
+        return self.model.unit_degC(self._place[0]) - self.channel.fit.reference_degC
+
+    @cached_property
+    def _loop(self) -> Floats:
+        return self.model.shape_column(*self._place)
+
+    def _whiten(self, columns: Floats) -> Floats:
+        return np.vstack([self.channel.readings.noise.whiten(columns), np.zeros((2, columns.shape[1]))])
+
+    def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
+        """Return the rows for a search, those of the bounds of lag and half-width last, and the estimates of them."""
+        readings, (lag_s, half_degC) = self.channel.readings, self._place
+        problem = Problem(self.model, readings.bias_A, readings.noise.whiten)
+        base = base_of(problem, lag_s, half_degC, (LAG, HALF_WIDTH))
+        design = self._whiten(base.columns)
+        design[-2:, -2:] = np.diag(1.0 / self.channel.bounds.std)
+        number = readings.channel.number
+        stated = [
+            entry
+            for entry in entries
+            if entry.quantity in QUANTITIES and entry.conditions["channel"] == number and entry.expanded_uncertainty
+        ]
+        operator, noise = self._operators(design, stated)
+        expanded = np.array([entry.expanded_uncertainty for entry in stated])
+        residuals = Residuals(
+            readings=readings.bias_A,
+            white=self._whiten(base.residual[:, None])[:, 0],
+            design=design,
+            scatter=np.zeros((design.shape[0], 0)),
+            whiten=self._whiten,
+            operator=operator,
+            expanded=expanded,
+            noise=np.minimum(coverage_factor() * noise, expanded),
+            on_curve=np.zeros(len(stated), bool),
+        )
+        return residuals, stated
+
+    def _operators(self, design: Floats, stated: Sequence[Estimate]) -> tuple[Floats, Floats]:
+        """Return what each estimate gains per ampere of a reading, (k, m), and the standard deviation of it, (k,)."""
+        readings, scale = self.channel.readings, np.linalg.norm(design, axis=0)
+        of_fit = np.linalg.pinv(design / scale)[:, :-2] / scale[:, None]
+        level = mean_of_walk(readings.gates.start_s, readings.gates.end_s, readings.channel.noise.walk_A_rth)
+        walk = readings.noise.whiten(level.covariance)
+        of_fit[0] += walk - walk @ design[:-2] @ of_fit
+        weights = np.array([parameter_weights(self.channel, entry) for entry in stated])
+        direct = np.array([reading_weights(self.channel, entry) for entry in stated])
+        return weights @ readings.noise.turn(of_fit.T).T + direct, np.linalg.norm(weights @ of_fit, axis=1)
+
+    def departures(self) -> list[Departure]:
+        """Return all that could be true instead."""
+        whole = {"bias": ("nA", np.full(self._loop.size, _nA))}
+        fine = self._labels(min(self._loop.size, _STEPS), whole)
+        further = {**whole, "slope": ("nA/degC", _nA * self._rest_degC), "loop": ("nA", _nA * self._loop)}
+        coarse = self._labels(_PARTS, further)
+        return [*departures_of(fine), *departures_of(coarse), *self.own()]
+
+    def _labels(self, parts: int, carriers: Any) -> Labels:
+        """Return labels of the windows, which are taken together in so many stretches of time."""
+        middle_s = self.channel.readings.gates.middle_s
+        rate = np.gradient(self._rest_degC, middle_s)
+        first = np.linspace(0, middle_s.size, parts, endpoint=False).astype(np.int64)
+        warmest_degC = max(float(np.abs(self._rest_degC).max()), 1.0)
+        return Labels(
+            kinds={
+                "branch": self.channel.branch,
+                "temperature": self.channel.fit.reference_degC + _BAND_degC * np.round(self._rest_degC / _BAND_degC),
+            },
+            hours=middle_s / 3600.0,
+            visit=first[np.searchsorted(first, np.arange(middle_s.size), side="right") - 1],
+            scales={
+                "temperature": (self._rest_degC / warmest_degC, range(1, 7)),
+                "rate": (rate / max(float(np.abs(rate).max()), 1e-12), (2,)),
+            },
+            carriers=carriers,
+            corners=[("branch",)],
+            steps_within=False,
+        )
+
+    def own(self) -> Iterator[Departure]:
+        """Yield what only a loop over temperature has."""
+        (lag_s, half_degC), model, rest = self._place, self.model, self._rest_degC
+        for second_s in _LAGS_s[np.abs(np.log(_LAGS_s / max(lag_s, 1.0))) > _APART]:
+            effect = model.unit_degC(float(second_s)) - model.unit_degC(lag_s)
+            yield _own(SECOND_LAG, "nA/degC", effect, second_s / 60.0)
+        low, high = model.span_degC(lag_s)
+        for second_degC in _PLAYS * (high - low):
+            effect = model.shape_column(lag_s, float(second_degC)) - self._loop
+            yield _own(SECOND_PLAY, "nA", effect, second_degC)
+        for tau_s in _RELAXES_s:
+            late = model.shape_column(lag_s, half_degC, tau_s)
+            for effect in (late - self._loop, late, self._loop * np.exp(-self._since_turn_s() / tau_s)):
+                yield _own(RELAXATION, "nA", effect, tau_s / 60.0)
+        for at_degC in np.arange(np.ceil(rest.min() / 5.0) * 5.0 + 5.0, rest.max() - 4.0, 5.0):
+            bend_degC = self.channel.fit.reference_degC + at_degC
+            yield _own(BEND, "nA/degC", np.maximum(rest - at_degC, 0.0), bend_degC)
+
+    def _since_turn_s(self) -> Floats:
+        """Return time since the branch began, (m,)."""
+        start_s, branch = self.channel.readings.gates.start_s, self.channel.branch
+        begins = np.flatnonzero(np.append(True, branch[1:] != branch[:-1]))
+        return np.asarray(start_s - start_s[begins[np.searchsorted(begins, np.arange(branch.size), side="right") - 1]])
+
+    def words(self, label: str, value: Any) -> str:
+        """Return how a person names a label of this channel."""
+        if label == "visit":
+            value = (self.channel.readings.gates.start_s[value] - self.channel.readings.gates.start_s[0]) / 3600.0
+            return say("departs.window", value=value)
+        number = self.channel.readings.channel.number
+        if value is None:
+            return say(f"departs.of.{label}", channel=number)
+        return say(f"departs.{label.replace(' ', '_')}", value=value)
+
+
+def _own(family: str, unit: str, effect: Floats, value: float) -> Departure:
+    return Departure(f"bias: {family}", unit, _nA * effect[:, None], {family: float(value)})
