@@ -36,29 +36,28 @@ from bench.analysis import (
 from bench.maths.arrays import Flags
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.sets import CALIBRATION, SEARCH, SENSES, TEST, VARYING
-from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, QUADRANT, Solution
+from bench.systems.north.sets import CALIBRATION, SEARCH, SENSES, VARYING
+from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, METHODS, Azimuths, Solution
 from bench.systems.north.wording import item_name, method_name, place_name, say
 
-_BY_LOCK_INS = (LEAST_SQUARES, QUADRANT, LITERAL)
 _AZIMUTHS = ("azimuth", "azimuth_error", "azimuth_rms_error")
 _NO_SIGNAL_deg = 20.0  # of one set: a direction is lost in its noise
 _MOST_RATE = 0.05  # of the stated rate; a serial line hands samples over in blocks
 _LEAST_deg = 1e-3  # steps of level and lock-ins
-_VARIES, _STEADY = 0.2, 0.02  # of amplitude and noise from set to set, where parameters may vary and where not
-_ROUNDING = 1e-6  # of the amplitude: noise that is none
-_PERCENT = math.degrees(0.01)  # what 1 % of the signal turns north by, if it lies across
 _dB = math.log(10.0) / 20.0
+_VARIES_dB, _STEADY_dB = 2.0, 0.2  # amplitude and noise from set to set, where parameters may vary and where not
+_ROUNDING = 1e-6  # of the amplitude: noise that is none
 LOCK_IN, WAVEFORM, HEADING, AMPLITUDE, NOISE = range(5)  # readings of a set
-_CARRIERS: Mapping[str, tuple[str, tuple[int, ...]]] = {
-    "azimuth": ("deg", (LOCK_IN, WAVEFORM)),
-    "heading": ("deg", (LOCK_IN, WAVEFORM, HEADING)),
-    "lock_in": ("deg", (LOCK_IN,)),
-    "waveform": ("deg", (WAVEFORM,)),
-    "amplitude": ("%", (AMPLITUDE,)),
-    "noise": ("dB", (NOISE,)),
+_BOTH = (LOCK_IN, WAVEFORM)
+_SEARCHES: Mapping[int, tuple[str, float, Mapping[str, Sequence[int]]]] = {  # unit, share of false doubt, carriers
+    WAVEFORM: (
+        "deg",
+        0.8,
+        {"azimuth": _BOTH, "heading": (*_BOTH, HEADING), "lock_in": [LOCK_IN], "waveform": [WAVEFORM]},
+    ),
+    AMPLITUDE: ("dB", 0.1, {"amplitude": [AMPLITUDE]}),
+    NOISE: ("dB", 0.1, {"noise": [NOISE]}),
 }
-_SEARCHES = {("azimuth", "heading", "lock_in", "waveform"): 0.8, ("amplitude",): 0.1, ("noise",): 0.1}
 
 
 def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
@@ -66,8 +65,8 @@ def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
     rows = Rows(solution, [entry for entry in entries if entry.expanded_uncertainty])
     found: list[Floats] = []
     heard = [*_signal(solution), *_rate(solution)]
-    for carriers, share in _SEARCHES.items():
-        residuals, departures = rows.residuals(carriers[0], found), rows.departures(carriers)
+    for kind, (_, share, _) in _SEARCHES.items():
+        residuals, departures = rows.residuals(kind, found), rows.departures(kind)
         if residuals is not None and departures:
             outcome = search(residuals, departures, share)
             found += [finding.departure.effect for finding in outcome.findings]
@@ -76,56 +75,83 @@ def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
 
 
 def _signal(solution: Solution) -> Iterator[Evidence]:
-    for judged, touched in ((LEAST_SQUARES, _BY_LOCK_INS), (LIKELIHOOD, (LIKELIHOOD,))):
+    for method in METHODS:
+        judged = LIKELIHOOD if method == LIKELIHOOD else LEAST_SQUARES  # lock-ins share their readings
         noise_deg = solution.by_method[judged].noise_deg
         if noise_deg > _NO_SIGNAL_deg:
             said = say("evidence.no_signal", method=method_name(judged), noise=noise_deg, limit=_NO_SIGNAL_deg)
-            for method in touched:
-                about = {"method": method}
-                yield Evidence("no_signal", said, noise_deg, 0.0, quantities=_AZIMUTHS, conditions=about, refuses=True)
+            about = {"method": method}
+            yield Evidence("no_signal", said, noise_deg, 0.0, quantities=_AZIMUTHS, conditions=about, refuses=True)
 
 
 def _rate(solution: Solution) -> Iterator[Evidence]:
     """Yield a table that turns otherwise than stated: rate and sense decide what the lock-ins' phases mean."""
     for own in solution.sets:
-        turned = own.turned_deg_s()
-        if not math.isfinite(turned) or abs(turned - own.rate_deg_s) <= _MOST_RATE * abs(own.rate_deg_s):
-            continue
-        sentence = say("evidence.rate_not_as_stated", turned=turned, name=own.name, stated=own.rate_deg_s)
-        for method in _BY_LOCK_INS:
-            yield Evidence(
-                "rate_not_as_stated", sentence, turned, 0.0, quantities=(*_AZIMUTHS, "index_placement"),
-                conditions={"method": method}, refuses=turned * own.rate_deg_s < 0.0,
-            )  # fmt: skip
-        return
+        turned, stated = own.turned_deg_s(), own.rate_deg_s
+        if abs(turned - stated) > _MOST_RATE * abs(stated):
+            said = say("evidence.rate_not_as_stated", turned=turned, name=own.name, stated=stated)
+            for method in (one for one in METHODS if one != LIKELIHOOD):
+                yield Evidence(
+                    "rate_not_as_stated", said, turned, 0.0, quantities=(*_AZIMUTHS, "index_placement"),
+                    conditions={"method": method}, refuses=turned * stated < 0.0,
+                )  # fmt: skip
+            return
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Readings of n sets, (5 n,): all sets by lock-ins, then by waveform, as stated, amplitude (%), noise (dB)."""
+    """Readings of n sets, (5 n,): all sets by lock-ins, then by waveform, as stated, amplitude (dB), noise (dB)."""
 
     solution: Solution
     entries: Sequence[Estimate]
 
+    @property
+    def azimuths(self) -> list[Azimuths]:
+        """Azimuths by the lock-ins and by the waveform."""
+        return [self.solution.by_method[method] for method in (LEAST_SQUARES, LIKELIHOOD)]
+
+    def _each(self, name: str) -> Floats:
+        """Return a figure of all waveforms, (n,); NaN where there are none."""
+        return np.array([float(getattr(one, name, math.nan)) for one in self.solution.raw])
+
+    @cached_property
+    def sizes(self) -> tuple[Floats, Floats]:
+        """Amplitude and noise of the waveforms, V, (n,) each."""
+        amplitude_V = self._each("amplitude")
+        return amplitude_V, np.hypot(self._each("noise_V"), _ROUNDING * amplitude_V)
+
+    @cached_property
+    def readings(self) -> Floats:
+        """Azimuths beside the heading (deg), 0 of the stated one, amplitude and noise (dB), (5, n); NaN for none."""
+        none = np.full(len(self.solution.sets), math.nan)
+        azimuths = [
+            wrapped_deg(one.azimuth_deg - self.heading_deg) if one.noise_deg <= _NO_SIGNAL_deg else none
+            for one in self.azimuths
+        ]
+        return np.array([*azimuths, none, *(np.log(one) / _dB for one in self.sizes)])
+
     @cached_property
     def found(self) -> Flags:
         """Which readings there are, (5, n)."""
-        by_method = [self.solution.by_method[method] for method in (LEAST_SQUARES, LIKELIHOOD)]
-        azimuths = [np.isfinite(one.azimuth_deg) & (one.noise_deg <= _NO_SIGNAL_deg) for one in by_method]
-        raw = np.array([one is not None for one in self.solution.raw], bool)
-        return np.array([*azimuths, np.zeros(raw.size, bool), raw, raw])
+        return np.isfinite(self.readings)
+
+    @cached_property
+    def std(self) -> Floats:
+        """Noise of each reading, (5, n); 0 where there is none."""
+        (amplitude_V, noise_V), samples = self.sizes, self._each("samples")
+        azimuths = [math.hypot(one.noise_deg, _LEAST_deg) + 0.0 * one.azimuth_deg for one in self.azimuths]
+        sizes = [np.sqrt(2.0 / samples) * noise_V / amplitude_V / _dB, np.sqrt(0.5 / samples) / _dB]
+        return np.where(self.found, [*azimuths, 0.0 * samples, *sizes], 0.0)
 
     @cached_property
     def heading_deg(self) -> Floats:
         """Stated heading of each set, (n,); where none is, the first that was found there."""
         at_deg = self.solution.known_deg.copy()
-        for method in (LIKELIHOOD, LEAST_SQUARES):
-            azimuth_deg = self.solution.by_method[method].azimuth_deg
-            for own in self.groups.values():
-                first = np.flatnonzero(own & np.isfinite(azimuth_deg))
-                if first.size and not np.isfinite(at_deg[own]).any():
-                    at_deg[own] = azimuth_deg[first[0]]
-        return np.nan_to_num(at_deg)
+        for one in reversed(self.azimuths):
+            at_deg = np.where(np.isfinite(at_deg), at_deg, one.azimuth_deg)
+        for own in self.groups.values():
+            at_deg[own] = next(iter(at_deg[own & np.isfinite(at_deg)]), 0.0)
+        return at_deg
 
     @cached_property
     def groups(self) -> dict[tuple[str, str, float, str], Flags]:
@@ -139,41 +165,14 @@ class Rows:
         column[list(readings)] = size
         return column.ravel()
 
-    @cached_property
-    def raw(self) -> tuple[Floats, Floats, Floats]:
-        """Amplitude and noise of the waveforms, V, and their samples, (n,) each; NaN where there are none."""
-        each = [
-            (math.nan,) * 3 if one is None else (float(one.amplitude), float(one.noise_V), float(one.samples))
-            for one in self.solution.raw
-        ]
-        amplitude_V, noise_V, samples = np.array(each).reshape(-1, 3).T
-        return amplitude_V, np.hypot(noise_V, _ROUNDING * amplitude_V), samples
-
-    @cached_property
-    def readings(self) -> Floats:
-        """Azimuths beside the heading (deg), 0 of the stated one, amplitude (%) and noise (dB) beside their means."""
-        by_method, (amplitude_V, noise_V, _) = self.solution.by_method, self.raw
-        azimuths = [wrapped_deg(by_method[one].azimuth_deg - self.heading_deg) for one in (LEAST_SQUARES, LIKELIHOOD)]
-        mean_V, whole_V = (
-            float(one[self.found[NOISE]].mean()) if self.found[NOISE].any() else 1.0 for one in (amplitude_V, noise_V)
-        )
-        sizes = [100.0 * (amplitude_V / mean_V - 1.0), np.log(noise_V / whole_V) / _dB]
-        return np.asarray(np.where(self.found, [*azimuths, 0.0 * noise_V, *sizes], 0.0).ravel())
-
-    @cached_property
-    def std(self) -> Floats:
-        """Noise of each reading, (5, n); 0 where there is none."""
-        amplitude_V, noise_V, samples = self.raw
-        by_method = [self.solution.by_method[method] for method in (LEAST_SQUARES, LIKELIHOOD)]
-        azimuths = [np.full(samples.size, math.hypot(one.noise_deg, _LEAST_deg)) for one in by_method]
-        sizes = [100.0 * np.sqrt(2.0 / samples) * noise_V / amplitude_V, np.sqrt(0.5 / samples) / _dB]
-        return np.where(self.found, [*azimuths, 0.0 * samples, *sizes], 0.0)
-
-    def residuals(self, of: str, explained: Sequence[Floats]) -> Residuals | None:
+    def residuals(self, kind: int, explained: Sequence[Floats]) -> Residuals | None:
         """Return the rows of azimuths, amplitudes or noise beside what is explained, (5 n, g); None without any."""
-        free, held, scatter = self._azimuths() if of == "azimuth" else self._sizes(of)
-        free = [*free, *(column for effect in explained for column in effect.T)]
-        weights = self._weights(of)
+        free, held, scatter = self._azimuths() if kind == WAVEFORM else self._sizes(kind)
+        free, held = (
+            [*free, *(column for effect in explained for column in effect.T)],
+            [one for one in held if one.any()],
+        )
+        weights = self._weights(kind)
         if not len(weights) or not self.entries:
             return None
 
@@ -183,104 +182,85 @@ class Rows:
         design = whiten(np.reshape([*free, *held], (-1, self.found.size)).T)
         design[len(weights) :, len(free) :] = np.eye(len(held))
         operator = np.array([self._operator(entry) for entry in self.entries])
-        by_waveform = self.found[WAVEFORM].any()
-        judged = self.solution.by_method[LIKELIHOOD if by_waveform else LEAST_SQUARES]
         return Residuals(
-            readings=np.zeros(self.readings.size),  # nothing is in proportion to a reading
-            white=whiten(self.readings[:, None])[:, 0],
+            readings=np.zeros(self.found.size),  # nothing is in proportion to a reading
+            white=whiten(np.nan_to_num(self.readings).reshape(-1, 1))[:, 0],
             design=design,
-            scatter=whiten(np.column_stack(scatter)),
+            scatter=whiten(
+                np.column_stack([self.at([LOCK_IN if kind == WAVEFORM else kind], one) for one in np.diag(scatter)])
+            ),
             whiten=whiten,
             operator=operator,
             expanded=np.array([float(entry.expanded_uncertainty) for entry in self.entries]),
             noise=coverage_factor() * np.sqrt(operator**2 @ self.std.ravel() ** 2),
             on_curve=np.zeros(len(self.entries), bool),
-            noise_dof=judged.dof if of == "azimuth" else math.inf,
+            noise_dof=self.azimuths[1].dof if kind == WAVEFORM else math.inf,
         )
 
-    def _weights(self, of: str) -> Floats:
-        """Return rows, (m, 5 n): a reading over its noise; by the lock-ins beside the waveform, if there is one."""
-        one = np.eye(self.found.size).reshape(*self.found.shape, -1)
-        kind = _CARRIERS[of][1][-1]
-        rows = one[kind][self.found[kind]] / self.std[kind][self.found[kind]][:, None]
-        if of != "azimuth":
-            return np.asarray(rows)
-        lock_in, waveform = self.found[:2]
-        beside = one[LOCK_IN] - waveform[:, None] * one[WAVEFORM]
-        noise_deg = np.where(waveform, _LEAST_deg, self.std[LOCK_IN])
-        return np.vstack([rows, beside[lock_in] / noise_deg[lock_in][:, None]])
+    def _weights(self, kind: int) -> Floats:
+        """Return rows, (m, 5 n): readings over their noise; those of the lock-ins, beside the waveform, over steps."""
+        one, seen = np.eye(self.found.size).reshape(*self.found.shape, -1), self.found[kind]
+        rows = one[kind][seen] / self.std[kind][seen][:, None]
+        if kind == WAVEFORM:
+            beside = one[LOCK_IN] - seen[:, None] * one[WAVEFORM]
+            rows = np.vstack([rows, beside[self.found[LOCK_IN]] / _LEAST_deg])
+        return np.asarray(rows)
 
-    def _azimuths(self) -> tuple[list[Floats], list[Floats], list[Floats]]:
-        """Return what is free, what is known as far as stated, and what scatters, of the azimuths."""
-        solution, both = self.solution, (LOCK_IN, WAVEFORM)
-        known = np.isfinite(solution.known_deg)
-        by_lock_ins = solution.by_method[LEAST_SQUARES]
-        free = [self.at(both, own) for own in self.groups.values() if not (own & known).any()]
+    def _azimuths(self) -> tuple[list[Floats], list[Floats], Floats]:
+        """Return what is free, what is known as far as stated, and by what the lock-ins scatter beside their noise."""
+        solution, known = self.solution, np.isfinite(self.solution.known_deg)
+        free = [self.at(_BOTH, own) for own in self.groups.values() if not (own & known).any()]
         free += [self.at([LOCK_IN], solution.sense == sense) for sense in solution.calibrations]
-        held = [self.at(both, known * math.hypot(solution.site.azimuth_std_deg, solution.tilted_deg))]
-        held += [self.at(both, own * solution.tilted_deg) for own in self.groups.values()]
-        apart_deg = [math.sqrt(2.0) * solution.swing_deg, by_lock_ins.common_deg if solution.unsteady else 0.0]
-        noise_deg = np.where(self.found[WAVEFORM], np.hypot(*self.std[:2]), 0.0)
-        scatter = np.diag(np.hypot(math.hypot(*apart_deg), noise_deg))
-        return free, [one for one in held if one.any()], [self.at([LOCK_IN], one) for one in scatter]
+        held = [self.at(_BOTH, known * math.hypot(solution.site.azimuth_std_deg, solution.tilted_deg))]
+        held += [self.at(_BOTH, own * solution.tilted_deg) for own in self.groups.values()]
+        by_lock_ins = self.azimuths[0].common_deg * solution.unsteady
+        apart_deg = math.hypot(math.sqrt(2.0) * solution.swing_deg, by_lock_ins)
+        return free, held, np.hypot(apart_deg, np.hypot(*self.std[:2]))
 
-    def _sizes(self, of: str) -> tuple[list[Floats], list[Floats], list[Floats]]:
+    def _sizes(self, kind: int) -> tuple[list[Floats], list[Floats], Floats]:
         """Return the same of amplitudes or noise: one of each kind of parameters; an axis that leans changes them."""
-        (kind,) = _CARRIERS[of][1]
         parameters = np.array([own.parameters for own in self.solution.sets])
-        tangent = abs(math.tan(math.radians(self.solution.site.latitude_deg)))
-        lean = np.array([0.1 * tangent * math.hypot(*(own.tilt_mrad or (0.0, 0.0))) for own in self.solution.sets])
+        tangent = abs(math.tan(math.radians(self.solution.site.latitude_deg))) * (kind == AMPLITUDE)
+        lean = np.array(
+            [1e-3 * tangent / _dB * math.hypot(*(own.tilt_mrad or (0.0, 0.0))) for own in self.solution.sets]
+        )
         free = [self.at([kind], parameters == one) for one in dict.fromkeys(parameters.tolist())]
-        held = [self.at([kind], own * lean) for own in self.groups.values()] if kind == AMPLITUDE else []
-        unit = 100.0 if kind == AMPLITUDE else 1.0 / _dB
-        scatter = np.diag(unit * np.where(np.isin(parameters, ["", VARYING]), _VARIES, _STEADY))
-        return free, [one for one in held if one.any()], [self.at([kind], one) for one in scatter]
+        held = [self.at([kind], own * lean) for own in self.groups.values()]
+        return free, held, np.where(np.isin(parameters, ["", VARYING]), _VARIES_dB, _STEADY_dB)
 
-    def departures(self, carriers: Sequence[str]) -> list[Departure]:
+    def departures(self, kind: int) -> list[Departure]:
         """Return what could be true instead, of azimuths, amplitudes or noise."""
-        general = departures_of(self._labels(carriers))
-        if "noise" in carriers:  # it is measured at each place: what differs is on the side of few
-            return [one for each in general for one in _of_few(each, len(self.solution.sets))]
-        return [*general, *self._per_turn("azimuth" in carriers), *self._added()]
+        general = departures_of(self._labels(kind))
+        if kind == NOISE:  # it is measured at each place: what differs is on the side of few
+            return [_of_few(one, len(self.solution.sets)) for one in general]
+        return [*general, *self._waves(), *self._added()]
 
-    def _per_turn(self, lock_ins: bool) -> Iterator[Departure]:
+    def _waves(self) -> Iterator[Departure]:
         for times, name in ((1, "once per turn"), (2, "twice per turn")):
             angle = times * np.deg2rad(self.heading_deg)
             sine, cosine = np.sin(angle), np.cos(angle)
-            for carrier in ("azimuth", "lock_in") if lock_ins else ("azimuth",):
-                unit, of = _CARRIERS[carrier]
-                turned = [self.at(of, -sine), self.at(of, cosine)]
-                if carrier == "azimuth":
-                    turned = [
-                        one + self.at([AMPLITUDE], part / _PERCENT)
-                        for one, part in zip(turned, (cosine, sine), strict=True)
-                    ]
-                yield Departure(f"{carrier}: {name}", unit, np.column_stack(turned))
+            turned = [
+                self.at(_BOTH, across) + self.at([AMPLITUDE], math.radians(1.0) / _dB * along)
+                for across, along in ((-sine, cosine), (cosine, sine))
+            ]
+            yield Departure(f"azimuth: {name}", "deg", np.column_stack(turned))
 
     def _added(self) -> Iterator[Departure]:
         for (item, place, head_deg, _), own in self.groups.items():
             if item == SEARCH:
-                effect = self.at([LOCK_IN, WAVEFORM], own * _PERCENT) + self.at([AMPLITUDE], own)
-                yield Departure("signal", "%", effect[:, None], {"item": item, "place": place, "head": head_deg})
+                effect = self.at(_BOTH, own * math.degrees(_dB)) + self.at([AMPLITUDE], own)
+                yield Departure("signal", "dB", effect[:, None], {"item": item, "place": place, "head_deg": head_deg})
 
-    def _labels(self, carriers: Sequence[str]) -> Labels:
-        sets = self.solution.sets
-        kinds = {
-            "item": np.array([own.item for own in sets]),
-            "place": np.array([own.place for own in sets]),
-            "head": np.array([own.head_deg for own in sets]),
-            "parameters": np.array([own.parameters for own in sets]),
-            "sense": self.solution.sense,
-            "known": np.isfinite(self.solution.known_deg),
-        }
-        several = {name: np.tile(one, 5) for name, one in kinds.items() if name == "item" or np.unique(one).size > 1}
-        hours = np.array([(own.begin_s + own.end_s) / 7200.0 for own in sets])
+    def _labels(self, kind: int) -> Labels:
+        sets, names = self.solution.sets, ("item", "place", "parameters", "sense", "head_deg")
+        kinds = {name: np.tile([getattr(own, name) for own in sets], 5) for name in names}
+        kinds["known"] = np.tile(np.isfinite(self.solution.known_deg), 5)
         return Labels(
-            kinds=several,
-            hours=np.tile(hours, 5),
+            kinds={name: one for name, one in kinds.items() if name == "item" or np.unique(one).size > 1},
+            hours=np.tile([(own.begin_s + own.end_s) / 7200.0 for own in sets], 5),
             visit=np.tile(np.arange(len(sets)), 5),
-            carriers={name: (_CARRIERS[name][0], self.at(_CARRIERS[name][1])) for name in carriers},
-            scales={"head": (np.tile(kinds["head"] / 360.0, 5), (1,))},
+            carriers={name: (_SEARCHES[kind][0], self.at(of)) for name, of in _SEARCHES[kind][2].items()},
+            scales={"head_deg": (kinds["head_deg"] / 360.0, (1,))},
             scopes=[(), ("item",)],
             steps_within=False,
         )
@@ -300,47 +280,43 @@ class Rows:
     def _operator(self, entry: Estimate) -> Floats:
         """Return what an estimate gains per unit of each reading, (5 n,)."""
         name, about, value = entry.quantity, entry.conditions, float(entry.value)
-        item = np.array([own.item for own in self.solution.sets])
-        calibrated = (item == CALIBRATION) & self.found[LOCK_IN]
+        kind = WAVEFORM if about.get("method") == LIKELIHOOD else LOCK_IN
+        calibrated = self.solution.of(CALIBRATION) & self.found[LOCK_IN]
         if name in ("azimuth", "azimuth_error"):
             own = self.groups[about["item"], about.get("place", ""), about["head_deg"], about.get("parameters", "")]
-            return self._of_azimuth(own, str(about["method"]), calibrated) + self._of_interval(own, entry)
+            wider = (
+                float(entry.expanded_uncertainty) * _dB
+            )  # noise does not move it, its interval is too sure of itself
+            seen = _mean(own & self.found[kind])
+            for sense in self.solution.calibrations if kind == LOCK_IN else ():
+                here = self.solution.sense == sense
+                seen = seen - float(seen[own & here].sum()) * _mean(calibrated & here)
+            heading = _mean(own) * (kind == LOCK_IN)  # beside where the axis really was
+            return (
+                self.at([kind], seen)
+                - self.at([HEADING], heading)
+                + self.at([NOISE], wider * _mean(own & self.found[NOISE]))
+            )
         if name == "azimuth_rms_error":
-            error_deg = np.nan_to_num(self.solution.error_deg(about["method"]))
-            weights = error_deg / max(float(np.sum(error_deg**2)), _LEAST_deg**2) * value
-            kind = WAVEFORM if about["method"] == LIKELIHOOD else LOCK_IN
-            return self.at([kind], np.where(item == TEST, weights, 0.0))
-        if name == "index_placement" or about.get("source", "waveform") != "waveform":
+            error_deg = self.solution.error_deg(about["method"])
+            return self.at([kind], np.nan_to_num(error_deg) / np.isfinite(error_deg).sum() / value)
+        if "rotation" in about:
             own = calibrated & np.array([SENSES[int(one)] == about["rotation"] for one in self.solution.sense])
-            kind, factor = (LOCK_IN, 1.0) if name == "index_placement" else (AMPLITUDE, value / 100.0)
-            return self.at([kind], factor * _mean(own))
-        raw = _mean(self.found[NOISE])
-        by_amplitude = {"scale": 1.0, "azimuth_bound": -1.0}.get(name, 0.0) * value / 100.0
-        by_noise = {"noise": 1.0, "azimuth_bound": 1.0}.get(name, 0.0) * value * _dB
-        return self.at([AMPLITUDE], by_amplitude * raw) + self.at([NOISE], by_noise * raw)
-
-    def _of_azimuth(self, own: Flags, method: str, calibrated: Flags) -> Floats:
-        """A mean over repeats; by the lock-ins beside the calibration, and beside where the axis really was."""
-        if method == LIKELIHOOD:
-            return self.at([WAVEFORM], _mean(own & self.found[WAVEFORM]))
-        seen = _mean(own & self.found[LOCK_IN])
-        for sense in self.solution.calibrations:
-            here = self.solution.sense == sense
-            seen = seen - float(seen[own & here].sum()) * _mean(calibrated & here)
-        return self.at([LOCK_IN], seen) - self.at([HEADING], _mean(own))
-
-    def _of_interval(self, own: Flags, entry: Estimate) -> Floats:
-        """Noise does not move an azimuth; it is as much too sure of itself as noise is more at its place."""
-        return self.at([NOISE], _mean(own & self.found[NOISE]) * _dB * float(entry.expanded_uncertainty))
+            return (
+                self.at([LOCK_IN], _mean(own))
+                if name == "index_placement"
+                else self.at([AMPLITUDE], value * _dB * _mean(own))
+            )
+        sizes = {"scale": (1.0, 0.0), "noise": (0.0, 1.0), "azimuth_bound": (-1.0, 1.0)}.get(name, (0.0, 0.0))
+        return self.at([AMPLITUDE, NOISE], np.outer(sizes, value * _dB * _mean(self.found[NOISE])))
 
 
 def _mean(own: Flags) -> Floats:
     return np.asarray(own / max(int(own.sum()), 1))
 
 
-def _of_few(departure: Departure, sets: int) -> Iterator[Departure]:
-    many = 2 * np.count_nonzero(departure.effect) > sets
-    if not many:
-        yield replace(departure, whole=None)
-    elif "after" in departure.about and departure.whole is not None:
-        yield replace(departure, effect=departure.effect - departure.whole[:, None], whole=None)
+def _of_few(departure: Departure, sets: int) -> Departure:
+    """Return the other side of what is at most of the sets."""
+    many = departure.whole is not None and 2 * np.count_nonzero(departure.effect) > sets
+    other = departure.whole[:, None] if many and departure.whole is not None else 0.0
+    return replace(departure, effect=departure.effect - other, whole=None)

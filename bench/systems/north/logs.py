@@ -12,7 +12,6 @@ docs/decisions/0052-departures.md.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -89,7 +88,7 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
         notes.append(say("log.widened"))
     figure = _samples(output, theta_deg, float(found.amplitude), unit)
     evidence = _doubt(float(found.half_width_deg()))
-    evidence = evidence or _departed(entries, *_of_turns(material.series["t_s"], output, theta_deg, found, unit))
+    evidence = evidence or _departed(entries, material.series["t_s"], output, theta_deg, found, unit)
     return _analysis(material, entries, evidence, notes, [figure])
 
 
@@ -117,11 +116,7 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
         [curve(say("axis.set"), np.arange(1.0, sets + 1.0), each_deg, "points")],
     )  # fmt: skip
     notes = [say("log.ideal", sets=sets, sense=sense_name(sense))]
-    evidence = _doubt(coverage_factor(dof) * std_deg)
-    evidence = evidence or _departed(
-        entries, *_of_sets(material.series["t_s"][::POSITIONS][:sets], each_deg, std_deg, dof)
-    )
-    return _analysis(material, entries, evidence, notes, [figure])
+    return _analysis(material, entries, _doubt(coverage_factor(dof) * std_deg), notes, [figure])
 
 
 def _doubt(half_deg: float) -> list[Evidence]:
@@ -131,26 +126,16 @@ def _doubt(half_deg: float) -> list[Evidence]:
     return [Evidence("no_signal", say("log.no_signal", half=half_deg, most=_LARGEST_deg), half_deg, 0.0, refuses=True)]
 
 
-def _departed(entries: Estimates, residuals: Residuals, labels: Labels) -> list[Evidence]:
-    """Return what departs, against the estimates of a log."""
-
-    def words(label: str, value: Any) -> str:
-        return say(f"departs.of.{label}") if value is None else say(f"departs.{label}", value=value)
-
-    expanded = np.array([float(entry.expanded_uncertainty) for entry in entries])
-    rows = replace(residuals, expanded=expanded, noise=expanded)
-    return evidence_of(search(rows, departures_of(labels)), entries, words)
-
-
-def _of_turns(
-    t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth, unit: str
-) -> tuple[Residuals, Labels]:
-    """Return means of the output over sectors of the turn and parts of the log, as the rows of one fit."""
+def _departed(
+    entries: Estimates, t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth, unit: str
+) -> list[Evidence]:
+    """Return what departs in means of the output over sectors of the turn and parts of the log."""
     good = np.isfinite(output) & np.isfinite(theta_deg)
     t_s, output, angle = t_s[good], output[good], np.deg2rad(np.mod(theta_deg[good], 360.0))
     turned = np.abs(np.unwrap(angle) - angle[0]) / (2.0 * np.pi)
     part = np.floor(turned * min(1.0, _PARTS / max(np.ceil(turned.max()), 1.0)))
-    cell = np.unique(part * _SECTORS + np.floor(angle * _SECTORS / (2.0 * np.pi)), return_inverse=True)[1]
+    sector = np.floor(angle * _SECTORS / (2.0 * np.pi))
+    cell = np.unique(part * _SECTORS + sector, return_inverse=True)[1]
     count = np.bincount(cell)
 
     def mean(column: Floats) -> Floats:
@@ -158,24 +143,31 @@ def _of_turns(
 
     orders = [function(order * angle) for order in (1, *_HARMONICS) for function in (np.sin, np.cos)]
     columns = np.column_stack([mean(column) for column in (*orders, np.ones(angle.size))])
-    size, phi = float(found.amplitude), np.deg2rad(float(found.phi_deg))
-    noise = float(found.noise_V)
+    size, phi, noise = float(found.amplitude), np.deg2rad(float(found.phi_deg)), float(found.noise_V)
     if bool(found.widened):  # from turn to turn, so that what is slower is none of it
         slope, turn = np.cos(angle + phi), turned.astype(np.int64)
         square = np.bincount(turn, slope**2)
-        whole = square > 0.5 * square.max()
-        score_V = np.diff(np.bincount(turn, (output - found.offset_V) * slope)[whole] / np.sqrt(square[whole]))
-        noise = max(noise, float(np.sqrt(np.mean(score_V**2) / 2.0)))
-    weight = np.sqrt(count) / noise
-    design = weight[:, None] * columns
-    values = np.linalg.lstsq(design, weight * mean(output), rcond=None)[0]
+        score = np.bincount(turn, (output - found.offset_V) * slope)[square > 0.5 * square.max()]
+        apart = np.diff(score / np.sqrt(square[square > 0.5 * square.max()]))
+        noise = max(noise, float(np.sqrt(np.mean(apart**2) / 2.0)))
+    weight = np.sqrt(count)[:, None] / noise
+    design, number = weight * columns, mean(part).astype(np.int64)
     along, across = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
-    operator = np.array([np.rad2deg(across) / size, along]) @ (np.linalg.pinv(design)[:2] * weight)
-    number = mean(part).astype(np.int64)
-    walk = np.asarray((number[:, None] >= np.unique(number)[1:]) * size)
-    rows = _residuals(weight, mean(output) - columns @ values, design, walk, operator, float(found.dof))
-    return rows, Labels(
-        kinds={"sector": np.rint(mean(np.floor(angle * _SECTORS / (2.0 * np.pi)))) * (360.0 / _SECTORS)},
+    expanded = np.array([float(entry.expanded_uncertainty) for entry in entries])
+    rows = Residuals(
+        readings=np.zeros(count.size),  # nothing is in proportion to a reading
+        white=weight[:, 0] * mean(output),
+        design=design,
+        scatter=weight * (number[:, None] >= np.unique(number)[1:]) * size,
+        whiten=lambda effect: weight * effect,
+        operator=np.array([np.rad2deg(across) / size, along]) @ (np.linalg.pinv(design)[:2] * weight[:, 0]),
+        expanded=expanded,
+        noise=expanded,
+        on_curve=np.zeros(2, bool),
+        noise_dof=float(found.dof),
+    )
+    labels = Labels(
+        kinds={"sector": mean(sector) * (360.0 / _SECTORS)},
         hours=mean(t_s) / 3600.0,
         visit=number,
         carriers={
@@ -185,30 +177,10 @@ def _of_turns(
         },
     )
 
+    def words(label: str, value: Any) -> str:
+        return say(f"departs.of.{label}") if value is None else say(f"departs.{label}", value=value)
 
-def _of_sets(t_s: Floats, each_deg: Floats, std_deg: float, dof: float) -> tuple[Residuals, Labels]:
-    """Return the azimuths of all sets of a log about their mean, as means over parts of the log."""
-    part = np.arange(each_deg.size) * min(each_deg.size, _PARTS * _SECTORS) // each_deg.size
-    count = np.bincount(part)
-    weight = np.sqrt(count / each_deg.size) / std_deg
-    one = np.ones((count.size, 1))
-    rows = _residuals(
-        weight, np.bincount(part, each_deg) / count, weight[:, None] * one, 0.0 * one, count[None] / each_deg.size, dof
-    )
-    number = np.arange(count.size) * min(count.size, _PARTS) // count.size
-    hours = np.bincount(part, t_s) / count / 3600.0
-    return rows, Labels(kinds={"part": number}, hours=hours, visit=number, carriers={"azimuth": ("deg", one[:, 0])})
-
-
-def _residuals(
-    weight: Floats, left: Floats, design: Floats, scatter: Floats, operator: Floats, dof: float
-) -> Residuals:
-    """Return rows of which nothing is in proportion to a reading; uncertainties are those of the estimates."""
-    none = np.zeros(len(operator))
-    return Residuals(
-        np.zeros(left.size), weight * left, design, weight[:, None] * scatter, lambda effect: weight[:, None] * effect,
-        operator, none, none, np.zeros(len(operator), bool), dof,
-    )  # fmt: skip
+    return evidence_of(search(rows, departures_of(labels)), entries, words)
 
 
 def _analysis(

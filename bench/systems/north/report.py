@@ -245,17 +245,12 @@ def tables(solution: Solution, method: str, accuracy: list[Accuracy], limit_deg:
 
 def north_notes(solution: Solution, method: str, accuracy: list[Accuracy]) -> list[str]:
     """Return all of them."""
+    bound = "note.bound" if np.isfinite(solution.bound_deg).any() else "note.no_samples"
     notes = [
-        *_bounded(solution), *_uncertainty(solution, method), *_doubts(solution, method),
+        say(bound), *_uncertainty(solution, method), *_doubts(solution, method),
         *_formulas(accuracy), *_whiteness(solution), *_left_out(solution),
     ]  # fmt: skip
     return notes + [say("note.missing", what=sentence) for sentence in solution.missing]
-
-
-def _bounded(solution: Solution) -> list[str]:
-    if not np.isfinite(solution.bound_deg).any():
-        return [say("note.no_samples")]
-    return [say("note.bound")]
 
 
 def _uncertainty(solution: Solution, method: str) -> list[str]:

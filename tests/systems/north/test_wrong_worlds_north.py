@@ -33,11 +33,11 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: flo
     [
         ("once_per_turn", 0.1, 20, ["once per turn of the bench", "+5.7"]),  # 0.1 of the amplitude: 5.73 deg
         ("modulated", 0.1, 15, ["twice per turn of the bench", "+2.8"]),  # half of it: 2.86 deg
-        ("field_motor", 0.1, 5, ["mplitude of the signal, at search only: +7."]),
+        ("field_motor", 0.1, 5, ["mplitude of the signal, at search only: +0.6", " dB"]),
         ("mark_wrong", 5.0, 20, ["at mark only: +5."]),
-        ("bench_turns", 10.0, 20, ["drift over the campaign: +10"]),
-        ("bench_knocked", 10.0, 20, ["step between 0.281 and 0.307 h", "+10"]),
-        ("restless", 5.0, 20, ["North is not the same in every set"]),
+        ("bench_turns", 10.0, 20, ["drift from begin to end: +10"]),
+        ("bench_knocked", 10.0, 20, ["step between 16.9 min and 18.4 min", "+10"]),
+        ("restless", 5.0, 20, ["More than one thing departs"]),
         ("delay_after_move", 10.0, 2, ["zimuth by the lock-ins (delay, index), at search only: -10"]),
         ("noisy_field", 10.0, 2, ["Noise, at search only: +20.7 dB"]),
         ("head_scale", 0.03, 10, ["the angle of the dividing head: +10."]),

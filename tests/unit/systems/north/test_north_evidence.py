@@ -58,7 +58,7 @@ def material_of(world: worlds.World, seed: int = SEED) -> Any:
 def test_what_departs_is_doubted_where_it_is_large(world: type[worlds.World], small: float, large: float) -> None:
     assert analyse(material_of(world(small))).evidence == []
     found = analyse(material_of(world(large))).evidence
-    assert {seen.code for seen in found} <= {"departs", "unexplained"}
+    assert found[0].code == "departs"
     assert max(seen.move for seen in found) > 0.3
 
 
@@ -248,21 +248,6 @@ def test_readings_of_lock_ins_give_the_heading(turntable: str, sense: int, tmp_p
     (azimuth,) = found(tmp_path, mapping, "t,a,b,k", table)
     assert azimuth.value == pytest.approx(heading_deg, abs=1.5 * azimuth.expanded_uncertainty)
     assert azimuth.std_uncertainty == pytest.approx(np.degrees(0.05 / np.sqrt(8 * sets / 2)), rel=0.2)
-
-
-def test_an_azimuth_that_steps_within_a_log_of_readings_is_doubted(tmp_path: Path) -> None:
-    sets = 40
-    phi = np.radians(90.0 - np.where(np.arange(sets) < 20, 200.0, 205.0)).repeat(4) + np.tile(
-        np.pi / 2.0 * np.arange(4), sets
-    )
-    noise = np.random.default_rng(6).normal(0.0, 20.0, (2, phi.size))
-    table = np.column_stack((
-        np.arange(phi.size), 1e3 * np.sin(phi) + noise[0], 1e3 * np.cos(phi) + noise[1], np.tile(np.arange(4), sets),
-    ))  # fmt: skip
-    (azimuth,) = found(tmp_path, READINGS, "t,a,b,k", table, status=1)
-    (reason,) = azimuth.reasons
-    assert reason.code == "departs"
-    assert abs(reason.figure) == pytest.approx(5.0, rel=0.1)
 
 
 def test_what_does_not_belong_together_is_refused(tmp_path: Path) -> None:
