@@ -122,7 +122,7 @@ class Rows:
 
     @cached_property
     def readings(self) -> Floats:
-        """Azimuths beside the heading (deg), 0 of the stated one, amplitude and noise (dB), (5, n); NaN for none."""
+        """Azimuths beside the heading (deg), none as stated, amplitude and noise (dB), (5, n); NaN for none."""
         none = np.full(len(self.solution.sets), math.nan)
         azimuths = [
             wrapped_deg(one.azimuth_deg - self.heading_deg) if one.noise_deg <= _NO_SIGNAL_deg else none
@@ -168,11 +168,9 @@ class Rows:
     def residuals(self, kind: int, explained: Sequence[Floats]) -> Residuals | None:
         """Return the rows of azimuths, amplitudes or noise beside what is explained, (5 n, g); None without any."""
         free, held, scatter = self._azimuths() if kind == WAVEFORM else self._sizes(kind)
-        free, held = (
-            [*free, *(column for effect in explained for column in effect.T)],
-            [one for one in held if one.any()],
-        )
-        weights = self._weights(kind)
+        free += [column for effect in explained for column in effect.T]
+        held = [one for one in held if one.any()]
+        weights, of = self._weights(kind), LOCK_IN if kind == WAVEFORM else kind
         if not len(weights) or not self.entries:
             return None
 
@@ -186,9 +184,7 @@ class Rows:
             readings=np.zeros(self.found.size),  # nothing is in proportion to a reading
             white=whiten(np.nan_to_num(self.readings).reshape(-1, 1))[:, 0],
             design=design,
-            scatter=whiten(
-                np.column_stack([self.at([LOCK_IN if kind == WAVEFORM else kind], one) for one in np.diag(scatter)])
-            ),
+            scatter=whiten(np.transpose([self.at([of], one) for one in np.diag(scatter)])),
             whiten=whiten,
             operator=operator,
             expanded=np.array([float(entry.expanded_uncertainty) for entry in self.entries]),
@@ -220,10 +216,8 @@ class Rows:
     def _sizes(self, kind: int) -> tuple[list[Floats], list[Floats], Floats]:
         """Return the same of amplitudes or noise: one of each kind of parameters; an axis that leans changes them."""
         parameters = np.array([own.parameters for own in self.solution.sets])
-        tangent = abs(math.tan(math.radians(self.solution.site.latitude_deg))) * (kind == AMPLITUDE)
-        lean = np.array(
-            [1e-3 * tangent / _dB * math.hypot(*(own.tilt_mrad or (0.0, 0.0))) for own in self.solution.sets]
-        )
+        tangent = 1e-3 * math.tan(math.radians(self.solution.site.latitude_deg)) / _dB * (kind == AMPLITUDE)
+        lean = np.hypot(*np.transpose([own.tilt_mrad or (0.0, 0.0) for own in self.solution.sets])) * tangent
         free = [self.at([kind], parameters == one) for one in dict.fromkeys(parameters.tolist())]
         held = [self.at([kind], own * lean) for own in self.groups.values()]
         return free, held, np.where(np.isin(parameters, ["", VARYING]), _VARIES_dB, _STEADY_dB)
@@ -232,7 +226,12 @@ class Rows:
         """Return what could be true instead, of azimuths, amplitudes or noise."""
         general = departures_of(self._labels(kind))
         if kind == NOISE:  # it is measured at each place: what differs is on the side of few
-            return [_of_few(one, len(self.solution.sets)) for one in general]
+            most = len(self.solution.sets) / 2
+            sides = [(one, one.whole if np.count_nonzero(one.effect) > most else None) for one in general]
+            return [
+                replace(one, effect=one.effect - np.reshape(0.0 if side is None else side, (-1, 1)), whole=None)
+                for one, side in sides
+            ]
         return [*general, *self._waves(), *self._added()]
 
     def _waves(self) -> Iterator[Departure]:
@@ -246,10 +245,10 @@ class Rows:
             yield Departure(f"azimuth: {name}", "deg", np.column_stack(turned))
 
     def _added(self) -> Iterator[Departure]:
-        for (item, place, head_deg, _), own in self.groups.items():
+        for (item, place, *_), own in self.groups.items():
             if item == SEARCH:
                 effect = self.at(_BOTH, own * math.degrees(_dB)) + self.at([AMPLITUDE], own)
-                yield Departure("signal", "dB", effect[:, None], {"item": item, "place": place, "head_deg": head_deg})
+                yield Departure("signal", "dB", effect[:, None], {"item": item, "place": place})
 
     def _labels(self, kind: int) -> Labels:
         sets, names = self.solution.sets, ("item", "place", "parameters", "sense", "head_deg")
@@ -268,13 +267,13 @@ class Rows:
     def words(self, label: str, value: Any) -> str:
         """Return how a person names a label."""
         if value is None:
-            return say(f"departs.of.{label.replace(' ', '_')}")
+            return say(f"departs.of.{label}")
         if label == "visit":
             return self.solution.sets[int(value)].name
         if label in ("known", "sense"):
             return say(f"departs.{label}_{int(value) > 0}")
         if label in ("item", "place"):
-            return item_name(value) if label == "item" else place_name(value)
+            return {"item": item_name, "place": place_name}[label](value)
         return say(f"departs.{label}", value=value)
 
     def _operator(self, entry: Estimate) -> Floats:
@@ -284,39 +283,23 @@ class Rows:
         calibrated = self.solution.of(CALIBRATION) & self.found[LOCK_IN]
         if name in ("azimuth", "azimuth_error"):
             own = self.groups[about["item"], about.get("place", ""), about["head_deg"], about.get("parameters", "")]
-            wider = (
-                float(entry.expanded_uncertainty) * _dB
-            )  # noise does not move it, its interval is too sure of itself
             seen = _mean(own & self.found[kind])
             for sense in self.solution.calibrations if kind == LOCK_IN else ():
                 here = self.solution.sense == sense
                 seen = seen - float(seen[own & here].sum()) * _mean(calibrated & here)
-            heading = _mean(own) * (kind == LOCK_IN)  # beside where the axis really was
-            return (
-                self.at([kind], seen)
-                - self.at([HEADING], heading)
-                + self.at([NOISE], wider * _mean(own & self.found[NOISE]))
-            )
+            really = -_mean(own) * (kind == LOCK_IN)
+            wider = _mean(own) * _dB * float(entry.expanded_uncertainty)  # noise moves nothing but what is said of it
+            return self.at([kind, HEADING, NOISE], [seen, really, wider])
         if name == "azimuth_rms_error":
             error_deg = self.solution.error_deg(about["method"])
             return self.at([kind], np.nan_to_num(error_deg) / np.isfinite(error_deg).sum() / value)
         if "rotation" in about:
             own = calibrated & np.array([SENSES[int(one)] == about["rotation"] for one in self.solution.sense])
-            return (
-                self.at([LOCK_IN], _mean(own))
-                if name == "index_placement"
-                else self.at([AMPLITUDE], value * _dB * _mean(own))
-            )
+            kind, factor = (LOCK_IN, 1.0) if name == "index_placement" else (AMPLITUDE, value * _dB)
+            return self.at([kind], factor * _mean(own))
         sizes = {"scale": (1.0, 0.0), "noise": (0.0, 1.0), "azimuth_bound": (-1.0, 1.0)}.get(name, (0.0, 0.0))
         return self.at([AMPLITUDE, NOISE], np.outer(sizes, value * _dB * _mean(self.found[NOISE])))
 
 
 def _mean(own: Flags) -> Floats:
     return np.asarray(own / max(int(own.sum()), 1))
-
-
-def _of_few(departure: Departure, sets: int) -> Departure:
-    """Return the other side of what is at most of the sets."""
-    many = departure.whole is not None and 2 * np.count_nonzero(departure.effect) > sets
-    other = departure.whole[:, None] if many and departure.whole is not None else 0.0
-    return replace(departure, effect=departure.effect - other, whole=None)

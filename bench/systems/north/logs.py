@@ -147,8 +147,8 @@ def _departed(
     if bool(found.widened):  # from turn to turn, so that what is slower is none of it
         slope, turn = np.cos(angle + phi), turned.astype(np.int64)
         square = np.bincount(turn, slope**2)
-        score = np.bincount(turn, (output - found.offset_V) * slope)[square > 0.5 * square.max()]
-        apart = np.diff(score / np.sqrt(square[square > 0.5 * square.max()]))
+        score = np.bincount(turn, (output - found.offset_V) * slope) / np.sqrt(np.maximum(square, 1.0))
+        apart = np.diff(score[square > 0.5 * square.max()])
         noise = max(noise, float(np.sqrt(np.mean(apart**2) / 2.0)))
     weight = np.sqrt(count)[:, None] / noise
     design, number = weight * columns, mean(part).astype(np.int64)
@@ -178,7 +178,7 @@ def _departed(
     )
 
     def words(label: str, value: Any) -> str:
-        return say(f"departs.of.{label}") if value is None else say(f"departs.{label}", value=value)
+        return say(f"departs.of.{label}" if value is None else f"departs.{label}", value=value)
 
     return evidence_of(search(rows, departures_of(labels)), entries, words)
 

@@ -14,7 +14,7 @@ from scipy import special
 from bench.analysis import Table, number, with_uncertainty, worded_table
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, LikelihoodNorth
-from bench.systems.north.estimators.phasors import INDEX_TO_NORTH, TURNS
+from bench.systems.north.estimators.phasors import INDEX_TO_NORTH
 from bench.systems.north.sets import SEARCH, TEST
 from bench.systems.north.solution import (
     COVERAGE,
@@ -33,9 +33,7 @@ from bench.systems.north.solve import HARMONICS
 from bench.systems.north.wording import item_name, method_name, place_name, say, sense_name
 
 FALSE_CLAIM = 0.01  # of tables of noise alone, in which a harmonic is claimed
-_MOST_UNSTEADY = 25.0  # variance along the signal over that across it
 _MOST_NOISE_deg = 10.0  # of one set: beyond, a direction is no longer normal (half a percent of the interval)
-_FEWEST = 4
 _MOST_REPEATS = 4  # a calibration of fewer sets than that limits what repeats can do
 
 
@@ -274,7 +272,7 @@ def _uncertainty(solution: Solution, method: str) -> list[str]:
 
 def _doubts(solution: Solution, method: str) -> list[str]:
     """Return what no uncertainty can know: a weak signal, sets without a level, two rates."""
-    notes = _unsteady(solution) if method != LIKELIHOOD else []
+    notes = [say("note.unsteady", method=method_name(LEAST_SQUARES))] if solution.unsteady else []
     one_deg = math.hypot(solution.by_method[method].noise_deg, solution.by_method[method].common_deg)
     if one_deg > _MOST_NOISE_deg:
         notes.append(say("note.weak_signal", noise=one_deg))
@@ -284,21 +282,6 @@ def _doubts(solution: Solution, method: str) -> list[str]:
     if len(rates) > 1 and solution.calibrations:
         notes.append(say("note.two_rates", rates=", ".join(f"{rate:g}" for rate in sorted(rates))))
     return notes
-
-
-def _unsteady(solution: Solution) -> list[str]:
-    """Noise of the lock-ins by what their eight samples leave over, against that across the signal alone."""
-    z = (solution.u2_V + 1j * solution.u1_V) * TURNS
-    z = z[np.isfinite(z).all(axis=1)]
-    if len(z) < _FEWEST:
-        return []
-    turned = z * np.exp(-1j * np.angle(z.sum(axis=1, keepdims=True)))
-    along, across = (part @ np.array([0.5, -0.5, 0.5, -0.5]) for part in (turned.real, turned.imag))  # offsets cancel
-    ratio = float(np.sum(along**2) / np.sum(across**2)) if np.any(across) else math.inf
-    if not ratio > _MOST_UNSTEADY:
-        return []
-    key = "note.unsteady" if solution.unsteady else "note.unsteady_few"
-    return [say(key, ratio=math.sqrt(ratio), method=method_name(LEAST_SQUARES))]
 
 
 def _formulas(accuracy: list[Accuracy]) -> list[str]:
