@@ -70,6 +70,8 @@ def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
         if residuals is not None and departures:
             outcome = search(residuals, departures, share)
             found += [finding.departure.effect for finding in outcome.findings]
+            if kind == WAVEFORM and (len(found) > 1 or not outcome.is_noise):  # no azimuth is as sure as it says
+                outcome = replace(outcome, together=np.abs(residuals.operator) @ rows.at(_BOTH) > 0.0)
             heard += evidence_of(outcome, rows.entries, rows.words)
     return heard
 
@@ -200,7 +202,7 @@ class Rows:
         if kind == WAVEFORM:
             beside = one[LOCK_IN] - seen[:, None] * one[WAVEFORM]
             rows = np.vstack([rows, beside[self.found[LOCK_IN]] / _LEAST_deg])
-        return np.asarray(rows)
+        return rows
 
     def _azimuths(self) -> tuple[list[Floats], list[Floats], Floats]:
         """Return what is free, what is known as far as stated, and by what the lock-ins scatter beside their noise."""
