@@ -198,7 +198,7 @@ class Rows:
     def _weights(self, kind: int) -> Floats:
         """Return rows, (m, 5 n): readings over their noise; those of the lock-ins, beside the waveform, over steps."""
         one, seen = np.eye(self.found.size).reshape(*self.found.shape, -1), self.found[kind]
-        rows = one[kind][seen] / self.std[kind][seen][:, None]
+        rows: Floats = one[kind][seen] / self.std[kind][seen][:, None]
         if kind == WAVEFORM:
             beside = one[LOCK_IN] - seen[:, None] * one[WAVEFORM]
             rows = np.vstack([rows, beside[self.found[LOCK_IN]] / _LEAST_deg])
