@@ -261,7 +261,7 @@ class _Left:
             self.columns[:, self.first[start] : self.first[start] + white.shape[1]] = white
         for first, departure in zip(self.first.tolist(), departures, strict=True):
             if departure.beside is not None:
-                self.columns[-departure.beside.size :, first] = departure.beside
+                self.columns[rows.white.size - departure.beside.size :, first] = departure.beside
         self.whole = np.sqrt(np.einsum("nc,nc->c", self.columns, self.columns))
         self.error, self.scatter, self.dof = rows.white, rows.scatter, rows.white.size
         self.noise_dof = rows.noise_dof

@@ -45,7 +45,7 @@ def evidence_of(
                 "departs",
                 what=name[:1].upper() + name[1:],
                 size=f"{finding.size:+.3g} {finding.departure.unit}",
-                move=float(finding.move.max()),
+                move=float(finding.moves.max()),
                 others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
                 advice=advice(finding.departure),
             )
@@ -81,7 +81,7 @@ def described(departure: Departure, words: Words) -> str:
     carrier, _, family = departure.family.rpartition(": ")
     kind, about = _kind(departure), dict(departure.about)
     shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
-    level = about.pop(family, None) if kind in ("at", "own") else None
+    level = about.pop(family if kind == "at" else "value", None)
     scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
     shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
     of_value = words(family, level) if kind in ("at", "own") else ""
@@ -107,7 +107,7 @@ def _kind(departure: Departure) -> str:
         return name.replace(" ", "_").replace("-", "_")
     if "^" in name or name.endswith(" absolute"):
         return "power" if "^" in name else "size"
-    return "at" if name in departure.about and not name.startswith("own ") else "own"
+    return "at" if name in departure.about else "own"
 
 
 # --- departures that labels make --------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from bench.design.shortest import (
     Problem,
     Target,
     best_within,
+    blind,
     default_targets,
     descended,
     designed,
@@ -20,6 +21,7 @@ from bench.design.shortest import (
     read_target,
     refuse_below_floor,
     slot_s,
+    weakest,
 )
 
 __all__ = [
@@ -32,6 +34,7 @@ __all__ = [
     "SequenceText",
     "Target",
     "best_within",
+    "blind",
     "default_targets",
     "descended",
     "designed",
@@ -39,4 +42,5 @@ __all__ = [
     "read_target",
     "refuse_below_floor",
     "slot_s",
+    "weakest",
 ]

@@ -200,9 +200,17 @@ class Problem(Protocol[C]):
     does, where nobody says otherwise.
     """
 
-    today: tuple[C, float]
-    starts: Sequence[C]
-    wanted: Sequence[tuple[str, str]]
+    @property
+    def today(self) -> tuple[C, float]:
+        """Return the campaign that was given."""
+
+    @property
+    def starts(self) -> Iterable[C]:
+        """Yield where the search begins."""
+
+    @property
+    def wanted(self) -> Sequence[tuple[str, str]]:
+        """Return what a plan must reach."""
 
     def moves(self, candidate: C) -> Iterable[C]:
         """Return what one change makes of a candidate."""
@@ -236,6 +244,30 @@ class Problem(Protocol[C]):
 
     def written(self, candidate: C, length_s: float, name: str, heading: Sequence[str]) -> str:
         """Return the campaign as a sequence of this name, under a heading of comments. Raises: InputError B-DES-005."""
+
+
+def weakest(seen: Iterable[tuple[str, str, float]]) -> list[Power]:
+    """Return the least power for each rival and quantity."""
+    least: dict[tuple[str, str], float] = {}
+    for rival, quantity, power in seen:
+        least[rival, quantity] = min(power, least.get((rival, quantity), 1.0))
+    return [Power(*place, power) for place, power in least.items()]
+
+
+def blind(problem: Problem[C], candidate: C, length_s: float, always: str = "") -> list[str]:
+    """Return the rivals that the given campaign shows and a candidate does not, a sentence each.
+
+    ``always``: begin of the names of rivals that every candidate must show.
+    """
+    today = {(power.rival, power.quantity): power.power for power in problem.powers(*problem.today)}
+    return [
+        f"{power.rival} that costs 1 U of {power.quantity} is seen with probability {power.power:.2f}"
+        for power in problem.powers(candidate, length_s)
+        if power.power < LEAST_POWER
+        and (
+            today.get((power.rival, power.quantity), 0.0) >= LEAST_POWER or (always and power.rival.startswith(always))
+        )
+    ]
 
 
 class Ranking(Protocol[C_contra]):

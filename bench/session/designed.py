@@ -108,8 +108,8 @@ class Proposal:
             yield name, self.problem.duration_s(candidate, length_s)
 
     def evidence(self) -> Iterator[tuple[str, str, float | None, float | None]]:
-        """Yield rival, quantity and the chance that it is seen at 1 U, today and proposed, where it is not beyond 0.9
-        in both; None where a campaign has no such rival.
+        """Yield rival, quantity and the chance that it is seen at 1 U, today and proposed, where one of them alone is
+        beyond 0.9; None where a campaign has no such rival.
         """
         before, after = (
             {(power.rival, power.quantity): power.power for power in self.problem.powers(candidate, length_s)}
@@ -117,7 +117,7 @@ class Proposal:
         )
         for place in dict.fromkeys((*before, *after)):
             powers = before.get(place), after.get(place)
-            if any(power is None or power < LEAST_POWER for power in powers):
+            if len({(power or 0.0) < LEAST_POWER for power in powers}) == 2:
                 yield *place, *powers
 
     def lines(self) -> Iterator[str]:

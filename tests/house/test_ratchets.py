@@ -11,11 +11,11 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_008_721,
+    "tokens": 1_007_593,
     "tokens a line": 10.59,
-    "files": 873,
+    "files": 872,
     "dict[str, Any]": 511,
-    "lines of tests": 99_509,
+    "lines of tests": 99_519,
     "tests of several deep modules": 160,
     "words of docs": 158_127,
 }

@@ -38,15 +38,17 @@ def nominal_row(window: RecordWindow, counted: Counted, unit_degC: float | None,
     """
     gate_s = window_s(window)
     clocks = {"af_clock": constants.af_clock_Hz, "master_count": constants.master_Hz, "fg_count": constants.fg_Hz}
+    sums = {**counted.sums, **{name: np.array(round(f_Hz * gate_s)) for name, f_Hz in clocks.items()}}
     return RecordRow(
         window=window,
-        sums={**counted.sums, **{name: np.array(round(f_Hz * gate_s)) for name, f_Hz in clocks.items()}},
+        sums=sums,
         frames=window.frames,
         lost=0,
         bad=0,
         quality=Quality.GOOD,
         context={} if unit_degC is None else {UNIT_TEMPERATURE: unit_degC},
         timing=counted.timing,
+        first_half={name: total // 2 for name, total in sums.items()},
     )
 
 

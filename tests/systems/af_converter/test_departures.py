@@ -57,6 +57,16 @@ def test_odd_records_that_are_alike_are_no_chance(visits: int, doubted: bool) ->
     assert (found.probability < 1e-6) == doubted
 
 
+@pytest.mark.parametrize(("limit_ppm", "departs"), [(1.0, True), (100.0, False), (None, False)])
+def test_a_curve_is_the_units_own_as_far_as_its_limit_lets_it(limit_ppm: float | None, departs: bool) -> None:
+    """A cubic of 81 ppm at the warmest; where no limit is set it may have any size."""
+    campaign = worlds.simulated(18, SWITCHES["cubic_of_all"].world(3e-3))
+    for channel in campaign.campaign["channels"]:
+        channel["stability_limit_ppm"] = limit_ppm
+    said = {seen.code for seen in sim.analysed(campaign).evidence}
+    assert ("departs" in said) == departs
+
+
 class Scattered(sim.World):
     """Counters that differ from visit to visit, and curves that are no parabolas: of the unit's own, ppm."""
 

@@ -119,12 +119,12 @@ def test_what_the_search_sees_is_what_is_compiled() -> None:
 def test_the_rules_hold_and_break() -> None:
     candidate, length_s = shipped()
     assert problem().broken(candidate, length_s) == []
-    levels_A = (3e-5, 1e-3, 0.2), candidate.levels_A[1]
+    levels_A = candidate.levels_A[0], (5e-4, 1e-3, 0.02)
     blind = {
         "one direction": replace(candidate, stops=tuple(sorted(candidate.stops))),
         "closing": replace(candidate, stops=candidate.stops[:-1]),
-        "soft end": replace(candidate, levels_A=levels_A),
-        "one step of the calibrator": replace(candidate, again=((1,), (1,))),
+        "gain: level (accelerometer) that costs 1 U of dsf_n": replace(candidate, levels_A=levels_A),
+        "gain: step (accelerometer) that costs 1 U of dsf_n_tc2": replace(candidate, again=((7,), (1,))),
     }
     for word, each in blind.items():
         assert any(word in sentence for sentence in problem().broken(each, length_s)), word

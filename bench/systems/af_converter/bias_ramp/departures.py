@@ -39,7 +39,7 @@ from bench.systems.af_converter.estimators.hysteresis.search import Problem
 from bench.systems.af_converter.wording import say
 
 _nA = 1e-9
-SECOND_LAG, SECOND_PLAY, RELAXATION, BEND = "own lag", "own play", "own relaxation", "own bend"
+SECOND_LAG, SECOND_PLAY, RELAXATION, BEND = "second lag", "second play", "relaxation", "bend"
 _LAGS_s, _APART = np.geomspace(30.0, 21_600.0, 13), np.log(1.3)
 _PLAYS = np.geomspace(0.008, 0.25, 9)  # half-widths, in parts of the span of the temperature
 _RELAXES_s = (400.0, 1000.0, 2500.0, 6000.0, 15_000.0, 40_000.0)
@@ -193,4 +193,4 @@ class Rows:
 
 
 def _own(family: str, unit: str, effect: Floats, value: float) -> Departure:
-    return Departure(f"bias: {family}", unit, _nA * effect[:, None], {family: float(value)})
+    return Departure(f"bias: {family}", unit, _nA * effect[:, None], {"value": float(value)})

@@ -63,6 +63,7 @@ _DEGREE = 2
 _OWN = 4.0  # of the limit of residuals, at the temperature farthest from that of reference: it leaves a third
 _TAILS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # time constants, in lengths of a record
 _RANK = 1e-9
+SHARE = 0.5  # of the chance of a false doubt: the other half is that of counts and of odd records
 
 
 def judged(
@@ -70,7 +71,7 @@ def judged(
 ) -> tuple[list[Evidence], Table]:
     """Return what every check says of the estimates, those that found nothing included, and what none can show."""
     rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
-    found, words = search(rows, departures, share=0.5), words_of(fitted)  # the other half: counts, odd records
+    found, words = search(rows, departures, SHARE), words_of(fitted)
     heard = [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
@@ -369,7 +370,7 @@ class _Rows:
         channels = [of_channel[number] for number in self.channel.tolist()]
         warmest_degC = max(float(np.abs(self.rest_degC).max()), 1.0)
         level_A = self.column("level_A")
-        own_ppm = _OWN * max(channel.stability_limit_ppm or 0.0 for channel in self.campaign.channels)
+        own_ppm = _OWN * max(channel.stability_limit_ppm or np.inf for channel in self.campaign.channels)
         return Labels(
             kinds={
                 "channel": self.channel,

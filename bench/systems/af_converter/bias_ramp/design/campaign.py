@@ -22,7 +22,7 @@ import numpy as np
 from scipy import special
 
 from bench.analysis import FALSE_DOUBT, Document, Estimates, Floats, Planned, Trace
-from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
+from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, blind, reached
 from bench.maths.tests import SMALLEST
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
@@ -201,7 +201,7 @@ class Ramps:
     def broken(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return the rules that a ramp breaks."""
         sentences = self._broken_form(candidate)
-        return sentences or self._unseen(candidate, length_s) or self._unseen_rhythms(candidate, length_s)
+        return sentences or blind(self, candidate, length_s) or self._unseen_rhythms(candidate, length_s)
 
     def _broken_form(self, candidate: Candidate) -> list[str]:
         sentences = [
@@ -243,15 +243,6 @@ class Ramps:
         return {
             (kind, hour): power for kind in rivals for hour, power in enumerate(rivals[kind].rhythm_powers().tolist())
         }
-
-    def _unseen(self, candidate: Candidate, length_s: float) -> list[str]:
-        """Return the rivals that the given ramp shows and this one does not."""
-        today = {(power.rival, power.quantity): power.power for power in self.powers(*self.today)}
-        return [
-            f"{power.rival} that costs 1 U of {power.quantity} is seen with probability {power.power:.2f}"
-            for power in self.powers(candidate, length_s)
-            if power.power < LEAST_POWER <= today.get((power.rival, power.quantity), 0.0)
-        ]
 
     def _unseen_rhythms(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return the hours at which a rhythm of a day begins that the given ramp shows and this one does not."""

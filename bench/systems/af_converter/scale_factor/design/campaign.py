@@ -11,27 +11,26 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimates, Planned
-from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached, slot_s
+from bench.analysis import Departure, Estimates, Material, Planned, powers
+from bench.design import Given, Key, Power, SequenceText, blind, reached, slot_s, weakest
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.model.units import format_quantity
 from bench.systems.af_converter.constants import read_campaign, read_standards
+from bench.systems.af_converter.estimators.scale_factor import METHODS
 from bench.systems.af_converter.group_fit import QUANTITIES
-from bench.systems.af_converter.scale_factor.design.drifts import (
-    coefficients_at_least,
-    drift_powers,
-    visit_powers,
-    visit_readings,
-)
+from bench.systems.af_converter.nominal import stimulated_row
+from bench.systems.af_converter.scale_factor.departures import SHARE, residuals_of
 from bench.systems.af_converter.scale_factor.design.template import (
     COEFFICIENTS,
     Point,
+    Stop,
     Template,
     Tour,
     is_monotone,
@@ -42,6 +41,7 @@ from bench.systems.af_converter.scale_factor.design.template import (
     write_levels,
     write_stops,
 )
+from bench.systems.af_converter.scale_factor.estimates import Determined, determine
 from bench.systems.af_converter.scale_factor.predicted import predicted
 from bench.systems.af_converter.wording import kind_name
 
@@ -49,6 +49,8 @@ _PARAMETERS = 2  # of a polarity: scale-factor error and offset
 _SPARE_LEVELS, _SPARE_TEMPERATURES = 2, 1
 _NEARLY = 0.99  # of an uncertainty that is computed without a fit
 _SHORTEST_s, _STEP_s, _COARSE_s = 20.0, 1.0, 10.0  # of records
+_STEP = "gain: step ("  # what repeats are for
+_SMALL = {"channel", "polarity", "temperature", "visit"}  # of what a candidate may leave out
 Levels = tuple[float, ...]
 
 
@@ -122,7 +124,7 @@ class Campaigns:
     @property
     def starts(self) -> Iterator[Candidate]:
         """Yield every tour, the shortest first, with the levels that determine scale factors and asymmetry best."""
-        levels_A = tuple(self._best_levels(group) for group in range(len(self._template.groups)))
+        levels_A = self._best_levels()
         yield from (Candidate(levels_A, tour, (self._firsts, self._firsts), self._by_lag) for tour in self.tours)
 
     @property
@@ -132,20 +134,23 @@ class Campaigns:
         others = [group[0] for group in self._template.groups if not set(group) & set(again)]
         return tuple(sorted({*again, *others}))
 
-    def _best_levels(self, group: int) -> Levels:
+    def _best_levels(self) -> tuple[Levels, ...]:
         """Return the levels with the least random part of a visit against the given one, records as long as may be."""
-        kind = self._campaign.channel(self._template.groups[group][0]).kind
-        keys = Key("dsf_n", "random", kind), Key("dsf_asymmetry", "", kind)
+        here = replace(self.today[0], stops=self.tours[0], again=(self._firsts,) * 2, by_lag=self._by_lag)
         given = reached(self.estimates(*self.today))
+        for group, (channel, *_) in enumerate(self._template.groups):
+            kind = self._campaign.channel(channel).kind
+            keys = Key("dsf_n", "random", kind), Key("dsf_asymmetry", "", kind)
+            firsts = [channels[0] for channels in self._template.groups[: group + 1]]
 
-        def worth(levels_A: Levels) -> tuple[int, float]:
-            whole = replace(self.today[0], stops=self.tours[0], again=(self._firsts,) * 2, by_lag=self._by_lag)
-            candidate = self._with(whole, group, levels_A)
-            length_s = self._longest_s(candidate, self._template.groups[group][0])
-            known = reached(self.estimates(candidate, length_s))
-            return len(self._unseen(candidate, length_s)), max(known[key] / given[key] for key in keys)
+            def worth(candidate: Candidate, keys: Sequence[Key] = keys, firsts: Sequence[int] = firsts) -> Any:
+                length_s = min(self._longest_s(candidate, first) for first in firsts)
+                known = reached(self.estimates(candidate, length_s))
+                return len(blind(self, candidate, length_s)), max(known[key] / given[key] for key in keys)
 
-        return min(_with_the_largest(self._template.levels_A[group]), key=worth)
+            others = (self._with(here, group, levels) for levels in _with_the_largest(self._template.levels_A[group]))
+            here = min(others, key=worth)
+        return here.levels_A
 
     @staticmethod
     def _with(candidate: Candidate, group: int, levels_A: Levels) -> Candidate:
@@ -193,9 +198,16 @@ class Campaigns:
         return math.fsum([*slots_s, *map(math.fsum, leads_s)]), sum(map(len, leads_s))
 
     def _estimates(self, candidate: Candidate, length_s: float) -> Estimates:
+        return predicted(self._planned(candidate, length_s)).estimates
+
+    def _determined(self, candidate: Candidate, length_s: float) -> Determined:
+        planned = self._planned(candidate, length_s)
+        rows = [stimulated_row(window, self._campaign) for window in planned.windows]
+        return determine(Material(rows, planned.campaign, planned.standards), METHODS[0])
+
+    def _planned(self, candidate: Candidate, length_s: float) -> Planned:
         alike = {group[0] for group in self._template.groups}.union(*candidate.again)
-        windows = list(self._windows(candidate, length_s, alike))
-        return predicted(Planned(windows, self._given.plan.campaign, self._register)).estimates
+        return Planned(list(self._windows(candidate, length_s, alike)), self._given.plan.campaign, self._register)
 
     def at_least(self, candidate: Candidate, length_s: float) -> dict[Key, float]:
         """Return about the least uncertainty of the coefficients, by that of a visit, which no tour changes.
@@ -216,7 +228,7 @@ class Campaigns:
             kind = self._campaign.channel(group[0]).kind
             for name in QUANTITIES:
                 noise_ppm = known[Key(name, "random", kind)] / coverage_factor()
-                of_orders = coefficients_at_least(
+                of_orders = _coefficients_at_least(
                     candidate.stops, at_s, noise_ppm, resolved_ppm, self._campaign.reference_temperature_degC
                 )
                 for order, U in enumerate(of_orders, start=1):
@@ -225,25 +237,23 @@ class Campaigns:
 
     def broken(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return the rules that a campaign breaks."""
-        return [*self._broken_order(candidate.stops), *self._unseen(candidate, length_s)]
+        return [*self._broken_order(candidate.stops), *blind(self, candidate, length_s, _STEP)]
 
     def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
-        estimates = self.estimates(candidate, length_s)
-        known, visits = reached(estimates), sum(1 for stop in candidate.stops if not stop.repeat)
-        powers: dict[tuple[str, str], float] = {}
-        for group in self._template.groups:
-            rows = visit_readings(self._visit(candidate, group[0]), length_s, group[0], self._campaign)
-            kind = self._campaign.channel(group[0]).kind
-            U_ppm = {name: known[Key(name, "", kind)] for name in (*QUANTITIES, "dsf_asymmetry")}
-            count = visits * sum(map(len, self._template.groups))
-            for rival, quantity, power in visit_powers(rows, group[0], self._campaign, self._standards, U_ppm, count):
-                place = f"{rival} ({kind})", quantity
-                powers[place] = min(power, powers.get(place, 1.0))
-        of_visits = [Power(*place, power) for place, power in powers.items()]
-        at_s = self._stops_at_s(candidate, length_s)
-        again = [(number, channel) for number in range(len(at_s)) for channel in candidate.channels_at(number)]
-        reference_degC = self._campaign.reference_temperature_degC
-        return of_visits + drift_powers(candidate.stops, at_s, again, reference_degC, estimates)
+        """Return how surely what departs would be seen if it moved a result by its U, or by that of today if larger."""
+        known = self._determined(candidate, length_s)
+        rows, departures, stated = residuals_of(known.fitted, known.estimates, known.constants, known.standards)
+        today = reached(self.estimates(*self.today))
+        kinds = [str(entry.conditions["kind"]) for entry in stated]
+        asked = [today.get(Key(entry.quantity, "", kind), 0.0) for entry, kind in zip(stated, kinds, strict=True)]
+        rows = replace(rows, expanded=np.maximum(rows.expanded, asked))
+        wanted = {quantity for quantity, _ in self.wanted}
+        return weakest(
+            (f"{one.family} ({kind})", entry.quantity, float(power))
+            for one, of_it in zip(departures, powers(rows, departures, SHARE), strict=True)
+            for power, entry, kind in zip(of_it, stated, kinds, strict=True)
+            if _is_kept(one) and entry.quantity in wanted and "repeat" not in entry.conditions
+        )
 
     def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:
         """Return levels, temperatures, repeats, length of records and soaks in words."""
@@ -312,18 +322,6 @@ class Campaigns:
     def _heat(self, candidate: Candidate, channel: int) -> float:
         return math.fsum(point.level_A**2 for point in self._visit(candidate, channel))
 
-    def _unseen(self, candidate: Candidate, length_s: float) -> list[str]:
-        """Return the rivals that would not be seen; of the asymmetry, which has no error of a standard, only those that
-        the given campaign shows.
-        """
-        today = {(power.rival, power.quantity): power.power for power in self.powers(*self.today)}
-        return [
-            f"{power.rival} that costs 1 U of {power.quantity} is seen with probability {power.power:.2f}"
-            for power in self.powers(candidate, length_s)
-            if power.power < LEAST_POWER
-            and (power.quantity != "dsf_asymmetry" or today.get((power.rival, power.quantity), 0.0) >= LEAST_POWER)
-        ]
-
     def _visit(self, candidate: Candidate, channel: int) -> list[Point]:
         kept = {0.0, *candidate.levels_A[self._template.group_of(channel)]}
         return [point for point in self._template.points[channel] if point.level_A in kept]
@@ -377,6 +375,32 @@ class Campaigns:
                     link = self._given.plan.measurement_link
                     yield RecordWindow(number, link, 0, 0, begin_ns, end_ns, conditions)
                     now_s += point.lead_s + length_s
+
+
+def _coefficients_at_least(
+    stops: Sequence[Stop], at_s: Sequence[float], noise_ppm: float, resolved_ppm: float, reference_degC: float
+) -> tuple[float, float]:
+    """Return about what the coefficients of first and second order are uncertain by, 95 %: to choose what is fitted.
+
+    Args:    noise_ppm: standard uncertainty of a visit.   resolved_ppm: that of the change between first and last stop.
+    """
+    visits = [number for number, stop in enumerate(stops) if not stop.repeat]
+    warmth = np.array([stops[number].temperature_degC for number in visits]) - reference_degC
+    operator = np.linalg.pinv(np.vander(warmth, 3, increasing=True))[1:]
+    share = (np.array(at_s)[visits] - at_s[0]) / (at_s[-1] - at_s[0])
+    noise = noise_ppm * np.sqrt(np.sum(operator**2, axis=1))
+    drift = coverage_factor() * resolved_ppm / 2.0 * np.abs(operator @ share)
+    first, second = coverage_factor() * np.hypot(noise, drift)
+    return float(first), float(second)
+
+
+def _is_kept(departure: Departure) -> bool:
+    """Return whether a plan must still show a departure that today shows: a part of the current, of a kind or of all.
+
+    A drift is none of them: it is measured by the repeats, and stands in each uncertainty.
+    """
+    carrier, _, shape = departure.family.partition(": ")
+    return carrier == "gain" and shape != "drift" and not _SMALL & departure.about.keys()
 
 
 def _repeat_told(channels: Sequence[int]) -> str:
