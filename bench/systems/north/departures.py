@@ -1,11 +1,11 @@
 """What the data of a north finder say against its model: all sets by both methods as rows of one fit.
 
-Five readings of each set: its azimuth by the lock-ins, by the waveform and as it is stated, the amplitude and the noise
-of its waveform. Noise of the waveform is known, what the lock-ins read beside it is what scatters; free are the azimuth
-of each place to be found and the placement of the index, and known as far as stated the mark and the level. Beside the
-general departures stand a wave of the azimuth once and twice per turn (a magnet, a gain that goes with the angle of the
-table), which changes the amplitude a quarter of a turn later, and what adds to the signal at a place to be found, which
-turns north as much if it lies across.
+Readings of each set are its azimuth by the lock-ins, by the waveform and as it is stated, amplitude and noise of its
+waveform and, of a log, whose parts are sets, the offset. Noise of the waveform is known, what the lock-ins read beside
+it is what scatters; free are the azimuth of each place to be found and the placement of the index, and known as far as
+stated the mark and the level. Beside the general departures stand a wave of the azimuth once and twice per turn (a
+magnet, a gain that goes with the angle of the table), which changes the amplitude a quarter of a turn later, and what
+adds to the signal at a place to be found, which turns north as much if it lies across.
 
 Beside the rows: a signal that drowns, and a table that turns otherwise than stated.
 Source: docs/decisions/0025 (doubt), 0052 (departures); FOG paper, equation (1).
@@ -36,7 +36,7 @@ from bench.analysis import (
 from bench.maths.arrays import Flags
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.sets import CALIBRATION, SEARCH, SENSES, VARYING
+from bench.systems.north.sets import CALIBRATION, LOG, SEARCH, SENSES, VARYING
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, METHODS, Azimuths, Solution
 from bench.systems.north.wording import item_name, method_name, place_name, say
 
@@ -47,12 +47,14 @@ _LEAST_deg = 1e-3  # steps of level and lock-ins
 _dB = math.log(10.0) / 20.0
 _VARIES_dB, _STEADY_dB = 2.0, 0.2  # amplitude and noise from set to set, where parameters may vary and where not
 _ROUNDING = 1e-6  # of the amplitude: noise that is none
-LOCK_IN, WAVEFORM, HEADING, AMPLITUDE, NOISE = range(5)  # readings of a set
+_WALKS = 100.0  # % of the amplitude, from one part of a log to the next: the offset
+LOCK_IN, WAVEFORM, HEADING, AMPLITUDE, NOISE, OFFSET = range(6)  # readings of a set
 _BOTH = (LOCK_IN, WAVEFORM)
 _SEARCHES: Mapping[int, tuple[str, float, Mapping[str, Sequence[int]]]] = {  # unit, share of false doubt, carriers
+    OFFSET: ("%", 0.1, {"offset": [OFFSET]}),
     WAVEFORM: (
         "deg",
-        0.8,
+        0.7,
         {"azimuth": _BOTH, "heading": (*_BOTH, HEADING), "lock_in": [LOCK_IN], "waveform": [WAVEFORM]},
     ),
     AMPLITUDE: ("dB", 0.1, {"amplitude": [AMPLITUDE]}),
@@ -61,16 +63,21 @@ _SEARCHES: Mapping[int, tuple[str, float, Mapping[str, Sequence[int]]]] = {  # u
 
 
 def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
-    """Return what every check says of the estimates."""
-    rows = Rows(solution, [entry for entry in entries if entry.expanded_uncertainty])
+    """Return what every check says of the estimates of a campaign."""
+    return [*_signal(solution), *_rate(solution), *departing(solution, entries)]
+
+
+def departing(solution: Solution, entries: Estimates, by_offset: Floats | None = None) -> list[Evidence]:
+    """Return what departs in the sets; ``by_offset`` (k, n): what each estimate gains per % of offset in each set."""
+    rows = Rows(solution, [entry for entry in entries if entry.expanded_uncertainty], by_offset)
+    heard: list[Evidence] = []
     found: list[Floats] = []
-    heard = [*_signal(solution), *_rate(solution)]
     for kind, (_, share, _) in _SEARCHES.items():
-        residuals, departures = rows.residuals(kind, found), rows.departures(kind)
-        if residuals is not None and departures:
-            outcome = search(residuals, departures, share)
+        residuals = rows.residuals(kind, found)
+        if residuals is not None:
+            outcome = search(residuals, rows.departures(kind), share)
             found += [finding.departure.effect for finding in outcome.findings]
-            if kind == WAVEFORM and (len(found) > 1 or not outcome.is_noise):  # no azimuth is as sure as it says
+            if kind == WAVEFORM and (len(outcome.findings) > 1 or not outcome.is_noise):  # no azimuth is sure
                 outcome = replace(outcome, together=np.abs(residuals.operator) @ rows.at(_BOTH) > 0.0)
             heard += evidence_of(outcome, rows.entries, rows.words)
     return heard
@@ -102,10 +109,11 @@ def _rate(solution: Solution) -> Iterator[Evidence]:
 
 @dataclass(frozen=True)
 class Rows:
-    """Readings of n sets, (5 n,): all sets by lock-ins, then by waveform, as stated, amplitude (dB), noise (dB)."""
+    """Readings of n sets, (6 n,): all by lock-ins, by waveform, as stated, amplitude (dB), noise (dB), offset (%)."""
 
     solution: Solution
     entries: Sequence[Estimate]
+    by_offset: Floats | None = None
 
     @property
     def azimuths(self) -> list[Azimuths]:
@@ -117,33 +125,33 @@ class Rows:
         return np.array([float(getattr(one, name, math.nan)) for one in self.solution.raw])
 
     @cached_property
-    def sizes(self) -> tuple[Floats, Floats]:
-        """Amplitude and noise of the waveforms, V, (n,) each."""
-        amplitude_V = self._each("amplitude")
-        return amplitude_V, np.hypot(self._each("noise_V"), _ROUNDING * amplitude_V)
+    def noise(self) -> Floats:
+        """Noise of the waveforms over their amplitude, (n,)."""
+        return np.hypot(self._each("noise_V") / self._each("amplitude"), _ROUNDING)
 
     @cached_property
     def readings(self) -> Floats:
-        """Azimuths beside the heading (deg), none as stated, amplitude and noise (dB), (5, n); NaN for none."""
-        none = np.full(len(self.solution.sets), math.nan)
+        """Azimuths beside the heading (deg), none as stated, amplitude, noise (dB), offset (%), (6, n); NaN: none."""
+        amplitude_V, none = self._each("amplitude"), np.full(len(self.solution.sets), math.nan)
         azimuths = [
             wrapped_deg(one.azimuth_deg - self.heading_deg) if one.noise_deg <= _NO_SIGNAL_deg else none
             for one in self.azimuths
         ]
-        return np.array([*azimuths, none, *(np.log(one) / _dB for one in self.sizes)])
+        offset = none if self.by_offset is None else 100.0 * self._each("offset_V") / amplitude_V.mean()
+        return np.array([*azimuths, none, *(np.log([amplitude_V, self.noise * amplitude_V]) / _dB), offset])
 
     @cached_property
     def found(self) -> Flags:
-        """Which readings there are, (5, n)."""
+        """Which readings there are, (6, n)."""
         return np.isfinite(self.readings)
 
     @cached_property
     def std(self) -> Floats:
-        """Noise of each reading, (5, n); 0 where there is none."""
-        (amplitude_V, noise_V), samples = self.sizes, self._each("samples")
+        """Noise of each reading, (6, n); 0 where there is none."""
+        mean = 1.0 / np.sqrt(self._each("samples"))
         azimuths = [math.hypot(one.noise_deg, _LEAST_deg) + 0.0 * one.azimuth_deg for one in self.azimuths]
-        sizes = [np.sqrt(2.0 / samples) * noise_V / amplitude_V / _dB, np.sqrt(0.5 / samples) / _dB]
-        return np.where(self.found, [*azimuths, 0.0 * samples, *sizes], 0.0)
+        of_waveform = [0.0 * mean, math.sqrt(2.0) / _dB * mean * self.noise, math.sqrt(0.5) / _dB * mean]
+        return np.where(self.found, [*azimuths, *of_waveform, 100.0 * mean * self.noise], 0.0)
 
     @cached_property
     def heading_deg(self) -> Floats:
@@ -162,17 +170,17 @@ class Rows:
         return {name: np.array([other == name for other in names]) for name in dict.fromkeys(names)}
 
     def at(self, readings: Sequence[int], size: Any = 1.0) -> Floats:
-        """Return a column, (5 n,): ``size``, one or (n,), in some readings of each set."""
-        column = np.zeros((5, len(self.solution.sets)))
+        """Return a column, (6 n,): ``size``, one or (n,), in some readings of each set."""
+        column = np.zeros((6, len(self.solution.sets)))
         column[list(readings)] = size
         return column.ravel()
 
     def residuals(self, kind: int, explained: Sequence[Floats]) -> Residuals | None:
-        """Return the rows of azimuths, amplitudes or noise beside what is explained, (5 n, g); None without any."""
+        """Return the rows of a kind beside what is explained, (6 n, g) each; None without any."""
         free, held, scatter = self._azimuths() if kind == WAVEFORM else self._sizes(kind)
         free += [column for effect in explained for column in effect.T]
         held = [one for one in held if one.any()]
-        weights, of = self._weights(kind), LOCK_IN if kind == WAVEFORM else kind
+        weights = self._weights(kind)
         if not len(weights) or not self.entries:
             return None
 
@@ -182,11 +190,13 @@ class Rows:
         design = whiten(np.reshape([*free, *held], (-1, self.found.size)).T)
         design[len(weights) :, len(free) :] = np.eye(len(held))
         operator = np.array([self._operator(entry) for entry in self.entries])
+        if self.by_offset is not None:
+            operator[:, -self.by_offset.shape[1] :] = self.by_offset
         return Residuals(
             readings=np.zeros(self.found.size),  # nothing is in proportion to a reading
             white=whiten(np.nan_to_num(self.readings).reshape(-1, 1))[:, 0],
             design=design,
-            scatter=whiten(np.transpose([self.at([of], one) for one in np.diag(scatter)])),
+            scatter=whiten(np.transpose(scatter)),
             whiten=whiten,
             operator=operator,
             expanded=np.array([float(entry.expanded_uncertainty) for entry in self.entries]),
@@ -196,7 +206,7 @@ class Rows:
         )
 
     def _weights(self, kind: int) -> Floats:
-        """Return rows, (m, 5 n): readings over their noise; those of the lock-ins, beside the waveform, over steps."""
+        """Return rows, (m, 6 n): readings over their noise; those of the lock-ins, beside the waveform, over steps."""
         one, seen = np.eye(self.found.size).reshape(*self.found.shape, -1), self.found[kind]
         rows: Floats = one[kind][seen] / self.std[kind][seen][:, None]
         if kind == WAVEFORM:
@@ -204,7 +214,7 @@ class Rows:
             rows = np.vstack([rows, beside[self.found[LOCK_IN]] / _LEAST_deg])
         return rows
 
-    def _azimuths(self) -> tuple[list[Floats], list[Floats], Floats]:
+    def _azimuths(self) -> tuple[list[Floats], list[Floats], list[Floats]]:
         """Return what is free, what is known as far as stated, and by what the lock-ins scatter beside their noise."""
         solution, known = self.solution, np.isfinite(self.solution.known_deg)
         free = [self.at(_BOTH, own) for own in self.groups.values() if not (own & known).any()]
@@ -213,30 +223,39 @@ class Rows:
         held += [self.at(_BOTH, own * solution.tilted_deg) for own in self.groups.values()]
         by_lock_ins = self.azimuths[0].common_deg * solution.unsteady
         apart_deg = math.hypot(math.sqrt(2.0) * solution.swing_deg, by_lock_ins)
-        return free, held, np.hypot(apart_deg, np.hypot(*self.std[:2]))
+        return free, held, [self.at([LOCK_IN], one) for one in np.diag(np.hypot(apart_deg, np.hypot(*self.std[:2])))]
 
-    def _sizes(self, kind: int) -> tuple[list[Floats], list[Floats], Floats]:
-        """Return the same of amplitudes or noise: one of each kind of parameters; an axis that leans changes them."""
+    def _sizes(self, kind: int) -> tuple[list[Floats], list[Floats], list[Floats]]:
+        """Return the same of what waveforms have one of for each kind of parameters; an offset may walk."""
         parameters = np.array([own.parameters for own in self.solution.sets])
-        tangent = 1e-3 * math.tan(math.radians(self.solution.site.latitude_deg)) / _dB * (kind == AMPLITUDE)
-        lean = np.hypot(*np.transpose([own.tilt_mrad or (0.0, 0.0) for own in self.solution.sets])) * tangent
         free = [self.at([kind], parameters == one) for one in dict.fromkeys(parameters.tolist())]
-        held = [self.at([kind], own * lean) for own in self.groups.values()]
-        return free, held, np.where(np.isin(parameters, ["", VARYING]), _VARIES_dB, _STEADY_dB)
+        varies = np.diag(np.where(np.isin(parameters, ["", VARYING]), _VARIES_dB, _STEADY_dB))
+        scatter = _WALKS * np.tri(parameters.size).T if kind == OFFSET else varies
+        return free, [], [self.at([kind], one) for one in scatter]
 
     def departures(self, kind: int) -> list[Departure]:
-        """Return what could be true instead, of azimuths, amplitudes or noise."""
-        general = departures_of(self._labels(kind))
-        if kind == NOISE:  # it is measured at each place: what differs is on the side of few
-            most = len(self.solution.sets) / 2
-            sides = [(one, one.whole if np.count_nonzero(one.effect) > most else None) for one in general]
-            return [
-                replace(one, effect=one.effect - np.reshape(0.0 if side is None else side, (-1, 1)), whole=None)
-                for one, side in sides
-            ]
-        return [*general, *self._waves(), *self._added()]
+        """Return what could be true instead, of readings of a kind."""
+        sets, names = self.solution.sets, ("item", "place", "parameters", "sense", "head_deg")
+        kinds = {name: np.tile([getattr(own, name) for own in sets], 6) for name in names}
+        kinds["known"] = np.tile(np.isfinite(self.solution.known_deg), 6)
+        labels = Labels(
+            kinds={name: one for name, one in kinds.items() if name == "item" or np.unique(one).size > 1},
+            hours=np.tile([(own.begin_s + own.end_s) / 7200.0 for own in sets], 6),
+            visit=np.tile(np.arange(len(sets)), 6),
+            carriers={name: (_SEARCHES[kind][0], self.at(of)) for name, of in _SEARCHES[kind][2].items()},
+            scales={"head_deg": (kinds["head_deg"] / 360.0, (1,))},
+            scopes=[(), ("item",)],
+            steps_within=False,
+        )
+        if kind != NOISE:
+            return [*departures_of(labels), *self._own()]
+        most, found = len(sets) / 2, []
+        for one in departures_of(labels):  # noise is measured at each place: what differs is on the side of few
+            many = one.whole is not None and np.count_nonzero(one.effect) > most
+            found.append(replace(one, effect=one.effect - np.reshape(many * self.at([NOISE]), (-1, 1)), whole=None))
+        return found
 
-    def _waves(self) -> Iterator[Departure]:
+    def _own(self) -> Iterator[Departure]:
         for times, name in ((1, "once per turn"), (2, "twice per turn")):
             angle = times * np.deg2rad(self.heading_deg)
             sine, cosine = np.sin(angle), np.cos(angle)
@@ -245,26 +264,10 @@ class Rows:
                 for across, along in ((-sine, cosine), (cosine, sine))
             ]
             yield Departure(f"azimuth: {name}", "deg", np.column_stack(turned))
-
-    def _added(self) -> Iterator[Departure]:
         for (item, place, *_), own in self.groups.items():
             if item == SEARCH:
                 effect = self.at(_BOTH, own * math.degrees(_dB)) + self.at([AMPLITUDE], own)
                 yield Departure("signal", "dB", effect[:, None], {"item": item, "place": place})
-
-    def _labels(self, kind: int) -> Labels:
-        sets, names = self.solution.sets, ("item", "place", "parameters", "sense", "head_deg")
-        kinds = {name: np.tile([getattr(own, name) for own in sets], 5) for name in names}
-        kinds["known"] = np.tile(np.isfinite(self.solution.known_deg), 5)
-        return Labels(
-            kinds={name: one for name, one in kinds.items() if name == "item" or np.unique(one).size > 1},
-            hours=np.tile([(own.begin_s + own.end_s) / 7200.0 for own in sets], 5),
-            visit=np.tile(np.arange(len(sets)), 5),
-            carriers={name: (_SEARCHES[kind][0], self.at(of)) for name, of in _SEARCHES[kind][2].items()},
-            scales={"head_deg": (kinds["head_deg"] / 360.0, (1,))},
-            scopes=[(), ("item",)],
-            steps_within=False,
-        )
 
     def words(self, label: str, value: Any) -> str:
         """Return how a person names a label."""
@@ -279,12 +282,13 @@ class Rows:
         return say(f"departs.{label}", value=value)
 
     def _operator(self, entry: Estimate) -> Floats:
-        """Return what an estimate gains per unit of each reading, (5 n,)."""
+        """Return what an estimate gains per unit of each reading, (6 n,)."""
         name, about, value = entry.quantity, entry.conditions, float(entry.value)
         kind = WAVEFORM if about.get("method") == LIKELIHOOD else LOCK_IN
         calibrated = self.solution.of(CALIBRATION) & self.found[LOCK_IN]
         if name in ("azimuth", "azimuth_error"):
-            own = self.groups[about["item"], about.get("place", ""), about["head_deg"], about.get("parameters", "")]
+            place = about.get("item", LOG), about.get("place", ""), about.get("head_deg", 0.0)
+            own = self.groups[*place, about.get("parameters", "")]
             seen = _mean(own & self.found[kind])
             for sense in self.solution.calibrations if kind == LOCK_IN else ():
                 here = self.solution.sense == sense
@@ -299,8 +303,9 @@ class Rows:
             own = calibrated & np.array([SENSES[int(one)] == about["rotation"] for one in self.solution.sense])
             kind, factor = (LOCK_IN, 1.0) if name == "index_placement" else (AMPLITUDE, value * _dB)
             return self.at([kind], factor * _mean(own))
-        sizes = {"scale": (1.0, 0.0), "noise": (0.0, 1.0), "azimuth_bound": (-1.0, 1.0)}.get(name, (0.0, 0.0))
-        return self.at([AMPLITUDE, NOISE], np.outer(sizes, value * _dB * _mean(self.found[NOISE])))
+        sizes = {"scale": (1.0, 0.0), "amplitude": (1.0, 0.0), "noise": (0.0, 1.0), "azimuth_bound": (-1.0, 1.0)}
+        of_both = np.outer(sizes.get(name, (0.0, 0.0)), value * _dB * _mean(self.found[NOISE]))
+        return self.at([AMPLITUDE, NOISE], of_both)
 
 
 def _mean(own: Flags) -> Floats:

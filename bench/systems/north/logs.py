@@ -3,15 +3,15 @@
 Samples carry the sense of rotation in the encoder; lock-in readings need it stated, and are taken as those of ideal
 lock-ins and index pulses: a log has no calibration at a known azimuth.
 
-What departs from one signal, one offset and noise is looked for in means over parts of the turn and of the log; noise
-is that from turn to turn, and the offset may walk.
+What departs is looked for in parts of the log, each a set as those of a campaign.
 
-Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``;
-docs/decisions/0052-departures.md.
+Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,30 +22,28 @@ from bench.analysis import (
     Evidence,
     Figure,
     Floats,
-    Labels,
     Material,
-    Residuals,
     Table,
     check_method,
     curve,
-    departures_of,
     estimate,
-    evidence_of,
-    search,
     value_and_uncertainty,
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
+from bench.systems.north.departures import departing
 from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
+from bench.systems.north.sets import LOG, NorthSet
+from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, Azimuths, Site, Solution
 from bench.systems.north.wording import say, sense_name
 
 METHODS: tuple[str, ...] = ("as_mapped",)
 _HARMONICS = (2, 3, 4, 5)
 _LARGEST_deg = 20.0  # half an interval of a direction beyond which nothing of north is known
-_PARTS, _SECTORS = 24, 16  # of the log, of the turn: means over them are what departures are looked for in
+_PARTS, _LEAST_SAMPLES = 60, 30  # of a log at most, of a part
 _SENSES = {"counter_clockwise": 1, "clockwise": -1}
 
 
@@ -88,7 +86,8 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
         notes.append(say("log.widened"))
     figure = _samples(output, theta_deg, float(found.amplitude), unit)
     evidence = _doubt(float(found.half_width_deg()))
-    evidence = evidence or _departed(entries, material.series["t_s"], output, theta_deg, found, unit)
+    if not evidence:
+        evidence = departing(*_parts(entries, material.series["t_s"], output, theta_deg, found))
     return _analysis(material, entries, evidence, notes, [figure])
 
 
@@ -116,7 +115,14 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
         [curve(say("axis.set"), np.arange(1.0, sets + 1.0), each_deg, "points")],
     )  # fmt: skip
     notes = [say("log.ideal", sets=sets, sense=sense_name(sense))]
-    return _analysis(material, entries, _doubt(coverage_factor(dof) * std_deg), notes, [figure])
+    evidence = _doubt(coverage_factor(dof) * std_deg)
+    if not evidence:
+        parts = np.array_split(np.arange(sets), min(sets, _PARTS))
+        t_s = np.array([np.mean(material.series["t_s"][POSITIONS * own]) for own in parts])
+        at_deg = heading_deg(np.rad2deg(np.angle([np.mean(found.phasor[own]) for own in parts])), sense)
+        azimuths = Azimuths(at_deg, std_deg * math.sqrt(len(parts)), dof)
+        evidence = departing(_solution(t_s, LEAST_SQUARES, azimuths, [None] * len(parts)), entries)
+    return _analysis(material, entries, evidence, notes, [figure])
 
 
 def _doubt(half_deg: float) -> list[Evidence]:
@@ -126,61 +132,36 @@ def _doubt(half_deg: float) -> list[Evidence]:
     return [Evidence("no_signal", say("log.no_signal", half=half_deg, most=_LARGEST_deg), half_deg, 0.0, refuses=True)]
 
 
-def _departed(
-    entries: Estimates, t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth, unit: str
-) -> list[Evidence]:
-    """Return what departs in means of the output over sectors of the turn and parts of the log."""
-    good = np.isfinite(output) & np.isfinite(theta_deg)
-    t_s, output, angle = t_s[good], output[good], np.deg2rad(np.mod(theta_deg[good], 360.0))
-    turned = np.abs(np.unwrap(angle) - angle[0]) / (2.0 * np.pi)
-    part = np.floor(turned * min(1.0, _PARTS / max(np.ceil(turned.max()), 1.0)))
-    sector = np.floor(angle * _SECTORS / (2.0 * np.pi))
-    cell = np.unique(part * _SECTORS + sector, return_inverse=True)[1]
-    count = np.bincount(cell)
+def _parts(
+    entries: Estimates, t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth
+) -> tuple[Solution, Estimates, Floats]:
+    """Return parts of whole turns as sets, and what each estimate gains per % of offset in each part, (k, n)."""
+    t_s, output, theta_deg = np.stack([t_s, output, theta_deg])[:, np.isfinite(output + theta_deg)]
+    turns = float(np.ptp(np.unwrap(theta_deg, period=360.0))) / 360.0
+    whole = max(math.ceil(turns / _PARTS), math.ceil(_LEAST_SAMPLES * turns / t_s.size))
+    length = min(int(t_s.size * whole / turns), t_s.size)
+    cut = [np.split(one, range(length, t_s.size, length))[: t_s.size // length] for one in (t_s, output, theta_deg)]
+    middle_s = np.mean(cut[0], axis=1)
+    raw = [likelihood_north(*one, harmonics=_HARMONICS) for one in zip(*cut[1:], strict=True)]
+    at_deg = heading_deg(np.array([one.phi_deg for one in raw]), 1)
+    square_deg2 = float(np.mean([one.bound_deg**2 for one in raw]))
+    if len(raw) > 1:  # from part to part, so that what is slower is no noise
+        square_deg2 = max(square_deg2, float(np.mean(wrapped_deg(np.diff(at_deg)) ** 2)) / 2.0)
+    azimuths = Azimuths(at_deg, math.sqrt(square_deg2), len(raw) / 1.5)  # neighbours share a part
+    angle = np.deg2rad(theta_deg)
+    columns = np.array([np.sin(angle), np.cos(angle), np.ones(angle.size)])
+    hats = np.array([columns @ np.interp(t_s, middle_s, one) for one in np.eye(len(raw))])
+    turn = np.exp(-1j * np.deg2rad(found.phi_deg)) * (np.linalg.solve(columns @ columns.T, hats.T)[:2].T @ [1.0, 1.0j])
+    by_offset = np.array([np.rad2deg(turn.imag), float(found.amplitude) * turn.real]) / 100.0
+    return _solution(middle_s, LIKELIHOOD, azimuths, raw), entries, by_offset
 
-    def mean(column: Floats) -> Floats:
-        return np.asarray(np.bincount(cell, column) / count)
 
-    orders = [function(order * angle) for order in (1, *_HARMONICS) for function in (np.sin, np.cos)]
-    columns = np.column_stack([mean(column) for column in (*orders, np.ones(angle.size))])
-    size, phi, noise = float(found.amplitude), np.deg2rad(float(found.phi_deg)), float(found.noise_V)
-    if bool(found.widened):  # from turn to turn, so that what is slower is none of it
-        slope, turn = np.cos(angle + phi), turned.astype(np.int64)
-        square = np.bincount(turn, slope**2)
-        score = np.bincount(turn, (output - found.offset_V) * slope) / np.sqrt(np.maximum(square, 1.0))
-        apart = np.diff(score[square > 0.5 * square.max()])
-        noise = max(noise, float(np.sqrt(np.mean(apart**2) / 2.0)))
-    weight = np.sqrt(count)[:, None] / noise
-    design, number = weight * columns, mean(part).astype(np.int64)
-    along, across = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
-    expanded = np.array([float(entry.expanded_uncertainty) for entry in entries])
-    rows = Residuals(
-        readings=np.zeros(count.size),  # nothing is in proportion to a reading
-        white=weight[:, 0] * mean(output),
-        design=design,
-        scatter=weight * (number[:, None] >= np.unique(number)[1:]) * size,
-        whiten=lambda effect: weight * effect,
-        operator=np.array([np.rad2deg(across) / size, along]) @ (np.linalg.pinv(design)[:2] * weight[:, 0]),
-        expanded=expanded,
-        noise=expanded,
-        on_curve=np.zeros(2, bool),
-        noise_dof=float(found.dof),
-    )
-    labels = Labels(
-        kinds={"sector": mean(sector) * (360.0 / _SECTORS)},
-        hours=mean(t_s) / 3600.0,
-        visit=number,
-        carriers={
-            "output": (unit, np.ones(count.size)),
-            "amplitude": ("%", 0.01 * size * columns[:, :2] @ along),
-            "azimuth": ("deg", np.deg2rad(size) * columns[:, :2] @ across),
-        },
-    )
-
-    def words(label: str, value: Any) -> str:
-        return say(f"departs.of.{label}" if value is None else f"departs.{label}", value=value)
-
-    return evidence_of(search(rows, departures_of(labels)), entries, words)
+def _solution(t_s: Floats, method: str, azimuths: Azimuths, raw: Sequence[LikelihoodNorth | None]) -> Solution:
+    """Return parts of a log at ``t_s`` (n,) as sets of one azimuth that is sought, found by one method."""
+    none = np.full(t_s.size, math.nan)
+    sets = [NorthSet(LOG, "", 0.0, k, begin_s=t, end_s=t) for k, t in enumerate(t_s.tolist(), start=1)]
+    by_method = dict.fromkeys((LEAST_SQUARES, LIKELIHOOD), Azimuths(none, math.nan, math.inf)) | {method: azimuths}
+    return Solution(sets, Site(0.0, 0.0), none, none, np.isnan(none), none, none, raw, by_method=by_method)
 
 
 def _analysis(

@@ -178,8 +178,8 @@ def test_a_ramp_of_the_output_is_doubted_by_what_a_column_for_it_moves(tmp_path:
     assert found(tmp_path, SAMPLES, "t,U,angle", little)[0].quality == "sound"
     azimuth, _ = found(tmp_path / "ramp", SAMPLES, "t,U,angle", ramp, status=1)
     (reason,) = azimuth.reasons
-    assert (reason.code, reason.figure) == ("departs", pytest.approx(6.0, rel=0.05))  # V
-    assert "The output, drift" in reason.sentence
+    assert (reason.code, reason.figure) == ("departs", pytest.approx(600.0, rel=0.05))  # % of the signal
+    assert "Offset of the output (in % of the signal), drift" in reason.sentence
     angle, volts = np.radians(ramp[:, 2]), 1e-3 * ramp[:, 1]
     columns = [function(k * angle) for k in range(1, 6) for function in (np.sin, np.cos)] + [np.ones(angle.size)]
     both = [np.linalg.lstsq(np.column_stack(one), volts, rcond=None)[0] for one in (columns, [*columns, ramp[:, 0]])]
@@ -212,6 +212,16 @@ def test_readings_of_lock_ins_give_the_heading(turntable: str, sense: int, tmp_p
     (azimuth,) = found(tmp_path, mapping, "t,a,b,k", table)
     assert azimuth.value == pytest.approx(heading_deg, abs=1.5 * azimuth.expanded_uncertainty)
     assert azimuth.std_uncertainty == pytest.approx(np.degrees(0.05 / np.sqrt(8 * sets / 2)), rel=0.2)
+
+
+def test_an_azimuth_that_steps_within_a_log_of_readings_is_doubted(tmp_path: Path) -> None:
+    phi = np.radians(90.0 - np.repeat([200.0, 205.0], 80) + np.tile(90.0 * np.arange(4), 40))
+    noise = np.random.default_rng(6).normal(0.0, 20.0, (2, phi.size))
+    signals = 1e3 * np.sin(phi) + noise[0], 1e3 * np.cos(phi) + noise[1]
+    table = np.column_stack((np.arange(phi.size), *signals, np.tile(np.arange(4), 40)))
+    (azimuth,) = found(tmp_path, READINGS, "t,a,b,k", table, status=1)
+    (reason,) = azimuth.reasons
+    assert (reason.code, abs(reason.figure)) == ("departs", pytest.approx(5.0, rel=0.1))
 
 
 def test_what_does_not_belong_together_is_refused(tmp_path: Path) -> None:
