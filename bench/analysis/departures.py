@@ -36,20 +36,32 @@ _SAME = 1e-4  # columns that differ by less are one
 class Departure:
     """Something that could be true instead of the model, in a size of 1 ``unit``.
 
-    ``family``: names its sentence.   ``effect``: on the readings, (r, g), in their unit; several columns are one
-    departure of which only the direction is unknown, such as a phase.   ``about``: label values that it is confined to.
+    ``carrier``: what is off, "" for the reading itself.   ``shape``: how, a general one or one of a system's own; "at",
+    "power" and "size" are ``of`` a label or scale, in its ``power``.   ``effect``: on the readings, (r, g), in
+    their unit; several columns are one departure of which only the direction is unknown, such as a phase.
+    ``about``: label values that it is confined to, and what its shape has.
     ``whole`` (r,): the same in all visits, of what is in some of them: the data do not say which visits are right.
     ``beside`` (q,): of one column on the last rows of the fit, which are no readings, in units of their noise.
     ``own``: up to which size the item may be so, as a further order of its curve, which its coefficients carry.
     """
 
-    family: str
+    carrier: str
+    shape: str
     unit: str
     effect: Floats
     about: Mapping[str, Any] = field(default_factory=dict)
+    of: str = ""
+    power: int = 0
     own: float = 0.0
     whole: Floats | None = None
     beside: Floats | None = None
+
+    @property
+    def family(self) -> str:
+        """Name of what is alike but for where and when it is."""
+        power = f" ^{self.power}" if self.power else ""
+        shape = {"at": self.of, "power": self.of + power, "size": f"{self.of} absolute"}.get(self.shape, self.shape)
+        return f"{self.carrier}: {shape.replace('_', ' ')}" if self.carrier else shape
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,20 +79,19 @@ def unseen_table(found: Search, stated: Sequence[Estimate], words: Words) -> Tab
 
 def described(departure: Departure, words: Words) -> str:
     """Return a departure in words: what it is of, where, and its shape."""
-    carrier, _, family = departure.family.rpartition(": ")
     kind, about = _kind(departure), dict(departure.about)
     shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
-    level = about.pop(family if kind == "at" else "value", None)
-    scale, _, power = family.partition(" ^") if kind == "power" else (family.removesuffix(" absolute"), "", "")
+    level = about.pop(departure.of or "value", None)
     shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
-    of_value = words(family, level) if kind in ("at", "own") else ""
-    of_scale = words(scale, None) if kind in ("power", "size") else ""
-    if kind in ("own", "constant"):
-        how = of_value
+    if kind == "own":
+        how = words(departure.shape, level)
+    elif kind == "constant":
+        how = ""
     else:
-        how = say(f"departs.{kind}", **shape, at=of_value, scale=of_scale, power=power)
+        at = words(departure.of, level) if departure.of else ""
+        how = say(f"departs.{kind}", **shape, at=at, scale=at, power=departure.power)
     where = ", ".join(words(name, value) for name, value in about.items())
-    of = words(carrier, None) if carrier else ""
+    of = words(departure.carrier, None) if departure.carrier else ""
     return ", ".join(part for part in (of, where, how) if part)
 
 
@@ -101,13 +101,7 @@ def _duration(hours: float) -> str:
 
 
 def _kind(departure: Departure) -> str:
-    """Return the kind of a departure: a general one, a level, a power, a size of what its family names, or its own."""
-    name = departure.family.rpartition(": ")[2]
-    if name in _FAMILIES:
-        return name.replace(" ", "_").replace("-", "_")
-    if "^" in name or name.endswith(" absolute"):
-        return "power" if "^" in name else "size"
-    return "at" if name in departure.about else "own"
+    return departure.shape if departure.shape in _GENERAL else "own"
 
 
 # --- departures that labels make --------------------------------------------------------------------------------------
@@ -120,8 +114,8 @@ class Labels:
     ``hours``: time; ``visit``: which readings follow each other.   ``carriers``: by name unit and what the readings
     (r,) gain if something is off by 1 everywhere.   ``scopes``: kinds whose values may confine a departure of any
     shape; ``corners``: those that may confine what one value of a further kind does.   ``exchanged``: items of one kind
-    that could be taken for each other, their kind, their sides and the carrier.   ``own``: by carrier and family
-    up to which size a departure may be an item's own.   ``steps_within``: whether something may step inside a visit.
+    that could be taken for each other, their kind, their sides and the carrier.   ``own``: by carrier and scale
+    up to which size a power of it may be an item's own.   ``steps_within``: whether something may step inside a visit.
     """
 
     kinds: Mapping[str, Any]
@@ -143,7 +137,8 @@ class Labels:
 
 
 _UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
-_FAMILIES = ("constant", "step", "step in a visit", "visit", "drift", "warm-up", "cycle", "exchanged", "tail")
+_OF_TIME = ("step", "step_in_a_visit", "visit", "drift", "warm_up", "cycle")
+_GENERAL = (*_OF_TIME, "at", "power", "size", "constant", "exchanged", "tail")
 _NAMED = 2  # of the other explanations
 _DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take
@@ -153,7 +148,7 @@ _CYCLES = (2.0, 1.5, 1.2, 1.0, 0.8, 0.65, 0.5, 0.4, 0.32, 0.25, 0.2, 0.16)
 def departures_of(labels: Labels) -> list[Departure]:
     """Return the general departures: each value of a label, steps, drifts, cycles, powers and memory, in all scopes."""
     found = [
-        Departure(f"{carrier}: step in a visit", unit, (one * behind)[:, None], about)
+        Departure(carrier, "step_in_a_visit", unit, (one * behind)[:, None], about)
         for about, behind in (_within(labels) if labels.steps_within else ())
         for carrier, (unit, one) in labels.carriers.items()
     ]
@@ -167,14 +162,17 @@ def departures_of(labels: Labels) -> list[Departure]:
         for where, inside in _places(labels.kinds, scope):
             for carrier, (unit, one) in labels.carriers.items():
                 everywhere = one * inside
-                for family, about, shape in shapes:
-                    effect = everywhere[:, None] * shape.reshape(one.size, -1)
+                for shape in shapes:
+                    effect = everywhere[:, None] * shape.column.reshape(one.size, -1)
                     key = effect.tobytes()
-                    if family not in where and key not in seen and np.abs(effect).max() > _LEAST * np.abs(one).max():
+                    if shape.of not in where and key not in seen and np.abs(effect).max() > _LEAST * np.abs(one).max():
                         seen.add(key)
-                        own = labels.own.get((carrier, family), 0.0)
-                        whole = everywhere if family in in_visits else None
-                        found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own, whole))
+                        own = labels.own.get((carrier, shape.of), 0.0) if shape.power > 0 else 0.0
+                        whole = everywhere if {shape.name, shape.of} & in_visits else None
+                        about = {**where, **shape.about}
+                        found.append(
+                            Departure(carrier, shape.name, unit, effect, about, shape.of, shape.power, own, whole)
+                        )
     return found
 
 
@@ -200,7 +198,7 @@ def _exchanged(labels: Labels, item: str, kind: str, side: str, carrier: str) ->
         for at in sorted(begins_h)[1:] if kinds[items == a][0] == kinds[items == b][0] else ():
             moved = (1.0 * (items == a) - (items == b)) * (since_h >= at) * one
             columns = np.column_stack([moved * (sides == value) for value in np.unique(sides)])
-            yield Departure("exchanged", unit, columns, {"pair": f"{a}, {b}", "hours": at})
+            yield Departure("", "exchanged", unit, columns, {"pair": f"{a}, {b}", "hours": at})
 
 
 def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
@@ -212,28 +210,38 @@ def _within(labels: Labels) -> Iterable[tuple[dict[str, Any], Flags]]:
             yield {"visit": visit, "record": record}, (labels.visit == visit) & (number >= at)
 
 
-def _values(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
+class _Shape(NamedTuple):
+    """A column over the readings, (r,) or (r, 2), by name; ``of`` a label or scale."""
+
+    name: str
+    column: Floats
+    about: Mapping[str, Any] = MappingProxyType({})
+    of: str = ""
+    power: int = 0
+
+
+def _values(labels: Labels) -> Iterable[_Shape]:
     for name, column in labels.kinds.items():
         for value in dict.fromkeys(np.asarray(column).tolist()):
-            yield name, {name: value}, 1.0 * (np.asarray(column) == value)
+            yield _Shape("at", 1.0 * (np.asarray(column) == value), {name: value}, name)
 
 
-def _shapes(labels: Labels) -> Iterable[tuple[str, dict[str, Any], Floats]]:
+def _shapes(labels: Labels) -> Iterable[_Shape]:
     """Yield shapes of time and of scales."""
     since_h, begins_h = labels.hours - labels.hours.min(), labels.begins_h
     for before, at in pairwise(sorted(begins_h.values())):
-        yield "step", {"after": before, "hours": at}, 1.0 * (since_h >= at)
+        yield _Shape("step", 1.0 * (since_h >= at), {"after": before, "hours": at})
     for visit in begins_h:
-        yield "visit", {"visit": visit}, 1.0 * (labels.visit == visit)
+        yield _Shape("visit", 1.0 * (labels.visit == visit), {"visit": visit})
     span_h = max(float(np.ptp(since_h)), 1e-9)
-    yield "drift", {}, since_h / span_h
+    yield _Shape("drift", since_h / span_h)
     for part in _SETTLES:
-        yield "warm-up", {"hours": part * span_h}, np.exp(-since_h / (part * span_h))
+        yield _Shape("warm_up", np.exp(-since_h / (part * span_h)), {"hours": part * span_h})
     day_h = (_DAY_h,) if _DAY_h < _LONGEST * span_h else ()
     for period_h in (*day_h, *(part * span_h for part in _CYCLES)):
         angle = 2.0 * np.pi * since_h / period_h
-        yield "cycle", {"hours": period_h}, np.column_stack([np.sin(angle), np.cos(angle)])
+        yield _Shape("cycle", np.column_stack([np.sin(angle), np.cos(angle)]), {"hours": period_h})
     for name, (scale, powers) in labels.scales.items():
         for power in powers:
-            yield f"{name} ^{power}", {}, scale**power
-        yield f"{name} absolute", {}, np.abs(scale)
+            yield _Shape("power", scale**power, of=name, power=power)
+        yield _Shape("size", np.abs(scale), of=name)

@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Departure, Estimates, Evidence, Labels, Residuals, departures_of, evidence_of, search
+from bench.analysis import Estimates, Evidence, Labels, Residuals, departures_of, evidence_of, search
 from bench.maths.arrays import Floats, Integers
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.result import LaserResult, constant_estimates
 from bench.systems.lock_in.wording import say
 
 _TIMES, _PHASES, _SWINGS = 16, 8, 4  # parts of the record, of a turn of the phase, of the swings of the dither
-_EACH, _FEWEST = 80, 20  # turnarounds of a part of the phase; of one sense in it, from which their scatter is taken
+_EACH = 40  # turnarounds of one sense and phase, at least, from which their scatter is taken
 # The fit's shapes are of first order in the jumps. By exact physics (15 cm, lock-in of 0.3 and 0.9 deg/s, phases of 0
 # to 130 deg) what is left goes with even harmonics of the phase at the turnaround, other ones at maxima and at minima,
 # up to 0.17 of the largest jump squared; 0.4 to 2 % of its power are none of these.
 _HARMONICS, _FIRST_ORDER = (2, 4, 6), 0.2
-_OF_TIME = ("step", "visit", "drift", "warm-up", "cycle")
+_OF_TIME = ("step", "visit", "drift", "warm_up", "cycle")
 
 
 @dataclass(frozen=True)
@@ -47,22 +47,13 @@ def constants_depart(laser: LaserResult, share: float) -> tuple[list[Evidence], 
     ``share``: of the chance of a false doubt.
     """
     stated = constant_estimates(laser)
-    if not stated:
+    if not stated or not (turns := _Turnarounds(laser)).parts:
         return [], None
-    turns = _Turnarounds(laser)
     rows = _residuals(turns, stated)
     found = search(rows, departures_of(_labels(turns)), share)
-    changes = [one.departure.effect for one in found.findings if _is_of_time(one.departure)]
-    evidence = evidence_of(found, stated, turns.words, _advice)
+    changes = [one.departure.effect for one in found.findings if one.departure.shape in _OF_TIME]
+    evidence = evidence_of(found, stated, turns.words, lambda _: say("departs.advice"))
     return evidence, _changing(turns, rows, np.hstack(changes)) if changes else None
-
-
-def _is_of_time(departure: Departure) -> bool:
-    return departure.family.rpartition(": ")[2] in _OF_TIME
-
-
-def _advice(departure: Departure) -> str:
-    return say("departs.advice.time" if _is_of_time(departure) else "departs.advice.turn")
 
 
 class _Turnarounds:
@@ -70,8 +61,8 @@ class _Turnarounds:
 
     ``constants``: of all stretches together, (2,), rad/s.   ``score`` (u, 2), ``information`` (u, 2, 2): of relative
     changes along and across them.   ``followed`` (u,): what was taken off, over the constants.   ``psi0_rad``,
-    ``swing`` (u,): phase; swing of the dither, relative, less its mean.   ``time``, ``group`` (u,): part of the record;
-    -1 where too few others have this sense and phase.   ``places`` (4, G): time, sense, phase, swing of each group.
+    ``swing`` (u,): phase; swing of the dither, relative, less its mean.   ``time``, ``group`` (u,): part of the record,
+    group.   ``places`` (4, G): time, sense, phase, swing of each group.
     """
 
     def __init__(self, laser: LaserResult) -> None:
@@ -91,15 +82,12 @@ class _Turnarounds:
         self.score = (right - information @ self.constants) @ axes
         self.followed = local @ [1.0, 1.0j] / (self.constants @ [1.0, 1.0j])
         self.swing = curvature / curvature.mean() - 1.0
-        self.parts = max(1, min(_PHASES, len(score) // _EACH))
-        phase = np.floor(np.mod(self.psi0_rad / math.tau, 1.0) * self.parts) % self.parts
-        kind = (sense > 0) * self.parts + phase.astype(np.int64)
-        known = np.bincount(kind)[kind] >= _FEWEST
-        self.time = np.arange(len(score)) * _TIMES // len(score)
-        columns = (self.time, sense, phase, parts_of(self.swing, _SWINGS))
-        places, group = np.unique(np.column_stack(columns)[known], axis=0, return_inverse=True)
-        self.places, self.group = places.T.astype(np.int64), np.full(len(score), -1)
-        self.group[known] = group
+        self.time, phase = np.arange(len(score)) * _TIMES // len(score), np.zeros_like(sense)
+        self.parts = min(_PHASES, int(np.bincount(sense > 0, minlength=2).min()) // _EACH)
+        for one in (-1, 1):
+            phase[sense == one] = parts_of(np.mod(self.psi0_rad[sense == one], math.tau), self.parts)
+        columns = np.array([self.time, sense, phase, parts_of(self.swing, _SWINGS)])
+        self.places, self.group = np.unique(columns, axis=1, return_inverse=True)
 
     def words(self, label: str, value: Any) -> str:
         """Return how a person names a label."""
@@ -113,7 +101,7 @@ class _Turnarounds:
     def summed(self, values: Floats) -> Floats:
         """Return sums over each group, (G, ...), of values of the turnarounds, (u, ...)."""
         total = np.zeros((self.places.shape[1], *values.shape[1:]))
-        np.add.at(total, self.group[self.group >= 0], values[self.group >= 0])
+        np.add.at(total, self.group, values)
         return total
 
 
@@ -132,12 +120,12 @@ def _residuals(turns: _Turnarounds, stated: Estimates) -> Residuals:
     what shapes of first order leave.
     """
     strata, stratum = np.unique(turns.places[1:3], axis=1, return_inverse=True)
-    of_turn = np.where(turns.group < 0, -1, stratum[turns.group])
-    steps = [np.diff(turns.score[of_turn == one], axis=0) for one in range(strata.shape[1])]
+    steps = [np.diff(turns.score[stratum[turns.group] == one], axis=0) for one in range(strata.shape[1])]
     of_one = np.array([step.T @ step / (2 * len(step)) for step in steps])
-    covariance = turns.summed(np.ones(of_turn.size))[:, None, None] * of_one[stratum]
+    covariance = np.bincount(turns.group)[:, None, None] * of_one[stratum]
     factor, information = np.linalg.inv(np.linalg.cholesky(covariance)), turns.summed(turns.information)
     whole = np.linalg.inv(information.sum(axis=0))
+    weights = (whole @ information).transpose(1, 2, 0).reshape(2, -1)
     units = np.array([stated[0].value, math.degrees(1.0)])
     prior = _beyond_first_order(turns, factor)
 
@@ -150,7 +138,7 @@ def _residuals(turns: _Turnarounds, stated: Estimates) -> Residuals:
 
     def shift(effect: Floats) -> Floats:
         """Return by what the estimates move: size and angle of the lock-in are not linear in its constants."""
-        along, across = (whole @ information).transpose(1, 2, 0).reshape(2, -1) @ effect
+        along, across = weights @ effect
         return units * [math.hypot(1.0 + along, across) - 1.0, math.atan2(across, 1.0 + along)]
 
     both = np.repeat(np.eye(2), len(factor), axis=0)
@@ -161,7 +149,7 @@ def _residuals(turns: _Turnarounds, stated: Estimates) -> Residuals:
         design=design,
         scatter=np.zeros((len(design), 0)),
         whiten=whiten,
-        operator=units[:, None] * (whole @ information).transpose(1, 2, 0).reshape(2, -1),
+        operator=units[:, None] * weights,
         expanded=np.array([entry.expanded_uncertainty for entry in stated]),
         noise=coverage_factor() * units * np.sqrt(np.diag(whole @ covariance.sum(axis=0) @ whole)),
         on_curve=np.zeros(len(stated), bool),
@@ -189,7 +177,6 @@ def _labels(turns: _Turnarounds) -> Labels:
         hours=turns.part_s * time / 3600.0,
         visit=time,
         carriers={"along": ("%", 0.01 * both[0]), "across": ("deg", math.radians(1.0) * both[1])},
-        scales={"swing": (2.0 * swing / (_SWINGS - 1.0) - 1.0, (1, 2))},
         scopes=[(), ("sense",)],
     )
 

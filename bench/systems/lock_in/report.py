@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Table, with_uncertainty
-from bench.maths.tests import chi2_tail
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW
 from bench.systems.lock_in.estimators.steadiness import bias_alignment_error_deg
@@ -32,9 +31,7 @@ from bench.systems.lock_in.wording import label, say
 
 _NEAR_90_DEG = 10.0
 _SENSOR_OFF = 0.03  # of the dither amplitude; its sensor is good to 1 %
-_MODEL_OFF = 0.03  # of the RMS jump; simulated lasers with one backscatter leave below 0.007
 _MOST_UNUSED = 0.05  # of the turnarounds
-_PROBABILITY = 1e-4  # of a false note per record and constant
 
 
 def tables(results: Sequence[LaserResult], requirement: Requirement, method: str) -> list[Table]:
@@ -172,7 +169,6 @@ def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str)
         *_harm(results),
         *_better(results, judged),
         *_condition(results),
-        *_model(results),
         *_off(results),
         *_standing(requirement),
         *_losses(results),
@@ -223,18 +219,6 @@ def _condition(results: Sequence[LaserResult]) -> list[str]:
     return [say("note.condition_span", condition=condition, low=span[0], high=span[-1])]
 
 
-def _model(results: Sequence[LaserResult]) -> list[str]:
-    notes = []
-    for laser in results:
-        share = laser.systematic_share
-        if share is not None and share > _MODEL_OFF:
-            notes.append(say("note.model", name=laser.name, share=100 * share))
-        moved = _moved(laser)
-        if moved:
-            notes.append(say("note.moved", name=laser.name, moved=moved))
-    return notes
-
-
 def _off(results: Sequence[LaserResult]) -> list[str]:
     """Outputs that random walk and quantisation do not describe, in one sentence."""
     off = []
@@ -244,21 +228,6 @@ def _off(results: Sequence[LaserResult]) -> list[str]:
     if not off:
         return []
     return [say("note.off", outputs=say.listed(off, "list.comma"))]
-
-
-def _moved(laser: LaserResult) -> str:
-    """Return which constants differ from block to block, in words; "" if none does."""
-    moved = []
-    for fit in laser.found.constants:
-        blocks = (
-            ("moved.rate", fit.block_kappa_rad_s, fit.block_kappa_std_rad_s),
-            ("moved.phase", np.unwrap(fit.block_beta_rad), fit.block_beta_std_rad),
-        )
-        for key, value, std in blocks:
-            chi2 = float(np.sum(((value - np.average(value, weights=std**-2.0)) / std) ** 2))
-            if value.size > 1 and chi2_tail(chi2, value.size - 1) < _PROBABILITY:
-                moved.append(say(key))
-    return say.listed(dict.fromkeys(moved), "list.and")
 
 
 def _standing(requirement: Requirement) -> list[str]:

@@ -4,39 +4,32 @@ The means of all values and their verdicts are made for every analysis alike (``
 
 Source: JCGM 100:2008 section 4.2 (pooled scatter); docs/decisions/0031.
 
-Of the fits that a sequence asks for: their points, estimates with verdicts, what speaks against them, tables, figures.
+Of the fits that a sequence asks for: what speaks against them, tables, figures.
 
 What plain readings will show of their repeatability, where their scatter is declared.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from bench.analysis import (
     Analysis,
-    Document,
     Estimate,
     Estimates,
     Evidence,
     Figure,
-    Floats,
     Material,
     Planned,
     Prediction,
-    Specification,
     Table,
     Value,
     check_method,
     estimate,
     foreseen_material,
     number,
-    placed,
     series,
     significant,
     unit_text,
@@ -45,188 +38,20 @@ from bench.analysis import (
 )
 from bench.maths.variances import of_variances
 from bench.model.errors import FitError
-from bench.systems.readings.estimators.polynomial import Curve, Function, Points, fit_polynomial, function_of
+from bench.systems.readings.departures import departures_of_fit
+from bench.systems.readings.fits import NONLINEARITY, Fitted, estimates_of, fits_of
 from bench.systems.readings.wording import say
 
-NONLINEARITY = "nonlinearity"
-Asked = Document
 _CURVE_POINTS = 121
 _HEADERS = ("against", "measured", "fitted", "departure", "u_departure", "n")
 METHODS: tuple[str, ...] = ("polynomial",)
 
 
-@dataclass(frozen=True)
-class Fitted:
-    """One fit that was asked for, under the conditions of ``per``; ``refused`` says why there is no ``curve``.
-
-    ``x``, ``y``: the quantities themselves; the curve is of their functions, if the fit names some.
-    """
-
-    asked: Asked
-    conditions: Document
-    x: Points
-    y: Points
-    curve: Curve | None
-    refused: str = ""
-    unstated: str = ""
-
-    @property
-    def functions(self) -> tuple[Function, Function]:
-        """Functions of x and y."""
-        return _functions(self.asked)
-
-    @property
-    def title(self) -> str:
-        """Name and conditions."""
-        return placed(self.asked["name"].replace("_", " "), self.conditions)
-
-    def values_at(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the curve at some x, and its standard uncertainty, read back as the quantity y itself, (k,)."""
-        assert self.curve is not None
-        of_x, of_y = self.functions
-        y = self.curve.at(of_x.of(x))
-        return of_y.back(y), np.abs(of_y.back_slope(y)) * self.curve.std_at(of_x.of(x))
-
-    @property
-    def departures(self) -> tuple[Floats, Floats]:
-        """Departure of the points from the curve and its standard uncertainty, read back as the quantity y, (m,)."""
-        assert self.curve is not None
-        of_y = self.functions[1]
-        measured, fitted = self.curve.fitted + self.curve.departure, self.curve.fitted
-        return of_y.back(measured) - of_y.back(fitted), np.abs(of_y.back_slope(fitted)) * self.curve.departure_std
-
-
-def powers_of(asked: Asked) -> tuple[int, ...]:
-    """Return the powers of a fit; one with a degree has all up to it."""
-    return tuple(asked["powers"] if "powers" in asked else range(asked["degree"] + 1))
-
-
-def _functions(asked: Asked) -> tuple[Function, Function]:
-    against = asked["against"]
-    x = function_of(against.get("function", ""), against["unit"])
-    return x, function_of(asked.get("function", ""), asked["units"][NONLINEARITY])
-
-
-def fits_of(campaign: Document, values: Sequence[Value]) -> list[Fitted]:
-    """Return all fits of a campaign, one for each set of conditions that it names under ``per``."""
-    fits = []
-    for asked in campaign.get("fits", ()):
-        groups: dict[tuple[Any, ...], list[Value]] = {}
-        for value in values:
-            if value.quantity == asked["of"] and all(name in value.conditions for name in asked["per"]):
-                groups.setdefault(tuple(value.conditions[name] for name in asked["per"]), []).append(value)
-        for place, of in groups.items():
-            fits.append(_fitted(asked, dict(zip(asked["per"], place, strict=True)), of, values))
-    return fits
-
-
-def _fitted(asked: Asked, conditions: Document, of: Sequence[Value], values: Sequence[Value]) -> Fitted:
-    pairs = [(other, value) for value in of if (other := _beside(asked["against"], value, of, values)) is not None]
-    x, y = (_points([pair[side] for pair in pairs]) for side in (0, 1))
-    unstated = next((value.unstated for pair in pairs for value in pair if value.unstated), "")
-    of_x, of_y = _functions(asked)
-    with np.errstate(all="ignore"):
-        fitted_x, fitted_y = of_x.points(x), of_y.points(y)
-    if not (np.isfinite(fitted_x.mean).all() and np.isfinite(fitted_y.mean).all()):
-        return Fitted(asked, conditions, x, y, None, say("fit.no_function"))
-    try:
-        curve = fit_polynomial(fitted_x, fitted_y, powers_of(asked))
-        return Fitted(asked, conditions, x, y, curve, unstated=unstated)
-    except FitError as error:
-        return Fitted(asked, conditions, x, y, None, error.message)
-
-
-def _beside(against: Asked, value: Value, of: Sequence[Value], values: Sequence[Value]) -> Value | None:
-    """Return what a value is fitted against: the other quantity under its conditions, a condition, or its time."""
-    if "quantity" in against:
-        named = (other for other in values if other.quantity == against["quantity"])
-        return next((other for other in named if other.conditions == value.conditions), None)
-    if "time" in against:
-        first = min(float(other.t_s.mean()) for other in of)
-        return _exact(value, float(value.t_s.mean()) - first, "time", 0.0, "")
-    name = against["condition"]
-    stated = against.get("uncertainty")
-    unstated = "" if stated is not None else say("fit.set_point", name=name)
-    known = value.conditions.get(name)
-    return None if known is None else _exact(value, float(known), name, float(stated or 0.0), unstated)
-
-
-def _exact(value: Value, number: float, name: str, expanded: float, unstated: str) -> Value:
-    """Return a value that was not read: a set-point with its stated uncertainty, or a time."""
-    specification = Specification(0.0, expanded)
-    return Value(name, "", value.conditions, value.t_s[:1], np.array([number]), 0, specification, unstated)
-
-
-def _points(values: Sequence[Value]) -> Points:
-    def every(figure: Any) -> Floats:
-        return np.array([figure(value) for value in values], dtype=np.float64)
-
-    relative = every(lambda value: 0.0 if value.specification is None else value.specification.relative / 2.0)
-    floor = every(lambda value: 0.0 if value.specification is None else value.specification.floor / 2.0)
-    mean = every(lambda value: value.mean)
-    return Points(
-        mean=mean,
-        std=every(lambda value: value.std_a),
-        scatter=every(lambda value: value.scatter),
-        gain=relative * mean,
-        floor=floor,
-        n=every(lambda value: value.n),
-    )
-
-
-def estimates_of(fit: Fitted) -> Estimates:
-    """Return coefficients, largest departure of the points, and values that are read back, each with its verdict."""
-    if fit.curve is None:
-        return []
-    std = np.sqrt(np.diag(fit.curve.covariance))
-    coefficients = zip(fit.curve.powers, fit.curve.coefficients.tolist(), std.tolist(), strict=True)
-    found = {f"c{order}": (value, of_it) for order, value, of_it in coefficients}
-    departure, departure_std = fit.departures
-    worst = int(np.argmax(np.abs(departure)))
-    found[NONLINEARITY] = abs(float(departure[worst])), float(departure_std[worst])
-    units, count = fit.asked["units"], fit.x.mean.size
-    entries = [
-        estimate(
-            f"{fit.asked['name']}_{result}", units[result], value, of_it, fit.conditions, n=count,
-            limit=_limits(fit.asked["expected"].get(result)),
-        )
-        for result, (value, of_it) in found.items()
-    ]  # fmt: skip
-    for asked in fit.asked.get("read_back", ()):
-        (value,), (of_it,) = fit.values_at(np.array([asked["at"]]))
-        entries.append(
-            estimate(asked["quantity"], asked["unit"], value, of_it, fit.conditions, n=count, limit=_limits(asked))
-        )
-    return entries
-
-
-def _limits(expected: Document | None) -> tuple[float, float] | None:
-    if expected is None or not {"low", "high"} & expected.keys():
-        return None
-    return expected.get("low", -math.inf), expected.get("high", math.inf)
-
-
-def evidence_of(fit: Fitted) -> Iterator[Evidence]:
-    """Yield what speaks against a fit: an uncertainty that nothing states, and a curve that the points do not follow.
-
-    A fit whose departure is judged says how far the points are from it; its coefficients are those of the best
-    polynomial then, and a lack of fit is the result and no doubt.
-    """
-    if fit.curve is None:
-        return
-    name = fit.asked["name"]
-    of_curve = [f"{name}_c{order}" for order in fit.curve.powers]
-    of_curve += [asked["quantity"] for asked in fit.asked.get("read_back", ())]
-    if fit.unstated:
-        sentence = say("fit.refused", title=fit.title, why=fit.unstated)
-        every = [*of_curve, f"{name}_{NONLINEARITY}"]
-        yield Evidence("no_specification", sentence, None, 0.0, quantities=every, conditions=fit.conditions)
-    if not math.isnan(fit.curve.lack) and NONLINEARITY not in fit.asked["expected"]:
-        move = math.inf if math.isnan(fit.curve.rival) else fit.curve.rival
-        sentence = say("fit.lack", title=fit.title, powers=powers_text(fit.curve.powers), move=move)
-        yield Evidence(
-            "lack_of_fit", sentence, move, fit.curve.lack, move, quantities=of_curve, conditions=fit.conditions
-        )
+def _unstated(fit: Fitted) -> Evidence:
+    """Return that the interval of a fit would lack a part."""
+    every = [entry.quantity for entry in estimates_of(fit)]
+    sentence = say("fit.refused", title=fit.title, why=fit.unstated)
+    return Evidence("no_specification", sentence, None, 0.0, quantities=every, conditions=fit.conditions)
 
 
 def powers_text(powers: Sequence[int]) -> str:
@@ -245,7 +70,7 @@ def fit_table(fit: Fitted) -> Table:
     departure, departure_std = fit.departures
     columns = (fit.x.mean, fit.y.mean, fit.y.mean - departure, departure, departure_std, fit.y.n)
     rows = [_row(*row) for row in zip(*columns, strict=True)]
-    name = _name_of_x(fit)
+    name = fit.name_of_x
     told = {
         "of": asked["of"],
         "unit": unit_text(asked["units"][NONLINEARITY]),
@@ -255,9 +80,7 @@ def fit_table(fit: Fitted) -> Table:
         "chi2": curve.chi2,
         "dof": curve.dof,
     }
-    lack = not np.isnan(curve.lack)
-    caption = say("fit.caption_lack", lack=curve.lack, **told) if lack else say("fit.caption", **told)
-    return Table(fit.title, caption, headers, rows)
+    return Table(fit.title, say("fit.caption", **told), headers, rows)
 
 
 def _row(against: float, measured: float, fitted: float, departure: float, std: float, n: int) -> list[object]:
@@ -271,7 +94,7 @@ def fit_figures(fit: Fitted) -> list[Figure]:
     if fit.curve is None:
         return []
     asked, x = fit.asked, fit.x.mean
-    x_label = say("fit.axis", name=_name_of_x(fit), unit=unit_text(asked["against"]["unit"]))
+    x_label = say("fit.axis", name=fit.name_of_x, unit=unit_text(asked["against"]["unit"]))
     unit = unit_text(asked["units"][NONLINEARITY])
     dense = np.linspace(float(x.min()), float(x.max()), _CURVE_POINTS)
     drawn, _ = fit.values_at(dense)
@@ -284,11 +107,6 @@ def fit_figures(fit: Fitted) -> list[Figure]:
         Figure(say("fit.departure_title", title=fit.title), say("fit.departure"), x_label,
                say("fit.departure_axis", unit=unit), [left], fit.title),
     ]  # fmt: skip
-
-
-def _name_of_x(fit: Fitted) -> str:
-    against = fit.asked["against"]
-    return against.get("quantity") or against.get("condition") or say("fit.time")
 
 
 def _polynomial_text(fit: Fitted, name: str) -> str:
@@ -312,15 +130,18 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         cure = "look at the readings of the session: 'bench export SESSION'"
         raise FitError("B-FIT-160", "no reading of the session has a value", next_step=cure)
     fits = fits_of(material.campaign, values)
+    curves = [fit for fit in fits if fit.curve is not None]
+    depart = [departures_of_fit(fit, estimates_of(fit), 1.0 / len(curves)) for fit in curves]
+    evidence = [seen for of_fit, _ in depart for seen in of_fit]
     return Analysis(
         campaign="readings",
         method=method,
         uut=dict(material.campaign.get("uut", {"model": "", "serial": ""})),
         estimates=[*repeatabilities(values), *(entry for fit in fits for entry in estimates_of(fit))],
-        evidence=[check for fit in fits for check in evidence_of(fit)],
+        evidence=[*evidence, *(_unstated(fit) for fit in curves if fit.unstated)],
         missing=[say("fit.refused", title=fit.title, why=fit.refused) for fit in fits if fit.refused],
         figures=[figure for fit in fits for figure in fit_figures(fit)],
-        tables=[fit_table(fit) for fit in fits],
+        tables=[*map(fit_table, fits), *(table for _, tables in depart for table in tables)],
     )
 
 

@@ -97,8 +97,7 @@ def _stuck(result: SyncResult) -> Iterator[Evidence]:
 
 def _advice(departure: Departure) -> str:
     """Return what to look for, by what departs."""
-    of = departure.family.partition(":")[0]
-    return say(f"departs.advice.{_ADVICE.get(of, of)}")
+    return say(f"departs.advice.{_ADVICE.get(departure.carrier, departure.carrier)}")
 
 
 def _words(label: str, value: Any) -> str:
@@ -250,12 +249,12 @@ class Rows:
         seen, imu, egi = self.seen, self.imu, self.egi
         motion = seen.motion.reshape(-1, 3, 3)
         moves = np.abs(motion) > _RESTS * np.abs(motion).max(axis=(0, 2), keepdims=True)
-        found = [Departure("age: constant", "ms", self._all(_MS * seen.motion)[:, None])]
+        found = [Departure("age", "constant", "ms", self._all(_MS * seen.motion)[:, None])]
         for name, columns in seen.others.items():
             unit, size = _OWN.get(name, ("ppm", _PPM))
             for axis, column in zip(_BODY, np.moveaxis(size * columns, 2, 0), strict=False):
                 about = {"body": axis} if name in _OWN else {}
-                found.append(Departure(f"{name}: constant", unit, self._all(column)[:, None], about))
+                found.append(Departure(name, "constant", unit, self._all(column)[:, None], about))
         count, ports = len(motion), ["imu"] * imu.delay_s.size + ["egi"] * egi.delay_s.size
         quantity = np.array([*np.tile(np.repeat(list(_UNITS), 3), count), *ports])
         carriers = {name: (unit, np.where(quantity == name, size, 0.0)) for name, (unit, size) in _UNITS.items()}

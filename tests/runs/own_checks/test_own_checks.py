@@ -142,7 +142,7 @@ def test_a_line_through_a_bent_unit_is_doubted_unless_its_departure_is_judged(la
     bent = ("--set", "world.monitor_bow_ppm=2000")
     sequence.write_text(sequence.read_text().replace("      nonlinearity: {max: 2 mV}\n", ""))
     done, folder = run("linearity", *bent)
-    assert (done.exit_code, "[lack_of_fit]" in done.output) == (1, True)
+    assert (done.exit_code, "[departs]" in done.output) == (1, True)
     assert values(folder)["monitor_c1"]["verdict"] == "indeterminate"
     assert values(folder)["output"]["quality"] == "sound"
 

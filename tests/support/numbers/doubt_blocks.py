@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, Protocol
 
 from block_rows import ROOT
-from doubt_classes import CLASSES, Seen, Switch, least_trace, sorted_classes, trace_of, worst_bias
+from doubt_classes import CLASSES, LEAST_TRACE, Seen, Switch, sorted_classes, trace_of, worst_bias
 
 ROWS = ROOT / "tests" / "doubt" / "rows.csv"
 BIASES = ROOT / "tests" / "doubt" / "biases.csv"
@@ -114,7 +114,7 @@ def done_block(module: str, name: str, size: float, seeds: range, revision: str)
     trace, least, biases = 0.0, 0.0, {}
     if switch is not None:
         bare = worlds.seen(seeds[0], switch, size, noise_free=True)
-        trace, least, biases = trace_of(bare), least_trace(bare), worst_bias(bare, _right(module, seeds[0]))
+        trace, least, biases = trace_of(bare), LEAST_TRACE, worst_bias(bare, _right(module, seeds[0]))
     block = Block(
         worlds.SYSTEM, name, size, seeds.start, seeds.stop - 1, revision, round(trace, 1), round(least, 1),
         round(max(biases.values(), default=0.0), 2), *(counted[kind] for kind in CLASSES), campaigns,

@@ -12,6 +12,7 @@ from typing import Any
 RIGHT, WIDE, MISSED, DOUBTED, REFUSED, WRONG = "right", "wide", "missed", "doubted", "refused", "confidently_wrong"
 CLASSES = (RIGHT, WIDE, MISSED, DOUBTED, REFUSED, WRONG)
 _MISSED, _WRONG = 1.0, 1.5  # expanded uncertainties off
+LEAST_TRACE = 8.0  # threshold of a thousand columns that differ at one campaign in 500, 4.9, and 3: power 99.9 %
 _WIDER = 1.2  # than in the right world: the product was told
 
 
@@ -90,17 +91,12 @@ def off_by(entry: Any, truth: float) -> float:
 
 def is_visible(noise_free: Seen) -> bool:
     """Return whether a violation leaves a trace that could be seen."""
-    return trace_of(noise_free) >= least_trace(noise_free)
+    return trace_of(noise_free) >= LEAST_TRACE
 
 
 def trace_of(noise_free: Seen) -> float:
     """Return the norm of what a violation puts into the whitened residuals, repeats and checks included."""
     return math.sqrt(noise_free.chi2)
-
-
-def least_trace(noise_free: Seen) -> float:
-    """Return the trace from which on a violation counts as visible."""
-    return max(10.0, 3.0 * (2.0 * noise_free.dof) ** 0.25)
 
 
 def worst_bias(noise_free: Seen, right: Seen) -> dict[str, float]:

@@ -111,7 +111,7 @@ def test_a_gain_is_that_of_the_fit_with_the_column_free() -> None:
         readings, readings, design, np.zeros((60, 1)), lambda columns: columns, operator, np.ones(4), np.ones(4),
         np.zeros(4, bool),
     )  # fmt: skip
-    (found,) = search(rows, [Departure("gain: drift", "ppm", effect)]).findings
+    (found,) = search(rows, [Departure("gain", "drift", "ppm", effect)]).findings
     both = np.hstack([design, effect])
     chi2 = [float(np.linalg.lstsq(one, readings, rcond=None)[1][0]) for one in (design, both)]
     assert found.gain == pytest.approx(chi2[0] - chi2[1])
@@ -129,5 +129,5 @@ def test_labels_make_each_shape_once() -> None:
         corners=[],
         exchanged=("channel", "channel", "channel", "gain"),
     )
-    effects = [one.effect.tobytes() for one in departures_of(labels) if one.family.startswith("gain: ")]
+    effects = [one.effect.tobytes() for one in departures_of(labels) if one.carrier == "gain"]
     assert len(effects) == len(set(effects))

@@ -279,7 +279,7 @@ def test_a_rival_is_seen_as_often_as_its_power_says(record_property: Callable[[s
         if (power.rival, power.quantity) == ("a second thermal lag (gyro)", "hysteresis_width")
     )
     departures = rows.departures()
-    lags = np.column_stack([one.effect for one in departures if one.family == f"bias: {SECOND_LAG}"])
+    lags = np.column_stack([one.effect for one in departures if one.shape == SECOND_LAG])
     effects = residuals.whiten(
         lags / np.abs(residuals.operator[widths] @ lags / residuals.expanded[widths, None]).max(0)
     )

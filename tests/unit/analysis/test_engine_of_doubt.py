@@ -35,8 +35,8 @@ def rows_of(white: Floats, design: Floats | None = None, **changes: Any) -> Resi
     return Residuals(**(given | changes))
 
 
-def column(values: Floats, family: str = "gain: own", **words: Any) -> Departure:
-    return Departure(family, "ppm", np.asarray(values, float).reshape(VISIT.size, -1), **words)
+def column(values: Floats, shape: str = "own", **words: Any) -> Departure:
+    return Departure("", shape, "ppm", np.asarray(values, float).reshape(VISIT.size, -1), **words)
 
 
 def false_rate(rows: Any, departures: list[Departure], draws: int) -> float:

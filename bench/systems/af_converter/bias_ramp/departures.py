@@ -39,7 +39,7 @@ from bench.systems.af_converter.estimators.hysteresis.search import Problem
 from bench.systems.af_converter.wording import say
 
 _nA = 1e-9
-SECOND_LAG, SECOND_PLAY, RELAXATION, BEND = "second lag", "second play", "relaxation", "bend"
+SECOND_LAG, SECOND_PLAY, RELAXATION, BEND = "second_lag", "second_play", "relaxation", "bend"
 _LAGS_s, _APART = np.geomspace(30.0, 21_600.0, 13), np.log(1.3)
 _PLAYS = np.geomspace(0.008, 0.25, 9)  # half-widths, in parts of the span of the temperature
 _RELAXES_s = (400.0, 1000.0, 2500.0, 6000.0, 15_000.0, 40_000.0)
@@ -189,8 +189,8 @@ class Rows:
         number = self.channel.readings.channel.number
         if value is None:
             return say(f"departs.of.{label}", channel=number)
-        return say(f"departs.{label.replace(' ', '_')}", value=value)
+        return say(f"departs.{label}", value=value)
 
 
-def _own(family: str, unit: str, effect: Floats, value: float) -> Departure:
-    return Departure(f"bias: {family}", unit, _nA * effect[:, None], {"value": float(value)})
+def _own(shape: str, unit: str, effect: Floats, value: float) -> Departure:
+    return Departure("bias", shape, unit, _nA * effect[:, None], {"value": float(value)})

@@ -55,7 +55,7 @@ from bench.systems.af_converter.group_fit import (
     about,
     plausible,
 )
-from bench.systems.af_converter.groups import Place, place_name
+from bench.systems.af_converter.groups import Group, Place, place_name
 from bench.systems.af_converter.wording import kind_name, say
 
 _PPM, _nA = 1e-6, 1e-9
@@ -76,7 +76,7 @@ def judged(
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
         *evidence_of(found, stated, words),
-        _odd_alike(fitted, words),
+        _odd_alike(fitted, campaign, words),
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
     return heard, unseen_table(found, stated, words)
@@ -99,25 +99,33 @@ def _whole_counts(visit: GroupFit) -> Evidence:
     return Evidence("counts_in_steps", sentence, float(step), chance, move, SCALE_FACTORS, about(visit.group))
 
 
-def _odd_alike(fitted: Fitted, words: Words) -> Evidence:
+def _odd_alike(fitted: Fitted, campaign: Campaign, words: Words) -> Evidence:
     """Return whether records that were left out, each as the one odd one of its visit, have a label in common.
 
     Source: binomial distribution of those at one label, the union bound over the labels.
     """
     from scipy import special
 
-    odd = [row for visit in fitted.groups for row in visit.group.odd]
-    used = [visit.group.closed for visit in fitted.groups]
-    found = [(1.0, "level", 0.0, 0)]
-    for label, name in (("level", "level_A"), ("polarity", "polarity"), ("range", "range_A")):
-        of_odd, of_used = (np.concatenate([np.zeros(0), *(getattr(one, name) for one in rows)]) for rows in (odd, used))
-        for value in np.unique(of_odd):
+    odd = [_labelled(visit.group, rows, campaign) for visit in fitted.groups for rows in visit.group.odd]
+    used = [_labelled(visit.group, visit.group.closed, campaign) for visit in fitted.groups]
+    found: list[tuple[float, str, Any, int]] = [(1.0, "level", 0.0, 0)]
+    for label in used[0] if odd else ():
+        of_odd, of_used = (np.concatenate([labels[label] for labels in rows]) for rows in (odd, used))
+        for value in dict.fromkeys(of_odd.tolist()):
             here, others = int(np.sum(of_odd == value)), int(np.sum(of_used == value))
             share = (here + others) / (of_odd.size + of_used.size)
-            found.append((float(special.bdtrc(here - 1, of_odd.size, share)), label, float(value), here))
+            found.append((float(special.bdtrc(here - 1, of_odd.size, share)), label, value, here))
     chance, label, value, here = min(found)
-    sentence = say("evidence.odd_alike", count=here, odd=len(odd), where=words(label, value))
+    sentence = say("evidence.odd_alike", count=here, odd=len(odd), where=words(label, value) if here else "")
     return Evidence("odd_alike", sentence, float(here), of_many(chance, 2 * len(found)), quantities=SCALE_FACTORS)
+
+
+def _labelled(group: Group, rows: Readings, campaign: Campaign) -> dict[str, Any]:
+    """Return the labels of records of a visit, (m,) each."""
+    channel, count = campaign.channel(group.channel), rows.level_A.size
+    of_visit = {"channel": channel.number, "kind": channel.kind, "temperature": group.temperature_degC}
+    whole = {name: np.full(count, value) for name, value in of_visit.items()}
+    return {**whole, "polarity": rows.polarity, "level": rows.level_A, "range": rows.range_A}
 
 
 def words_of(fitted: Fitted) -> Words:
@@ -200,7 +208,7 @@ class _Halves:
         self.white = axes.T @ white
         self.rest = float(white @ white - self.white @ self.white), white.size - self.white.size
         self.tails = [
-            Departure("current: tail", "ppm", whole_A[:, None], about, beside=axes.T @ one)
+            Departure("current", "tail", "ppm", whole_A[:, None], about, beside=axes.T @ one)
             for (whole_A, _, about), one in zip(tails, made.T, strict=True)
         ]
 
@@ -366,33 +374,29 @@ class _Rows:
 
     def labels(self) -> Labels:
         """Return the labels of the readings."""
-        of_channel = {channel.number: channel for channel in self.campaign.channels}
-        channels = [of_channel[number] for number in self.channel.tolist()]
+        labelled = [
+            _labelled(visit.group, rows, self.campaign)
+            for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True)
+        ]
+        kinds = {name: np.concatenate([labels[name] for labels in labelled]) for name in labelled[0]}
+        kinds["place"] = np.concatenate([np.arange(rows.level_A.size) for rows in self.of_visits])
+        full_A = np.array([self.campaign.channel(number).full_scale_A for number in self.channel.tolist()])
         warmest_degC = max(float(np.abs(self.rest_degC).max()), 1.0)
-        level_A = self.column("level_A")
         own_ppm = _OWN * max(channel.stability_limit_ppm or np.inf for channel in self.campaign.channels)
         return Labels(
-            kinds={
-                "channel": self.channel,
-                "kind": np.array([channel.kind for channel in channels]),
-                "polarity": self.column("polarity"),
-                "level": level_A,
-                "range": self.column("range_A"),
-                "place": np.concatenate([np.arange(rows.level_A.size) for rows in self.of_visits]),
-                "temperature": np.array([visit.group.temperature_degC for visit in self.fitted.groups])[self.visit],
-            },
+            kinds=kinds,
             hours=self.column("time_s") / 3600.0,
             visit=self.visit,
             scales={
                 "temperature": (self.rest_degC / warmest_degC, (3, 4)),
-                "level": (level_A / np.array([channel.full_scale_A for channel in channels]), (1, 2, 3)),
+                "level": (self.column("level_A") / full_A, (1, 2, 3)),
                 "before": (1e3 * self.before_A, (1,)),
             },
             carriers={"gain": ("ppm", _PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
             scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
             corners=[("channel", "temperature")],
             exchanged=("channel", "kind", "polarity", "gain"),
-            own={("gain", f"temperature ^{power}"): own_ppm for power in (3, 4)},
+            own={("gain", "temperature"): own_ppm},
         )
 
     def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:

@@ -158,12 +158,12 @@ class Triad:
         found = [
             one
             for one in departures_of(labels)
-            if not ("cycle" in one.family and one.about["hours"] < half_h)  # too few records tell a shorter one
-            and not ("own" in one.family and "set" in one.about)  # all rates of a set are as good as one
+            if not (one.shape == "cycle" and one.about["hours"] < half_h)  # too few records tell a shorter one
+            and not (one.of == "own" and "set" in one.about)  # all rates of a set are as good as one
         ]
         if self.prefix == "accel":
             level = np.stack([np.radians(body_to_table(row.pose)[:2].T) for row in self.records])
-            found.append(Departure("tilt", "deg", level.reshape(-1, 2)))
+            found.append(Departure("", "tilt", "deg", level.reshape(-1, 2)))
         return found
 
     def words(self, label: str, value: Any) -> str:
@@ -202,7 +202,7 @@ def _pose(row: SampledRow) -> str:
 
 def _is_change(one: Departure) -> bool:
     """Whether the matrix of a set changes: that is no error of what is to show it."""
-    return one.family.endswith(": set") or ("set" in one.about and "along" in one.family and "^1" in one.family)
+    return one.of == "set" or ("set" in one.about and "along" in one.of and one.power == 1)
 
 
 def _is_of_both(entry: Estimate) -> bool:

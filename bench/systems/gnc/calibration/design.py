@@ -160,7 +160,7 @@ class Calibrations:
             known = replace(rows, scatter=rows.scatter[:, :0], noise_dof=math.inf)
             for one, seen in zip(departures, powers(known, departures, SHARE), strict=True):
                 name = _RIVALS.get((triad.prefix, one.family), "") if not one.about else ""
-                for quantity in _FOUND[: 2 if "drift" in one.family else 3] if name else ():  # a bias is of its time
+                for quantity in _FOUND[: 2 if one.shape == "drift" else 3] if name else ():  # a bias is of its time
                     wanted = f"{triad.prefix}_{quantity}"
                     of_it = [p for p, entry in zip(seen, stated, strict=True) if entry.quantity == wanted]
                     found.append(Power(name, wanted, float(min(of_it))))

@@ -73,19 +73,16 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
     scatter = columns.transpose(0, 2, 1) @ _noise(laser, time_s) @ columns
     covariance = covariance_of(information.sum(axis=0), scatter.sum(axis=0)) * sides / turnarounds
     value = laser.kappa_rad_s * np.array([[math.cos(laser.beta_rad), math.sin(laser.beta_rad)]])
-    kappa, kappa_std, beta, beta_std = Constants(value, covariance[None]).polar()
+    constants = Constants(value, covariance[None])
+    kappa, kappa_std, beta, beta_std = constants.polar()
     local = np.repeat(value, sides, axis=0)
     return GlobalConstants(
-        jumps=jumps_of("global_constants", np.ones(sides, bool), shapes.jump(local), motion, np.zeros_like(time_s)),
+        jumps=jumps_of("global_constants", np.ones(sides, bool), shapes.jump(local), motion),
         kappa_rad_s=float(kappa[0]),
         kappa_std_rad_s=float(kappa_std[0]),
         beta_rad=float(beta[0]),
         beta_std_rad=float(beta_std[0]),
-        block_time_s=np.zeros(1),
-        block_kappa_rad_s=kappa,
-        block_kappa_std_rad_s=kappa_std,
-        block_beta_rad=beta,
-        block_beta_std_rad=beta_std,
+        blocks=constants,
         residual_jump_rad=np.zeros(sides),
         score=np.zeros((sides, 2)),
         information=information,

@@ -23,38 +23,6 @@ _FEWEST = 50  # turnarounds that two constants are taken from
 
 
 @dataclass(frozen=True)
-class GlobalConstants:
-    """Lock-in constants and the jumps that follow from them.
-
-    Attributes:
-        jumps: of all turnarounds.
-        kappa_rad_s, beta_rad: lock-in rate in phase (K W_L) and backscatter phase, of the whole stretch, beta in
-            (-pi, pi]; with standard uncertainties.
-        block_time_s: middle of each block from the first turnaround, (b,); with the constants of each block.
-        residual_jump_rad: step at the zero-rate instant that the crossings still show, (n,): what the model lacks.
-        score, information: what each usable turnaround says against the constants of its time, (u, 2), and with what
-            weight, (u, 2, 2); ``information`` times a change of (kc, ks) is the score that it explains.
-        local: constants of its time, (u, 2), rad/s.   sense: -1 at a maximum of the phase, (u,).
-    """
-
-    jumps: Jumps
-    kappa_rad_s: float
-    kappa_std_rad_s: float
-    beta_rad: float
-    beta_std_rad: float
-    block_time_s: Floats
-    block_kappa_rad_s: Floats
-    block_kappa_std_rad_s: Floats
-    block_beta_rad: Floats
-    block_beta_std_rad: Floats
-    residual_jump_rad: Floats
-    score: Floats
-    information: Floats
-    local: Floats
-    sense: Integers
-
-
-@dataclass(frozen=True)
 class Constants:
     """kc, ks and their covariance, of each block: (b, 2), (b, 2, 2)."""
 
@@ -69,6 +37,34 @@ class Constants:
         spread_along = np.sqrt(np.einsum("bp,bpq,bq->b", along, self.covariance, along))
         spread_across = np.sqrt(np.einsum("bp,bpq,bq->b", across, self.covariance, across))
         return kappa, spread_along, np.arctan2(self.value[:, 1], self.value[:, 0]), spread_across / kappa
+
+
+@dataclass(frozen=True)
+class GlobalConstants:
+    """Lock-in constants and the jumps that follow from them.
+
+    Attributes:
+        jumps: of all turnarounds.
+        kappa_rad_s, beta_rad: lock-in rate in phase (K W_L) and backscatter phase, of the whole stretch, beta in
+            (-pi, pi]; with standard uncertainties.
+        blocks: constants of each block.
+        residual_jump_rad: step at the zero-rate instant that the crossings still show, (n,): what the model lacks.
+        score, information: what each usable turnaround says against the constants of its time, (u, 2), and with what
+            weight, (u, 2, 2); ``information`` times a change of (kc, ks) is the score that it explains.
+        local: constants of its time, (u, 2), rad/s.   sense: -1 at a maximum of the phase, (u,).
+    """
+
+    jumps: Jumps
+    kappa_rad_s: float
+    kappa_std_rad_s: float
+    beta_rad: float
+    beta_std_rad: float
+    blocks: Constants
+    residual_jump_rad: Floats
+    score: Floats
+    information: Floats
+    local: Floats
+    sense: Integers
 
 
 class Projection:
@@ -107,22 +103,16 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
     require_turnarounds(len(time_s))
     block, middle_s, when_s = _blocks(turns, block_s)
     fit = _settled(turns, lambda both: _constants(both, block, middle_s.size), middle_s, when_s)
-    constants = _constants(fit.projected, np.zeros_like(block), 1)
-    whole = constants.polar()
-    kappa, kappa_std, beta, beta_std = _constants(fit.projected, block, middle_s.size).polar()
+    kappa, kappa_std, beta, beta_std = _constants(fit.projected, np.zeros_like(block), 1).polar()
     steps = _steps_left(fit.projection, fit.left, time_s, fit.motion)
     lock_in = fit.projected[:, :, :2]
     return GlobalConstants(
-        jumps=jumps_of("global_constants", turns.usable, fit.step, fit.motion, fit.left),
-        kappa_rad_s=float(whole[0][0]),
-        kappa_std_rad_s=float(whole[1][0]),
-        beta_rad=float(whole[2][0]),
-        beta_std_rad=float(whole[3][0]),
-        block_time_s=middle_s,
-        block_kappa_rad_s=kappa,
-        block_kappa_std_rad_s=kappa_std,
-        block_beta_rad=beta,
-        block_beta_std_rad=beta_std,
+        jumps=jumps_of("global_constants", turns.usable, fit.step, fit.motion),
+        kappa_rad_s=float(kappa[0]),
+        kappa_std_rad_s=float(kappa_std[0]),
+        beta_rad=float(beta[0]),
+        beta_std_rad=float(beta_std[0]),
+        blocks=_constants(fit.projected, block, middle_s.size),
         residual_jump_rad=spread(turns.usable, steps),
         score=np.asarray(np.einsum("ukp,uk->up", lock_in, fit.left)),
         information=np.asarray(lock_in.transpose(0, 2, 1) @ lock_in),

@@ -75,7 +75,7 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Integers) -> Floats:
     design = _two_pieces(np.sin(omega * (edges.tick[index] - pickoff[:, None])) / omega)
     psi = np.full(pickoff.size, np.nan)
     turned = np.asarray(np.pi * (edges.level[index] - count[:, None]), np.float64)
-    solved = solve_rows(design[inside], turned[inside])[0]
+    solved = solve_rows(design[inside], turned[inside])
     psi[inside] = np.pi * count[inside] + solved[:, 0]
     torn = np.searchsorted(pickoff, edges.tick[edges.breaks])
     psi[torn[torn < psi.size]] = np.nan

@@ -29,33 +29,23 @@ _FLOOR_rad = 1e-3  # of the noise of a crossing that a tagger's clock does not m
 _ROUNDS = 4  # each takes the error of the shapes down by the size of a lock-in error, 0.03 to 0.1
 
 
-def solve_rows(design: Floats, values: Floats, weight: Floats | None = None) -> tuple[Floats, Floats]:
+def solve_rows(design: Floats, values: Floats, weight: Floats | None = None) -> Floats:
     """Least squares of each row, by normal equations of columns of length one.
 
     Args:    design: (u, k, p).   values: (u, k).   weight: (u, k), of a residual (not of its square); None: all alike.
-    Returns: parameters (u, p), residuals (u, k) without the weight.
+    Returns: parameters (u, p).
     Source:  normal equations.
     """
     if len(design) > _ROWS:  # some at a time: in between they take four times as much room
         cuts = [slice(at, at + _ROWS) for at in range(0, len(design), _ROWS)]
         parts = [solve_rows(design[cut], values[cut], None if weight is None else weight[cut]) for cut in cuts]
-        solutions, residuals = zip(*parts, strict=True)
-        return np.concatenate(solutions), np.concatenate(residuals)
+        return np.concatenate(parts)
     scaled = design if weight is None else design * weight[:, :, None]
     length = np.sqrt(np.einsum("ukp,ukp->up", scaled, scaled))
     unit = scaled / length[:, None, :]
     across = unit.transpose(0, 2, 1)
     right = values if weight is None else values * weight
-    solution = np.linalg.solve(across @ unit, across @ right[:, :, None])[:, :, 0] / length
-    return np.asarray(solution), np.asarray(values - (design @ solution[:, :, None])[:, :, 0])
-
-
-def rms(residual: Floats) -> Floats:
-    """Root mean square of each row, (u,).
-
-    Source: definition.
-    """
-    return np.asarray(np.sqrt(np.mean(np.square(residual), axis=1)))
+    return np.asarray(np.linalg.solve(across @ unit, across @ right[:, :, None])[:, :, 0] / length)
 
 
 @dataclass(frozen=True)
@@ -173,8 +163,8 @@ def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
     Source:  lock-in paper equations (7) to (9); Lim, EP 0103080 A2 (1982).
     """
     time_s, phase = turns.inner(crossings)
-    before, left = _parabola(time_s[:, :crossings], phase[:, :crossings])
-    behind, right = _parabola(time_s[:, crossings:], phase[:, crossings:])
+    before = _parabola(time_s[:, :crossings], phase[:, :crossings])
+    behind = _parabola(time_s[:, crossings:], phase[:, crossings:])
     zero = (_vertex(before) + _vertex(behind)) / 2.0
     at_before, at_behind = _value(before, zero), _value(behind, zero)
     columns = (
@@ -182,13 +172,12 @@ def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
         (at_before + at_behind) / 2.0,
         np.abs(before[:, 2] + behind[:, 2]),
         zero,
-        rms(np.column_stack((left, right))),
     )
     return Jumps("parabolas", *(spread(turns.usable, column) for column in columns))
 
 
-def _parabola(time_s: Floats, phase: Floats) -> tuple[Floats, Floats]:
-    """Return coefficients (u, 3) and residuals of one side."""
+def _parabola(time_s: Floats, phase: Floats) -> Floats:
+    """Return coefficients (u, 3) of one side."""
     return solve_rows(np.stack((np.ones_like(time_s), time_s, time_s**2), axis=-1), phase)
 
 
@@ -207,13 +196,12 @@ def dither_shape(turns: Turnarounds, crossings: int = 4) -> Jumps:
     Returns: Jumps, method "dither_shape", or "dither_shape_16" with 16 crossings.
     Source:  lock-in paper section III with the dither's own shape in place of the parabola; least squares in time.
     """
-    step, motion, residual = stepped_motion(turns, crossings)
     name = "dither_shape" if crossings == 4 else f"dither_shape_{crossings}"
-    return jumps_of(name, turns.usable, step, motion, residual)
+    return jumps_of(name, turns.usable, *stepped_motion(turns, crossings))
 
 
-def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Floats, DitherMotion, Floats]:
-    """Step (u,), motion midway between both sides, and residuals (u, 2 crossings) of the usable turnarounds.
+def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Floats, DitherMotion]:
+    """Step (u,), and motion midway between both sides, of the usable turnarounds.
 
     Source: as ``dither_shape``.
     """
@@ -223,17 +211,17 @@ def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Floats, DitherMo
     side[:, :, 0] = 1.0
     side[:, :crossings, 1], side[:, crossings:, 1] = -0.5, 0.5
     design = np.concatenate((side, dither_columns(time_s, turns.omega_rad_s)), axis=-1)
-    solved, residual = solve_rows(design, phase - turns.rate_rad_s * time_s, weight)
+    solved = solve_rows(design, phase - turns.rate_rad_s * time_s, weight)
     motion = DitherMotion(solved[:, [0, 2, 3]], turns.sign[turns.usable], turns.omega_rad_s, turns.rate_rad_s)
-    return solved[:, 1], motion, residual
+    return solved[:, 1], motion
 
 
-def jumps_of(method: str, usable: Flags, step: Floats, motion: DitherMotion, residual: Floats) -> Jumps:
+def jumps_of(method: str, usable: Flags, step: Floats, motion: DitherMotion) -> Jumps:
     """Jumps from what was found of the usable turnarounds, (u,).
 
     Source: none; bookkeeping.
     """
-    columns = (step, motion.psi0_rad, motion.curvature_rad_s2, motion.zero_rate_s, rms(residual))
+    columns = (step, motion.psi0_rad, motion.curvature_rad_s2, motion.zero_rate_s)
     return Jumps(method, *(spread(usable, column) for column in columns))
 
 
@@ -254,7 +242,7 @@ def fresnel(turns: Turnarounds) -> Jumps:
     for _ in range(_ROUNDS):
         lock_in = lock_in_shapes(time_s, motion)
         design = np.concatenate((columns, lock_in.sine[:, :, None], lock_in.cosine[:, :, None]), axis=-1)
-        solved, residual = solve_rows(design, phase - turns.rate_rad_s * time_s, weight)
+        solved = solve_rows(design, phase - turns.rate_rad_s * time_s, weight)
         motion = DitherMotion(solved[:, :3], motion.sign, motion.omega_rad_s, motion.rate_rad_s)
     step = 2.0 * (solved[:, 3] * lock_in.sine_end + solved[:, 4] * lock_in.cosine_end)
-    return jumps_of("fresnel", turns.usable, step, motion, residual)
+    return jumps_of("fresnel", turns.usable, step, motion)

@@ -70,7 +70,7 @@ class Jumps:
     Attributes:
         method: its name.   dpsi_rad: phase behind less phase before, both carried on to the zero-rate instant.
         psi0_rad: phase there, between the two.   curvature_rad_s2: size of its second derivative.
-        zero_rate_s: the instant, about the reference tick.   residual_rad: root mean square of the crossings.
+        zero_rate_s: the instant, about the reference tick.
     """
 
     method: str
@@ -78,7 +78,6 @@ class Jumps:
     psi0_rad: Floats
     curvature_rad_s2: Floats
     zero_rate_s: Floats
-    residual_rad: Floats
 
 
 def spread(usable: Flags, values: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""A polynomial of one quantity against another, both measured: coefficients, departure, lack of fit, rival degree.
+"""A polynomial of one quantity against another, both measured: coefficients and departures.
 
 Functions of a quantity that a fit may take: what a measured value becomes, and the way back.
 """
@@ -13,7 +13,6 @@ import numpy as np
 
 from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
-from bench.maths.tests import f_tail, of_many
 from bench.model.errors import FitError
 
 _TURNS = 3  # the slope at the points enters their weights; it settles at once
@@ -41,9 +40,7 @@ class Points:
 class Curve:
     """A fitted polynomial, the sum of c x^k over its ``powers`` k; units follow y and the powers of x.
 
-    ``lack``: probability of departures at least as large in a world where the polynomial is right, NaN if the points
-    were not read repeatedly.   ``rival``: largest change of the curve at the points by one power more, in its expanded
-    uncertainty, NaN without points for it.
+    ``operator``: what the coefficients gain per unit of each y.   ``slope``: of the curve at each x.
     """
 
     powers: tuple[int, ...]  # (p,)
@@ -54,8 +51,8 @@ class Curve:
     departure_std: Floats  # (m,)
     chi2: float
     dof: int
-    lack: float
-    rival: float
+    operator: Floats  # (p, m)
+    slope: Floats  # (m,)
 
     def at(self, x: Floats) -> Floats:
         """Return the polynomial at some places, (k,)."""
@@ -76,8 +73,7 @@ def fit_polynomial(x: Points, y: Points, powers: Sequence[int]) -> Curve:
              scatter and floor explain, and the errors of both instruments: gains as one error each, floors both as one
              error of all points and as another at each, because a specification does not say which it is.
     Raises:  FitError B-FIT-001 if the points do not determine the polynomial.
-    Source:  JCGM 100:2008 annex H.3 (calibration curve), Draper and Smith, Applied Regression Analysis, section 2.1
-             (lack of fit and pure error); docs/decisions/0031.
+    Source:  JCGM 100:2008 annex H.3 (calibration curve); docs/decisions/0031.
     """
     powers, names = tuple(powers), [f"c{order}" for order in powers]
     if x.mean.size < len(powers):
@@ -96,7 +92,6 @@ def fit_polynomial(x: Points, y: Points, powers: Sequence[int]) -> Curve:
     operator = back @ fit.operator
     hat = design @ fit.operator
     left = np.eye(x.mean.size) - hat  # what departs is no noise of the departures
-    curve_std = np.sqrt(np.diag(hat @ noise @ hat.T))
     return Curve(
         powers=powers,
         coefficients=coefficients,
@@ -106,19 +101,14 @@ def fit_polynomial(x: Points, y: Points, powers: Sequence[int]) -> Curve:
         departure_std=np.sqrt(np.maximum(np.diag(left @ (own + common) @ left.T), 0.0)),
         chi2=fit.chi2,
         dof=fit.dof,
-        lack=_lack_of_fit(x, y, powers, slope),
-        rival=_rival(x, y, powers, weights, y.mean - fit.residual, 2.0 * curve_std),
+        operator=operator,
+        slope=slope,
     )
 
 
 def _columns(x: Floats, powers: Sequence[int]) -> Floats:
     """Return powers of x, (m, p)."""
     return np.asarray(x[:, None] ** np.array(powers), np.float64)
-
-
-def _one_more(powers: Sequence[int]) -> tuple[int, ...]:
-    """Return the powers with the lowest that is not among them."""
-    return tuple(sorted((*powers, next(order for order in range(len(powers) + 1) if order not in powers))))
 
 
 def _design(x: Floats, powers: Sequence[int]) -> tuple[Floats, Floats]:
@@ -147,42 +137,6 @@ def _common(x: Points, y: Points, slope: Floats) -> Floats:
     """Return the covariance that errors of the instruments bring to all points, (m, m)."""
     parts = (y.gain, y.floor, slope * x.gain, slope * x.floor)
     return np.asarray(sum(np.outer(part, part) for part in parts), np.float64)
-
-
-def _squares(x: Floats, y: Floats, n: Floats, powers: Sequence[int]) -> float:
-    """Return the sum of squares that a polynomial leaves, each mean with the weight of its readings."""
-    design, _ = _design(x, powers)
-    root = np.sqrt(n)
-    parameters = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)[0]
-    return float(np.sum(n * (y - design @ parameters) ** 2))
-
-
-def _lack_of_fit(x: Points, y: Points, powers: Sequence[int], slope: Floats) -> float:
-    """Return the smaller probability of two F tests against the scatter, doubled: all departures; the next power."""
-    repeats = y.n > 1
-    pure = int(np.sum(y.n[repeats] - 1))
-    free = y.mean.size - len(powers)
-    if pure < 1 or free < 1:
-        return math.nan
-    scatter = np.hypot(y.scatter, slope * np.where(np.isfinite(x.scatter), x.scatter, 0.0))
-    variance = float(np.sum((y.n[repeats] - 1) * scatter[repeats] ** 2) / pure)
-    squares = _squares(x.mean, y.mean, y.n, powers)
-    if variance == 0.0:
-        return math.nan
-    less = squares - _squares(x.mean, y.mean, y.n, _one_more(powers))
-    whole = f_tail(squares / free / variance, free, pure)
-    power = f_tail(max(less, 0.0) / variance, 1, pure)
-    return of_many(min(whole, power), 2)
-
-
-def _rival(x: Points, y: Points, powers: Sequence[int], weights: Floats, fitted: Floats, expanded: Floats) -> float:
-    """Return the largest change of the curve by one power more, in its expanded uncertainty."""
-    if x.mean.size <= len(powers):
-        return math.nan
-    more = _one_more(powers)
-    design, _ = _design(x.mean, more)
-    rival = y.mean - solve(design, y.mean, np.diag(weights), [f"c{order}" for order in more]).residual
-    return float(np.max(np.abs(rival - fitted) / expanded))
 
 
 @dataclass(frozen=True)

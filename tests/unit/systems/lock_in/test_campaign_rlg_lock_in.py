@@ -114,7 +114,7 @@ def test_harm_is_said_aloud() -> None:
 @pytest.mark.parametrize(
     ("parts", "seconds", "clock_Hz", "said"),
     [
-        ({"second_harmonic": 0.2}, 1.6, FAST_HZ, "not of one constant size and phase"),
+        ({"second_harmonic": 0.2}, 1.6, FAST_HZ, "deg of the phase at the turnaround only"),
         ({"scatter": lambda w, rng, count: np.zeros(count)}, 1.2, SLOW_HZ, "dynamic lock-in"),
         # 10 deg/s: 16 crossings a side in 1 of 13
         (

@@ -166,15 +166,11 @@ def test_stated_uncertainties_of_the_constants_are_their_scatter(at_90: Laser, a
     scores = []
     for laser in (at_90, at_40):
         found = global_constants(laser.seen(SLOW_HZ).turns, block_s=0.065)
-        of_kappa = (found.block_kappa_rad_s - laser.kappa) / found.block_kappa_std_rad_s
-        of_beta = (found.block_beta_rad - np.radians(laser.world.beta_deg)) / found.block_beta_std_rad
-        scores.append((of_kappa, of_beta))
-        blocks = found.block_time_s.size
-        assert blocks == 23
-        for whole, each in (
-            (found.kappa_std_rad_s, found.block_kappa_std_rad_s), (found.beta_std_rad, found.block_beta_std_rad),
-        ):  # fmt: skip
-            assert whole == pytest.approx(each.mean() / np.sqrt(blocks), rel=0.06)
+        kappa, kappa_std, beta, beta_std = found.blocks.polar()
+        scores.append(((kappa - laser.kappa) / kappa_std, (beta - np.radians(laser.world.beta_deg)) / beta_std))
+        assert kappa.size == 23
+        for whole, each in ((found.kappa_std_rad_s, kappa_std), (found.beta_std_rad, beta_std)):
+            assert whole == pytest.approx(each.mean() / np.sqrt(kappa.size), rel=0.06)
     for each in np.concatenate(scores, axis=1):
         assert 0.8 < np.sqrt(np.mean(each**2)) < 1.4
 
@@ -228,11 +224,11 @@ def test_drifting_backscatter_is_followed() -> None:
     """From 40 deg on by 11.5 deg/s."""
     laser = laser_of(71, beta(lambda w, share, _: np.degrees(0.2) * share * w.seconds), seconds=2.0)
     found = laser.seen(FAST_HZ)
-    blocks = global_constants(found.turns, block_s=0.5)
-    assert blocks.block_time_s.size == 4
-    truth = np.radians(40.0) + 0.2 * (blocks.block_time_s + found.turns.reference_tick[0] / 100e6)
-    assert np.all(np.abs(blocks.block_beta_rad - truth) < 4.5 * blocks.block_beta_std_rad)
-    assert np.all(np.abs(blocks.block_kappa_rad_s / laser.kappa - 1.0) < 0.02)
+    kappa, _, beta_rad, std_rad = global_constants(found.turns, block_s=0.5).blocks.polar()
+    ticks = np.array_split(found.turns.reference_tick[found.turns.usable], 4)
+    truth = np.radians(40.0) + 0.2 * np.array([part.mean() for part in ticks]) / 100e6
+    assert np.all(np.abs(beta_rad - truth) < 4.5 * std_rad)
+    assert np.all(np.abs(kappa / laser.kappa - 1.0) < 0.02)
 
 
 def test_second_harmonic_is_left_over_and_shown() -> None:

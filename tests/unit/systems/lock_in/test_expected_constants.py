@@ -124,7 +124,7 @@ def taking_off(share: float, laser: expecting.NominalLaser) -> Any:
         curvature = laser.rate_rad_s * laser.omega_rad_s
         turned = motion.psi0_rad + laser.beta_rad + motion.sign * np.pi / 4.0
         jump = -laser.kappa_rad_s * np.sqrt(2.0 * np.pi / curvature) * np.sin(turned)
-        return Jumps("by hand", share * jump, turned, turned, turned, turned)
+        return Jumps("by hand", share * jump, turned, turned, turned)
 
     return compensator
 

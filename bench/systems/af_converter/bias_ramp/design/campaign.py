@@ -36,11 +36,11 @@ from bench.systems.af_converter.wording import kind_name
 
 QUANTITIES = ("bias", "bias_tc1", "hysteresis_width", "play_half_width", "thermal_lag")
 RIVALS = {
-    "a step": "bias: step",
-    "a linear drift": "bias: drift",
-    "a second thermal lag": f"bias: {SECOND_LAG}",
-    "several play operators": f"bias: {SECOND_PLAY}",
-    "a loop that relaxes": f"bias: {RELAXATION}",
+    "a step": "step",
+    "a linear drift": "drift",
+    "a second thermal lag": SECOND_LAG,
+    "several play operators": SECOND_PLAY,
+    "a loop that relaxes": RELAXATION,
 }
 _NOT_MISSED = 1e3  # noncentrality: seen by any check
 _DAY_h, _HOURS = 24.0, 12  # half a day later the same rhythm begins with the other sign
@@ -80,8 +80,8 @@ class Rivals:
 
     def powers(self) -> Iterator[Power]:
         """Yield how surely each kind of departure would be seen at its worst, were it large enough to cost 1 U."""
-        for name, family in RIVALS.items():
-            of_kind = [one.effect for one in self._departures if one.family == family]
+        for name, shape in RIVALS.items():
+            of_kind = [one.effect for one in self._departures if (one.carrier, one.shape) == ("bias", shape)]
             square, moves = self._effect(np.column_stack(of_kind))
             for quantity in QUANTITIES:
                 power = _power(1, self._chance, float(np.min(square / moves[quantity] ** 2)))

@@ -399,8 +399,7 @@ def _is_kept(departure: Departure) -> bool:
 
     A drift is none of them: it is measured by the repeats, and stands in each uncertainty.
     """
-    carrier, _, shape = departure.family.partition(": ")
-    return carrier == "gain" and shape != "drift" and not _SMALL & departure.about.keys()
+    return departure.carrier == "gain" and departure.shape != "drift" and not _SMALL & departure.about.keys()
 
 
 def _repeat_told(channels: Sequence[int]) -> str:
