@@ -156,12 +156,11 @@ class Rows:
     @cached_property
     def heading_deg(self) -> Floats:
         """Stated heading of each set, (n,); where none is, the first that was found there."""
-        at_deg = self.solution.known_deg.copy()
-        for one in reversed(self.azimuths):
-            at_deg = np.where(np.isfinite(at_deg), at_deg, one.azimuth_deg)
+        at_deg = np.array([self.solution.known_deg, *(one.azimuth_deg for one in reversed(self.azimuths))])
+        heading_deg = np.zeros(at_deg.shape[1])
         for own in self.groups.values():
-            at_deg[own] = next(iter(at_deg[own & np.isfinite(at_deg)]), 0.0)
-        return at_deg
+            heading_deg[own] = next((one for one in at_deg[:, own].ravel() if math.isfinite(one)), 0.0)
+        return heading_deg
 
     @cached_property
     def groups(self) -> dict[tuple[str, str, float, str], Flags]:
@@ -221,9 +220,9 @@ class Rows:
         free += [self.at([LOCK_IN], solution.sense == sense) for sense in solution.calibrations]
         held = [self.at(_BOTH, known * math.hypot(solution.site.azimuth_std_deg, solution.tilted_deg))]
         held += [self.at(_BOTH, own * solution.tilted_deg) for own in self.groups.values()]
-        by_lock_ins = self.azimuths[0].common_deg * solution.unsteady
-        apart_deg = math.hypot(math.sqrt(2.0) * solution.swing_deg, by_lock_ins)
-        return free, held, [self.at([LOCK_IN], one) for one in np.diag(np.hypot(apart_deg, np.hypot(*self.std[:2])))]
+        square_deg2 = 2.0 * solution.swing_deg**2 + (self.azimuths[0].common_deg * solution.unsteady) ** 2
+        square_deg2 += np.sum(self.std[:2] ** 2, axis=0)
+        return free, held, [self.at([LOCK_IN], one) for one in np.diag(np.sqrt(square_deg2))]
 
     def _sizes(self, kind: int) -> tuple[list[Floats], list[Floats], list[Floats]]:
         """Return the same of what waveforms have one of for each kind of parameters; an offset may walk."""
@@ -249,25 +248,26 @@ class Rows:
         )
         if kind != NOISE:
             return [*departures_of(labels), *self._own()]
-        most, found = len(sets) / 2, []
+        found = []
         for one in departures_of(labels):  # noise is measured at each place: what differs is on the side of few
-            many = one.whole is not None and np.count_nonzero(one.effect) > most
-            found.append(replace(one, effect=one.effect - np.reshape(many * self.at([NOISE]), (-1, 1)), whole=None))
+            if one.whole is not None and np.count_nonzero(one.effect) > len(sets) / 2:
+                one = replace(one, effect=one.effect - one.whole[:, None])
+            found.append(replace(one, whole=None))
         return found
 
     def _own(self) -> Iterator[Departure]:
-        for times, name in ((1, "once per turn"), (2, "twice per turn")):
+        for times, name in ((1, "once_per_turn"), (2, "twice_per_turn")):
             angle = times * np.deg2rad(self.heading_deg)
             sine, cosine = np.sin(angle), np.cos(angle)
             turned = [
                 self.at(_BOTH, across) + self.at([AMPLITUDE], math.radians(1.0) / _dB * along)
                 for across, along in ((-sine, cosine), (cosine, sine))
             ]
-            yield Departure(f"azimuth: {name}", "deg", np.column_stack(turned))
+            yield Departure("azimuth", name, "deg", np.column_stack(turned))
         for (item, place, *_), own in self.groups.items():
             if item == SEARCH:
                 effect = self.at(_BOTH, own * math.degrees(_dB)) + self.at([AMPLITUDE], own)
-                yield Departure("signal", "dB", effect[:, None], {"item": item, "place": place})
+                yield Departure("", "signal", "dB", effect[:, None], {"item": item, "place": place})
 
     def words(self, label: str, value: Any) -> str:
         """Return how a person names a label."""

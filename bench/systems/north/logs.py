@@ -136,13 +136,15 @@ def _parts(
     entries: Estimates, t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth
 ) -> tuple[Solution, Estimates, Floats]:
     """Return parts of whole turns as sets, and what each estimate gains per % of offset in each part, (k, n)."""
-    t_s, output, theta_deg = np.stack([t_s, output, theta_deg])[:, np.isfinite(output + theta_deg)]
+    series = np.stack([t_s, output, theta_deg])
+    series = series[:, np.isfinite(series).all(axis=0)]
+    t_s, _, theta_deg = series
     turns = float(np.ptp(np.unwrap(theta_deg, period=360.0))) / 360.0
     whole = max(math.ceil(turns / _PARTS), math.ceil(_LEAST_SAMPLES * turns / t_s.size))
     length = min(int(t_s.size * whole / turns), t_s.size)
-    cut = [np.split(one, range(length, t_s.size, length))[: t_s.size // length] for one in (t_s, output, theta_deg)]
-    middle_s = np.mean(cut[0], axis=1)
-    raw = [likelihood_north(*one, harmonics=_HARMONICS) for one in zip(*cut[1:], strict=True)]
+    parts = series[:, : t_s.size // length * length].reshape(3, -1, length)
+    middle_s = np.mean(parts[0], axis=1)
+    raw = [likelihood_north(*one, harmonics=_HARMONICS) for one in zip(*parts[1:], strict=True)]
     at_deg = heading_deg(np.array([one.phi_deg for one in raw]), 1)
     square_deg2 = float(np.mean([one.bound_deg**2 for one in raw]))
     if len(raw) > 1:  # from part to part, so that what is slower is no noise
