@@ -36,7 +36,7 @@ from bench.analysis import (
 from bench.maths.arrays import Flags
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.sets import CALIBRATION, LOG, SEARCH, SENSES, VARYING
+from bench.systems.north.sets import CALIBRATION, LOG, SEARCH, SENSES
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, METHODS, Azimuths, Solution
 from bench.systems.north.wording import item_name, method_name, place_name, say
 
@@ -45,7 +45,7 @@ _NO_SIGNAL_deg = 20.0  # of one set: a direction is lost in its noise
 _MOST_RATE = 0.05  # of the stated rate; a serial line hands samples over in blocks
 _LEAST_deg = 1e-3  # steps of level and lock-ins
 _dB = math.log(10.0) / 20.0
-_VARIES_dB, _STEADY_dB = 2.0, 0.2  # amplitude and noise from set to set, where parameters may vary and where not
+_VARIES_dB = 2.0  # amplitude and noise from set to set
 _ROUNDING = 1e-6  # of the amplitude: noise that is none
 _WALKS = 100.0  # % of the amplitude, from one part of a log to the next: the offset
 LOCK_IN, WAVEFORM, HEADING, AMPLITUDE, NOISE, OFFSET = range(6)  # readings of a set
@@ -120,24 +120,20 @@ class Rows:
         """Azimuths by the lock-ins and by the waveform."""
         return [self.solution.by_method[method] for method in (LEAST_SQUARES, LIKELIHOOD)]
 
-    def _each(self, name: str) -> Floats:
-        """Return a figure of all waveforms, (n,); NaN where there are none."""
-        return np.array([float(getattr(one, name, math.nan)) for one in self.solution.raw])
-
     @cached_property
     def noise(self) -> Floats:
         """Noise of the waveforms over their amplitude, (n,)."""
-        return np.hypot(self._each("noise_V") / self._each("amplitude"), _ROUNDING)
+        return np.hypot(self.solution.of_waveforms("noise_V") / self.solution.of_waveforms("amplitude"), _ROUNDING)
 
     @cached_property
     def readings(self) -> Floats:
         """Azimuths beside the heading (deg), none as stated, amplitude, noise (dB), offset (%), (6, n); NaN: none."""
-        amplitude_V, none = self._each("amplitude"), np.full(len(self.solution.sets), math.nan)
+        amplitude_V, none = self.solution.of_waveforms("amplitude"), np.full(len(self.solution.sets), math.nan)
         azimuths = [
             wrapped_deg(one.azimuth_deg - self.heading_deg) if one.noise_deg <= _NO_SIGNAL_deg else none
             for one in self.azimuths
         ]
-        offset = none if self.by_offset is None else 100.0 * self._each("offset_V") / amplitude_V.mean()
+        offset = none if self.by_offset is None else 100.0 * self.solution.of_waveforms("offset_V") / amplitude_V.mean()
         return np.array([*azimuths, none, *(np.log([amplitude_V, self.noise * amplitude_V]) / _dB), offset])
 
     @cached_property
@@ -148,7 +144,7 @@ class Rows:
     @cached_property
     def std(self) -> Floats:
         """Noise of each reading, (6, n); 0 where there is none."""
-        mean = 1.0 / np.sqrt(self._each("samples"))
+        mean = 1.0 / np.sqrt(self.solution.of_waveforms("samples"))
         azimuths = [math.hypot(one.noise_deg, _LEAST_deg) + 0.0 * one.azimuth_deg for one in self.azimuths]
         of_waveform = [0.0 * mean, math.sqrt(2.0) / _dB * mean * self.noise, math.sqrt(0.5) / _dB * mean]
         return np.where(self.found, [*azimuths, *of_waveform, 100.0 * mean * self.noise], 0.0)
@@ -228,8 +224,7 @@ class Rows:
         """Return the same of what waveforms have one of for each kind of parameters; an offset may walk."""
         parameters = np.array([own.parameters for own in self.solution.sets])
         free = [self.at([kind], parameters == one) for one in dict.fromkeys(parameters.tolist())]
-        varies = np.diag(np.where(np.isin(parameters, ["", VARYING]), _VARIES_dB, _STEADY_dB))
-        scatter = _WALKS * np.tri(parameters.size).T if kind == OFFSET else varies
+        scatter = _WALKS * np.tri(parameters.size).T if kind == OFFSET else _VARIES_dB * np.eye(parameters.size)
         return free, [], [self.at([kind], one) for one in scatter]
 
     def departures(self, kind: int) -> list[Departure]:

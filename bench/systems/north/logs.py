@@ -86,8 +86,7 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
         notes.append(say("log.widened"))
     figure = _samples(output, theta_deg, float(found.amplitude), unit)
     evidence = _doubt(float(found.half_width_deg()))
-    if not evidence:
-        evidence = departing(*_parts(entries, material.series["t_s"], output, theta_deg, found))
+    evidence = evidence or _departing(entries, material.series["t_s"], output, theta_deg, found)
     return _analysis(material, entries, evidence, notes, [figure])
 
 
@@ -115,13 +114,13 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
         [curve(say("axis.set"), np.arange(1.0, sets + 1.0), each_deg, "points")],
     )  # fmt: skip
     notes = [say("log.ideal", sets=sets, sense=sense_name(sense))]
-    evidence = _doubt(coverage_factor(dof) * std_deg)
-    if not evidence:
-        parts = np.array_split(np.arange(sets), min(sets, _PARTS))
-        t_s = np.array([np.mean(material.series["t_s"][POSITIONS * own]) for own in parts])
-        at_deg = heading_deg(np.rad2deg(np.angle([np.mean(found.phasor[own]) for own in parts])), sense)
-        azimuths = Azimuths(at_deg, std_deg * math.sqrt(len(parts)), dof)
-        evidence = departing(_solution(t_s, LEAST_SQUARES, azimuths, [None] * len(parts)), entries)
+    parts = np.array_split(np.arange(sets), min(sets, _PARTS))
+    t_s = np.array([np.mean(material.series["t_s"][POSITIONS * own]) for own in parts])
+    at_deg = heading_deg(np.rad2deg(np.angle([np.mean(found.phasor[own]) for own in parts])), sense)
+    solution = _solution(
+        t_s, LEAST_SQUARES, Azimuths(at_deg, std_deg * math.sqrt(len(parts)), dof), [None] * len(parts)
+    )
+    evidence = _doubt(coverage_factor(dof) * std_deg) or departing(solution, entries)
     return _analysis(material, entries, evidence, notes, [figure])
 
 
@@ -132,19 +131,19 @@ def _doubt(half_deg: float) -> list[Evidence]:
     return [Evidence("no_signal", say("log.no_signal", half=half_deg, most=_LARGEST_deg), half_deg, 0.0, refuses=True)]
 
 
-def _parts(
+def _departing(
     entries: Estimates, t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth
-) -> tuple[Solution, Estimates, Floats]:
-    """Return parts of whole turns as sets, and what each estimate gains per % of offset in each part, (k, n)."""
+) -> list[Evidence]:
+    """Return what departs in parts of whole turns; an offset that changes turns what is fitted to all of them."""
     series = np.stack([t_s, output, theta_deg])
     series = series[:, np.isfinite(series).all(axis=0)]
     t_s, _, theta_deg = series
-    turns = float(np.ptp(np.unwrap(theta_deg, period=360.0))) / 360.0
-    whole = max(math.ceil(turns / _PARTS), math.ceil(_LEAST_SAMPLES * turns / t_s.size))
-    length = min(int(t_s.size * whole / turns), t_s.size)
-    parts = series[:, : t_s.size // length * length].reshape(3, -1, length)
-    middle_s = np.mean(parts[0], axis=1)
-    raw = [likelihood_north(*one, harmonics=_HARMONICS) for one in zip(*parts[1:], strict=True)]
+    turned = np.maximum.accumulate(np.abs(np.unwrap(theta_deg, period=360.0) - theta_deg[0])) / 360.0
+    whole = math.ceil(turned[-1] * max(1.0 / _PARTS, _LEAST_SAMPLES / t_s.size))
+    cuts = np.searchsorted(turned, np.arange(whole, turned[-1], whole))
+    parts = np.split(series, cuts, axis=1)[: max(int(turned[-1]) // whole, 1)]
+    middle_s = np.array([part[0].mean() for part in parts])
+    raw = [likelihood_north(*part[1:], harmonics=_HARMONICS) for part in parts]
     at_deg = heading_deg(np.array([one.phi_deg for one in raw]), 1)
     square_deg2 = float(np.mean([one.bound_deg**2 for one in raw]))
     if len(raw) > 1:  # from part to part, so that what is slower is no noise
@@ -155,7 +154,7 @@ def _parts(
     hats = np.array([columns @ np.interp(t_s, middle_s, one) for one in np.eye(len(raw))])
     turn = np.exp(-1j * np.deg2rad(found.phi_deg)) * (np.linalg.solve(columns @ columns.T, hats.T)[:2].T @ [1.0, 1.0j])
     by_offset = np.array([np.rad2deg(turn.imag), float(found.amplitude) * turn.real]) / 100.0
-    return _solution(middle_s, LIKELIHOOD, azimuths, raw), entries, by_offset
+    return departing(_solution(middle_s, LIKELIHOOD, azimuths, raw), entries, by_offset)
 
 
 def _solution(t_s: Floats, method: str, azimuths: Azimuths, raw: Sequence[LikelihoodNorth | None]) -> Solution:
