@@ -63,7 +63,7 @@ from bench.analysis.estimates import (
     use_of,
 )
 from bench.analysis.expected import judged_values
-from bench.analysis.families import Labels, Words, departures_of, evidence_of, unseen_table
+from bench.analysis.families import Labels, Searched, Words, departures_of, unseen_table
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series, worded_table
 from bench.analysis.foreseen import foreseen_material
 from bench.analysis.form import Closed, Document, check_form, schema_of
@@ -132,6 +132,7 @@ __all__ = [
     "Prediction",
     "Reading",
     "Residuals",
+    "Searched",
     "Series",
     "Source",
     "Specification",
@@ -166,7 +167,6 @@ __all__ = [
     "doubt_lines",
     "estimate",
     "estimates_of",
-    "evidence_of",
     "expected_at_end",
     "flag_problem",
     "foreseen_material",

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.analysis.departures import Departure, Search
+from bench.analysis.departures import Departure, Search, Unseen
 from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
 from bench.analysis.estimates import Estimate
 from bench.analysis.figures import Table
@@ -31,48 +31,70 @@ def general_advice(departure: Departure) -> str:
     return say(f"departs.advice.{_kind(departure)}")
 
 
-def evidence_of(
-    found: Search, stated: Sequence[Estimate], words: Words, advice: Callable[[Departure], str] = general_advice
-) -> list[Evidence]:
-    """Return what a search says against the estimates that follow from its rows, one entry for each thing."""
-    evidence: list[Evidence] = []
-    doubted = found.doubted
-    for finding in found.findings:
-        moved = (finding.moves > LEAST_MOVE) & doubted
-        if moved.any():
-            name = described(finding.departure, words)
-            alike = [other for other in dict.fromkeys(described(one, words) for one in finding.equals) if other != name]
-            said = say(
-                "departs",
-                what=name[:1].upper() + name[1:],
-                size=f"{finding.size:+.3g} {finding.departure.unit}",
-                move=float(finding.moves.max()),
-                others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
-                advice=advice(finding.departure),
-            )
-            entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
-            evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, float(finding.moves.max()), entries=entries))
-    several = [entry for entry, rests in zip(stated, found.together, strict=True) if rests]
-    if several:
-        evidence.append(Evidence("depart_together", say("departs.together"), None, CERTAIN, entries=several))
-    left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
-    if not found.is_noise:
-        said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)
-        move = float(found.unexplained.max(initial=0.0))
-        evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
-    return evidence
+@dataclass(frozen=True)
+class Searched:
+    """A search, the estimates (k,) that follow from its rows, and how a person names its labels.
+
+    ``advice``: what to look for.
+    """
+
+    found: Search
+    stated: Sequence[Estimate]
+    words: Words
+    advice: Callable[[Departure], str] = general_advice
+
+    @property
+    def evidence(self) -> list[Evidence]:
+        """What the search says against the estimates, one entry for each thing."""
+        found, stated, evidence = self.found, self.stated, []
+        for finding in found.findings:
+            moved = (finding.moves > LEAST_MOVE) & found.doubted
+            if moved.any():
+                named, *others = (described(one, self.words) for one in (finding.departure, *finding.equals))
+                alike = [name for name in dict.fromkeys(others) if name != named]
+                said = say(
+                    "departs",
+                    what=_begun(named),
+                    size=f"{finding.size:+.3g} {finding.departure.unit}",
+                    move=float(finding.moves.max()),
+                    others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
+                    advice=self.advice(finding.departure),
+                )
+                entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
+                move = float(finding.moves.max())
+                evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, move, entries=entries))
+        several = [entry for entry, rests in zip(stated, found.together, strict=True) if rests]
+        if several:
+            evidence.append(Evidence("depart_together", say("departs.together"), None, CERTAIN, entries=several))
+        left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
+        if not found.is_noise:
+            said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)
+            move = float(found.unexplained.max(initial=0.0))
+            evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
+        return evidence
 
 
-def unseen_table(found: Search, stated: Sequence[Estimate], words: Words) -> Table:
-    """Return what moves an estimate by its uncertainty and would not have been found, with what size."""
+def _begun(name: str) -> str:
+    return name[:1].upper() + name[1:]
+
+
+def unseen_table(searches: Iterable[Searched]) -> Table:
+    """Return what moves an estimate by its uncertainty and would not have been found, with what size: of each kind the
+    one that moves first in any of the searches.
+    """
 
     def size(value: float, unit: str) -> str:
         return f"{value:.2g} {unit}" if math.isfinite(value) else say("unseen.never")
 
+    first: dict[str, tuple[Unseen, Searched]] = {}
+    for searched in searches:
+        for one in searched.found.unseen:
+            family = one.departure.family
+            first[family] = min(first.get(family, (one, searched)), (one, searched), key=lambda pair: pair[0].size)
     rows = []
-    for one in found.unseen:
-        name, entry, unit = described(one.departure, words), stated[one.first], one.departure.unit
-        rows.append([name[:1].upper() + name[1:], entry.quantity, size(one.size, unit), size(one.seen, unit)])
+    for one, searched in first.values():
+        name, unit = _begun(described(one.departure, searched.words)), one.departure.unit
+        rows.append([name, searched.stated[one.first].quantity, size(one.size, unit), size(one.seen, unit)])
     heads = say.heads("unseen", "what", "first", "size", "seen")
     return Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)
 

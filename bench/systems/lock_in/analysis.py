@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bench.analysis import Analysis, Material, check_method, no_result
+from bench.analysis import Analysis, Material, check_method, no_result, unseen_table
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
 from bench.systems.lock_in.evidence import evidence
@@ -71,14 +71,15 @@ def analysis_of(
         for laser in results
         if laser.record.place(laser.clock_Hz) | {"method": method} not in told
     ]
+    heard, searches = evidence(results)
     return Analysis(
         campaign=campaign,
         method=method,
         uut=material.campaign["uut"],
         estimates=[*estimates, *exponent_estimates(results, method)],
-        evidence=evidence(results),
+        evidence=heard,
         notes=[*no_result(missing), *notes(results, requirement, method)],
         missing=missing,
         figures=[*campaign_figures(results, requirement, method), *turnaround_figures(results)],
-        tables=tables(results, requirement, method),
+        tables=[*tables(results, requirement, method), *([unseen_table(searches)] if searches else [])],
     )

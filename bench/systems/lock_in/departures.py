@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Estimates, Evidence, Labels, Residuals, departures_of, evidence_of, search
+from bench.analysis import Estimates, Labels, Residuals, Searched, departures_of, search
 from bench.maths.arrays import Floats, Integers
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.result import LaserResult, constant_estimates
@@ -41,19 +41,19 @@ class Changing:
     left: NDArray[np.complex128]
 
 
-def constants_depart(laser: LaserResult, share: float) -> tuple[list[Evidence], Changing | None]:
-    """Return what the turnarounds of a record say against its constants, and its lock-in over time if that changes.
+def constants_depart(laser: LaserResult, share: float) -> tuple[Searched | None, Changing | None]:
+    """Return the search of the turnarounds of a record, and its lock-in over time if that changes.
 
     ``share``: of the chance of a false doubt.
     """
     stated = constant_estimates(laser)
     if not stated or not (turns := _Turnarounds(laser)).parts:
-        return [], None
+        return None, None
     rows = _residuals(turns, stated)
     found = search(rows, departures_of(_labels(turns)), share)
     changes = [one.departure.effect for one in found.findings if one.departure.shape in _OF_TIME]
-    evidence = evidence_of(found, stated, turns.words, lambda _: say("departs.advice"))
-    return evidence, _changing(turns, rows, np.hstack(changes)) if changes else None
+    searched = Searched(found, stated, turns.words, lambda _: say("departs.advice"))
+    return searched, _changing(turns, rows, np.hstack(changes)) if changes else None
 
 
 class _Turnarounds:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import LEAST_MOVE, Evidence, Floats
+from bench.analysis import LEAST_MOVE, Evidence, Floats, Searched
 from bench.maths.allan_terms import TERMS
 from bench.maths.tests import chi2_both, f_tail
 from bench.maths.verdict import coverage_factor
@@ -95,16 +95,20 @@ def _lock_in(laser: LaserResult) -> Iterator[Evidence]:
         yield Evidence("implausible_lock_in", sentence, largest, 0.0, math.inf, CONSTANTS, place, refuses=True)
 
 
-def evidence(results: Sequence[LaserResult]) -> list[Evidence]:
-    """Return what every check says of the estimates, those that found nothing included."""
+def evidence(results: Sequence[LaserResult]) -> tuple[list[Evidence], list[Searched]]:
+    """Return what every check says of the estimates, those that found nothing included, and the searches among them."""
     heard: list[Evidence] = []
+    searches: list[Searched] = []
     for laser in results:
-        departing, changing = constants_depart(laser, _SHARE / len(results))
-        heard += [*implausible(laser), *departing, *_against_theory(laser)]
+        searched, changing = constants_depart(laser, _SHARE / len(results))
+        heard += [*implausible(laser), *_against_theory(laser)]
+        if searched is not None:
+            searches.append(searched)
+            heard += searched.evidence
         heard += [] if changing is None else _with_lock_in(laser, changing)
         for method, walk in laser.walks.items():
             heard += _output(laser, method, walk)
-    return heard
+    return heard, searches
 
 
 def _place(laser: LaserResult) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from bench.analysis import (
     series,
     significant,
     unit_text,
+    unseen_table,
     value_and_uncertainty,
     values_of,
 )
@@ -131,8 +132,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         raise FitError("B-FIT-160", "no reading of the session has a value", next_step=cure)
     fits = fits_of(material.campaign, values)
     curves = [fit for fit in fits if fit.curve is not None]
-    depart = [departures_of_fit(fit, estimates_of(fit), 1.0 / len(curves)) for fit in curves]
-    evidence = [seen for of_fit, _ in depart for seen in of_fit]
+    searches = [one for fit in curves for one in departures_of_fit(fit, estimates_of(fit), 1.0 / len(curves))]
+    evidence = [seen for searched in searches for seen in searched.evidence]
     return Analysis(
         campaign="readings",
         method=method,
@@ -141,7 +142,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         evidence=[*evidence, *(_unstated(fit) for fit in curves if fit.unstated)],
         missing=[say("fit.refused", title=fit.title, why=fit.refused) for fit in fits if fit.refused],
         figures=[figure for fit in fits for figure in fit_figures(fit)],
-        tables=[*map(fit_table, fits), *(table for _, tables in depart for table in tables)],
+        tables=[*map(fit_table, fits), *([unseen_table(searches)] if searches else [])],
     )
 
 

@@ -15,16 +15,13 @@ import numpy as np
 
 from bench.analysis import (
     Estimate,
-    Evidence,
     Labels,
     Residuals,
-    Table,
+    Searched,
     Words,
     departures_of,
-    evidence_of,
     search,
     unit_text,
-    unseen_table,
 )
 from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
@@ -36,19 +33,17 @@ _HIGHER = 2  # powers beyond those of the polynomial
 _PERCENT = 0.01
 
 
-def departures_of_fit(fit: Fitted, entries: Sequence[Estimate], share: float) -> tuple[list[Evidence], list[Table]]:
-    """Return what departs from a fit, and what its points cannot show.
+def departures_of_fit(fit: Fitted, entries: Sequence[Estimate], share: float) -> list[Searched]:
+    """Return the search of a fit. ``entries``: its estimates.   ``share``: of the chance of a false doubt.
 
-    ``entries``: its estimates.   ``share``: of the chance of a false doubt.
-
-    Nothing does where a sequence judges the largest departure: that is a result then, of the best polynomial.
+    There is none where a sequence judges the largest departure: that is a result then, of the best polynomial.
     """
     stated = [entry for entry in entries if entry.expanded_uncertainty and not entry.quantity.endswith(NONLINEARITY)]
     noise, dof = _noise(fit)
     if NONLINEARITY in fit.asked["expected"] or not noise.all() or not stated:
-        return [], []
-    found, words = search(_residuals(fit, stated, noise, dof), departures_of(_labels(fit)), share), _words(fit)
-    return evidence_of(found, stated, words), [unseen_table(found, stated, words)]
+        return []
+    found = search(_residuals(fit, stated, noise, dof), departures_of(_labels(fit)), share)
+    return [Searched(found, stated, _words(fit))]
 
 
 def _noise(fit: Fitted) -> tuple[Floats, float]:

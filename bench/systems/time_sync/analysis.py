@@ -5,9 +5,9 @@ Method and requirements: docs/time-sync.md. The truth of a simulation enters now
 
 from __future__ import annotations
 
-from bench.analysis import Analysis, Material, check_method, no_result
+from bench.analysis import Analysis, Material, check_method, no_result, unseen_table
 from bench.model.errors import FitError
-from bench.systems.time_sync.departures import chi2_of, evidence, rows_of
+from bench.systems.time_sync.departures import chi2_of, implausible, rows_of, searched_rows
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
 from bench.systems.time_sync.estimators.kalman.innovation import observability
 from bench.systems.time_sync.filtering import METHODS as _METHODS
@@ -47,18 +47,18 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
     result = SyncResult(taken.manoeuvre, ready, clocks, filtering, seen, image, demands, method)
     rows, entries = rows_of(result, densities, spread, taken), sync_estimates(result)
     residuals, stated = rows.residuals(entries)
-    chi2, dof = chi2_of(residuals)
+    searched, (chi2, dof) = searched_rows(rows, residuals, stated), chi2_of(residuals)
     return Analysis(
         campaign=campaign,
         method=method,
         uut=material.campaign["uut"],
         estimates=entries,
-        evidence=evidence(result, rows, residuals, stated),
+        evidence=[*implausible(result), *searched.evidence],
         groups=[{"reduced_chi2": chi2 / dof, "dof": dof}],
         notes=[*no_result(missing), *notes(result)],
         missing=missing,
         figures=[*trajectory_figures(ready.egi, taken.radar), *figures(result)],
-        tables=tables(result),
+        tables=[*tables(result), unseen_table([searched])],
     )
 
 

@@ -24,8 +24,8 @@ from bench.analysis import (
     Evidence,
     Labels,
     Residuals,
+    Searched,
     departures_of,
-    evidence_of,
     search,
 )
 from bench.maths.arrays import Floats
@@ -65,14 +65,14 @@ _OWN = {"lever_arm": ("m", 1.0), "axes": _UNITS["attitude"]}  # scales in ppm
 _ADVICE = {"velocity": "position", "attitude": "position", "gyro_scale": "scale", "accelerometer_scale": "scale"}
 
 
-def evidence(result: SyncResult, rows: Rows, residuals: Residuals, stated: Sequence[Estimate]) -> list[Evidence]:
-    """Return what every check says of the estimates, those that found nothing included."""
-    found = search(residuals, rows.departures())
-    return [
-        *_refused(result),
-        *_stuck(result),
-        *evidence_of(found, stated, _words, _advice),
-    ]
+def searched_rows(rows: Rows, residuals: Residuals, stated: Sequence[Estimate]) -> Searched:
+    """Return the search of the rows of a recording."""
+    return Searched(search(residuals, rows.departures()), stated, _words, _advice)
+
+
+def implausible(result: SyncResult) -> list[Evidence]:
+    """Return what cannot be, and offsets that the motion did not show."""
+    return [*_refused(result), *_stuck(result)]
 
 
 def _refused(result: SyncResult) -> Iterator[Evidence]:

@@ -94,13 +94,13 @@ def test_a_lock_in_that_is_followed_makes_the_walk_before_another_one_all_the_sa
     """Two blocks of constants follow what fades in 8 s; the jumps before compensation fade with it."""
     laser = worlds._result(worlds.simulated(0, switch_of("lock_in_fades").world(0.3, seconds=8.0)))
     assert laser.found.constants[0].blocks.value.shape == (2, 2)
-    found = weigh(evidence([laser])).against
+    found = weigh(evidence([laser])[0]).against
     assert "raw" in {check.conditions.get("method") for check in found if check.code == "walk_with_lock_in"}
 
 
 def test_a_phase_that_turns_changes_what_its_compensators_leave_and_not_the_walk_before() -> None:
     laser = worlds._result(worlds.simulated(0, switch_of("phase_steps").world(20.0)))
-    seen = weigh(evidence([laser]))
+    seen = weigh(evidence([laser])[0])
     found = {check.conditions.get("method") for check in seen.against if check.code == "walk_with_lock_in"}
     assert {GLOBAL, "dither_shape"} <= found
     assert "raw" not in found
@@ -130,7 +130,7 @@ def test_a_walk_that_grows_is_doubted() -> None:
     increment = laser.found.increments["global_constants"]
     late = np.arange(increment.size) > 0.9 * increment.size
     increment[late] += 10.0 * np.nanstd(increment) * np.random.default_rng(1).standard_normal(int(late.sum()))
-    found = [check for check in weigh(evidence([laser])).against if check.code == "walk_changes"]
+    found = [check for check in weigh(evidence([laser])[0]).against if check.code == "walk_changes"]
     assert [check.conditions["method"] for check in found] == ["global_constants"]
 
 
@@ -167,7 +167,7 @@ def test_a_lock_in_that_goes_with_the_swing_of_the_dither_is_doubted(share: floa
     wide = curvature > np.quantile(curvature, 0.75)
     score = fit.score + share * wide[:, None] * np.einsum("upq,uq->up", fit.information, fit.local)
     laser.found.constants[0] = replace(fit, score=score)
-    found = [check for check in evidence([laser]) if check.code == "departs"]
+    found = [check for check in evidence([laser])[0] if check.code == "departs"]
     assert len(found) == (share > 0.0)
     for check in found:
         more = fit.information[wide].sum(axis=0) @ fit.local[0]

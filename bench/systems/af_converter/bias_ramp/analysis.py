@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Figure, Material
+from bench.analysis import Analysis, Figure, Material, unseen_table
 from bench.model.errors import FitError
-from bench.systems.af_converter.bias_ramp.departures import evidence
+from bench.systems.af_converter.bias_ramp.departures import searches_of
 from bench.systems.af_converter.bias_ramp.estimates import (
     DSF_STD,
     channel_estimates,
@@ -71,6 +71,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     entries += noise_estimates(noise)
     if clock is not None:
         entries += master_clock_estimates(clock, temperatures(fits[0]), records.dropped)
+    searches = list(searches_of(fits, drive, entries))
     return Analysis(
         campaign=campaign.analysis,
         method=method,
@@ -84,9 +85,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         ],
         missing=missing,
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
-        tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
+        tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise), unseen_table(searches)],
         compensation=compensation(fits, clock),
-        evidence=evidence(fits, drive, entries),
+        evidence=[seen for searched in searches for seen in searched.evidence],
     )
 
 

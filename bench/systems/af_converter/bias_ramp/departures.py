@@ -20,11 +20,10 @@ from bench.analysis import (
     Departure,
     Estimate,
     Estimates,
-    Evidence,
     Labels,
     Residuals,
+    Searched,
     departures_of,
-    evidence_of,
     search,
 )
 from bench.maths.arrays import Floats
@@ -48,15 +47,12 @@ _PARTS = 20  # stretches of time in which slope or loop may be another
 _BAND_degC = 10.0
 
 
-def evidence(fits: Sequence[ChannelFit], drive: Drive, entries: Estimates) -> list[Evidence]:
-    """Return what is found against every channel; all of them share the chance of a false doubt."""
-    found: list[Evidence] = []
+def searches_of(fits: Sequence[ChannelFit], drive: Drive, entries: Estimates) -> Iterator[Searched]:
+    """Yield the search of every channel; all of them share the chance of a false doubt."""
     for channel in fits:
         rows = Rows(channel, drive)
         residuals, stated = rows.residuals(entries)
-        outcome = search(residuals, rows.departures(), share=1.0 / len(fits))
-        found += evidence_of(outcome, stated, rows.words)
-    return found
+        yield Searched(search(residuals, rows.departures(), share=1.0 / len(fits)), stated, rows.words)
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ from bench.analysis import (
     Labels,
     Material,
     Residuals,
+    Searched,
     Table,
     Words,
     departures_of,
-    evidence_of,
     search,
     unseen_table,
 )
@@ -71,15 +71,15 @@ def judged(
 ) -> tuple[list[Evidence], Table]:
     """Return what every check says of the estimates, those that found nothing included, and what none can show."""
     rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
-    found, words = search(rows, departures, SHARE), words_of(fitted)
+    searched = Searched(search(rows, departures, SHARE), stated, words_of(fitted))
     heard = [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
-        *evidence_of(found, stated, words),
-        _odd_alike(fitted, campaign, words),
+        *searched.evidence,
+        _odd_alike(fitted, campaign, searched.words),
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
-    return heard, unseen_table(found, stated, words)
+    return heard, unseen_table([searched])
 
 
 def _whole_counts(visit: GroupFit) -> Evidence:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Document, Estimates, Floats, Material, check_method, estimate
+from bench.analysis import Analysis, Document, Estimates, Floats, Material, check_method, estimate, unseen_table
 from bench.model.errors import FitError
-from bench.systems.gnc.calibration.departures import evidence
+from bench.systems.gnc.calibration.departures import implausible, searches_of
 from bench.systems.gnc.calibration.report import (
     TURNS,
     UPS,
@@ -71,16 +71,25 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         raise parts.refused[0]
     limits = limits_of(material.campaign)
     estimates = estimates_of(parts, limits)
+    searches = list(searches_of(parts, limits, estimates))
     return Analysis(
         campaign="imu_calibration",
         method=method,
         uut=material.campaign["uut"],
         estimates=estimates,
-        evidence=evidence(parts, looked_at, limits, estimates),
+        evidence=[
+            *implausible(parts, looked_at, limits),
+            *(seen for searched in searches for seen in searched.evidence),
+        ],
         notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
         missing=[*empty, *bad, *parts.missing],
         figures=[*position_figure(parts), *rotation_figures(parts)],
-        tables=[*matrix_table(parts), table_3(estimates, material.campaign), check_table(looked_at)],
+        tables=[
+            *matrix_table(parts),
+            table_3(estimates, material.campaign),
+            check_table(looked_at),
+            unseen_table(searches),
+        ],
         compensation=_compensation(parts),
         attachments=rotation_files(parts, str(material.campaign["uut"]["serial"])),
     )

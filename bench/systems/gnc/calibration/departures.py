@@ -24,8 +24,8 @@ from bench.analysis import (
     Floats,
     Labels,
     Residuals,
+    Searched,
     departures_of,
-    evidence_of,
     search,
 )
 from bench.maths.arrays import Integers
@@ -44,20 +44,24 @@ _NOTHING = 1e-30  # variance: without noise nothing is judged
 SHARE = 0.5  # of a false doubt: the other triad has the other half
 
 
-def evidence(parts: Calibration, checked: Sequence[CheckedRow], limits: Limits, estimates: Estimates) -> list[Evidence]:
-    """Return what every check says of both triads, those that found nothing included."""
+def searches_of(parts: Calibration, limits: Limits, estimates: Estimates) -> Iterator[Searched]:
+    """Yield the search of each triad."""
+    for triad in triads(parts, limits):
+        rows, stated = triad.residuals(estimates)
+        if rows.noise.all():
+            found = search(rows, triad.departures(), SHARE)
+            of_both = np.array([_is_of_both(entry) for entry in stated])
+            findings = [
+                replace(one, moves=one.moves * ~of_both) if _is_change(one.departure) else one for one in found.findings
+            ]
+            yield Searched(replace(found, findings=findings), stated, triad.words)
+
+
+def implausible(parts: Calibration, checked: Sequence[CheckedRow], limits: Limits) -> list[Evidence]:
+    """Return sensors that stand still, and those that do not answer to their own axis."""
     found = _stands_still(checked)
     for triad in triads(parts, limits):
         found += _plausible(triad.prefix, triad.fits[0])
-        rows, stated = triad.residuals(estimates)
-        if rows.noise.all():
-            searched = search(rows, triad.departures(), SHARE)
-            of_both = np.array([_is_of_both(entry) for entry in stated])
-            findings = [
-                replace(one, moves=one.moves * ~of_both) if _is_change(one.departure) else one
-                for one in searched.findings
-            ]
-            found += evidence_of(replace(searched, findings=findings), stated, triad.words)
     return found
 
 
