@@ -29,8 +29,8 @@ from bench.analysis import (
     Floats,
     Labels,
     Residuals,
+    Searched,
     departures_of,
-    evidence_of,
     search,
 )
 from bench.maths.arrays import Flags
@@ -79,7 +79,7 @@ def departing(solution: Solution, entries: Estimates, by_offset: Floats | None =
             found += [finding.departure.effect for finding in outcome.findings]
             if kind == WAVEFORM and (len(outcome.findings) > 1 or not outcome.is_noise):  # no azimuth is sure
                 outcome = replace(outcome, together=np.abs(residuals.operator) @ rows.at(_BOTH) > 0.0)
-            heard += evidence_of(outcome, rows.entries, rows.words)
+            heard += Searched(outcome, rows.entries, rows.words).evidence
     return heard
 
 
