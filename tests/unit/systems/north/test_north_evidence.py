@@ -176,8 +176,7 @@ def test_a_ramp_of_the_output_is_doubted_by_what_a_column_for_it_moves(tmp_path:
     table = samples(63.4, 1)
     little, ramp = (table + np.outer(table[:, 0] / 60.0, [0.0, 1e3 * size_V, 0.0]) for size_V in (0.1, 6.0))
     assert found(tmp_path, SAMPLES, "t,U,angle", little)[0].quality == "sound"
-    azimuth, _ = found(tmp_path / "ramp", SAMPLES, "t,U,angle", ramp, status=1)
-    (reason,) = azimuth.reasons
+    (reason,) = found(tmp_path / "ramp", SAMPLES, "t,U,angle", ramp, status=1)[0].reasons
     assert (reason.code, reason.figure) == ("departs", pytest.approx(600.0, rel=0.05))  # % of the signal
     assert "Offset of the output (in % of the signal), drift" in reason.sentence
     angle, volts = np.radians(ramp[:, 2]), 1e-3 * ramp[:, 1]
@@ -187,7 +186,6 @@ def test_a_ramp_of_the_output_is_doubted_by_what_a_column_for_it_moves(tmp_path:
     turned_deg, grown_V = np.degrees(np.angle(phasors[1] / phasors[0])), abs(phasors[1]) - abs(phasors[0])
     wide = likelihood_north(volts, ramp[:, 2], harmonics=(2, 3, 4, 5))
     moves = [abs(turned_deg) / wide.half_width_deg(), abs(grown_V) / (1.96 * wide.noise_V * np.sqrt(2.0 / volts.size))]
-    assert moves[0] > 0.3
     assert float(reason.sentence.split("up to ")[1].split()[0]) == pytest.approx(max(moves), rel=0.1)
 
 
@@ -201,27 +199,19 @@ def test_noise_alone_is_refused_and_ends_with_status_1(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("turntable", "sense"), [("counter_clockwise", 1), ("clockwise", -1)])
 def test_readings_of_lock_ins_give_the_heading(turntable: str, sense: int, tmp_path: Path) -> None:
     """Equations (13) and (14): phi = 90 deg - H0, or 90 deg + H0 clockwise, where lock-in 1 changes its sign."""
-    heading_deg, sets = 200.0, 40
-    k = np.tile(np.arange(4), sets)
+    heading_deg, sets, k = 200.0, 40, np.tile(np.arange(4), 40)
     phi = np.radians(90.0 - sense * heading_deg + 90.0 * k)
     noise = np.random.default_rng(6).normal(0.0, 50.0, (2, k.size))
-    table = np.column_stack((
-        np.arange(k.size), sense * 1e3 * np.sin(phi) + 20.0 + noise[0], 1e3 * np.cos(phi) - 5.0 + noise[1], k,
-    ))  # fmt: skip
+    signals = sense * 1e3 * np.sin(phi) + 20.0 + noise[0], 1e3 * np.cos(phi) - 5.0 + noise[1]
+    table = np.column_stack((np.arange(k.size), *signals, k))
     mapping = READINGS.replace("counter_clockwise", turntable)
     (azimuth,) = found(tmp_path, mapping, "t,a,b,k", table)
     assert azimuth.value == pytest.approx(heading_deg, abs=1.5 * azimuth.expanded_uncertainty)
     assert azimuth.std_uncertainty == pytest.approx(np.degrees(0.05 / np.sqrt(8 * sets / 2)), rel=0.2)
-
-
-def test_an_azimuth_that_steps_within_a_log_of_readings_is_doubted(tmp_path: Path) -> None:
-    phi = np.radians(90.0 - np.repeat([200.0, 205.0], 80) + np.tile(90.0 * np.arange(4), 40))
-    noise = np.random.default_rng(6).normal(0.0, 20.0, (2, phi.size))
-    signals = 1e3 * np.sin(phi) + noise[0], 1e3 * np.cos(phi) + noise[1]
-    table = np.column_stack((np.arange(phi.size), *signals, np.tile(np.arange(4), 40)))
-    (azimuth,) = found(tmp_path, READINGS, "t,a,b,k", table, status=1)
-    (reason,) = azimuth.reasons
-    assert (reason.code, abs(reason.figure)) == ("departs", pytest.approx(5.0, rel=0.1))
+    turned = (table[:, 2] + 1j * table[:, 1]) * np.exp(1j * np.radians(5.0) * (table[:, 0] >= 80))  # from the middle on
+    table[:, 1], table[:, 2] = turned.imag, turned.real
+    (reason,) = found(tmp_path / "steps", mapping, "t,a,b,k", table, status=1)[0].reasons
+    assert (reason.code, abs(reason.figure)) == ("departs", pytest.approx(5.0, rel=0.15))
 
 
 def test_what_does_not_belong_together_is_refused(tmp_path: Path) -> None:
