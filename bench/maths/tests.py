@@ -122,15 +122,3 @@ def odd_one(readings: Floats) -> Oddness | None:
         return Oddness(move, 0.0)
     studentised = distance / (scatter * math.sqrt(n / (n - 1.0)))
     return Oddness(move, of_many(t_both(studentised, n - 2), n))
-
-
-def best_step(value: Floats, weights: Floats) -> tuple[float, float, int]:
-    """Return the step in a series that takes most off chi-square, what it takes off, and its first index behind."""
-    whole = np.cumsum(weights)
-    before = whole[:-1]
-    behind = whole[-1] - before
-    sums = np.cumsum(weights * value)
-    steps = (sums[-1] - sums[:-1]) / behind - sums[:-1] / before
-    gains = steps**2 * before * behind / whole[-1]
-    where = int(np.argmax(gains))
-    return float(steps[where]), float(gains[where]), where + 1

@@ -14,11 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Document, Estimates, Material, check_method, estimate, stated_limits
+from bench.analysis import (
+    Analysis,
+    Document,
+    Estimates,
+    Material,
+    check_method,
+    estimate,
+    evidence_of,
+    stated_limits,
+    unseen_tables,
+)
 from bench.model.errors import FitError
 from bench.systems.north.declaration import DECLARATION
+from bench.systems.north.departures import implausible, searches_of
 from bench.systems.north.estimators.eight_samples import IndexCalibration
-from bench.systems.north.evidence import evidence
 from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.report import north_notes, tables
 from bench.systems.north.sets import COSINE, SENSES, SINE, TEST, north_sets
@@ -130,16 +140,17 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         )
     accuracy = accuracies(solution, limit_deg)
     estimates = north_estimates(solution, method, accuracy, limit_deg)
+    searches = list(searches_of(solution, estimates))
     return Analysis(
         campaign="fog_north",
         method=method,
         uut=material.campaign["uut"],
         estimates=estimates,
-        evidence=evidence(solution, estimates),
+        evidence=[*implausible(solution), *evidence_of(searches)],
         notes=north_notes(solution, method, accuracy),
         missing=solution.missing,
         figures=[*signal_figures(solution), *error_figures(solution, method, limit_deg)],
-        tables=tables(solution, method, accuracy, limit_deg),
+        tables=[*tables(solution, method, accuracy, limit_deg), *unseen_tables(searches)],
     )
 
 

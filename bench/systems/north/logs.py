@@ -3,11 +3,15 @@
 Samples carry the sense of rotation in the encoder; lock-in readings need it stated, and are taken as those of ideal
 lock-ins and index pulses: a log has no calibration at a known azimuth.
 
+What departs is looked for in parts of the log, each a set as those of a campaign.
+
 Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,23 +23,30 @@ from bench.analysis import (
     Figure,
     Floats,
     Material,
+    Searched,
     Table,
     check_method,
     curve,
     estimate,
+    evidence_of,
+    unseen_tables,
     value_and_uncertainty,
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
+from bench.systems.north.departures import searches_of
 from bench.systems.north.estimators.eight_samples import eight_sample_north
-from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
+from bench.systems.north.sets import LOG, NorthSet
+from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, Azimuths, Site, Solution
 from bench.systems.north.wording import say, sense_name
 
 METHODS: tuple[str, ...] = ("as_mapped",)
 _HARMONICS = (2, 3, 4, 5)
 _LARGEST_deg = 20.0  # half an interval of a direction beyond which nothing of north is known
+_PARTS, _LEAST_SAMPLES = 60, 30  # of a log at most, of a part
 _SENSES = {"counter_clockwise": 1, "clockwise": -1}
 
 
@@ -77,7 +88,9 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
     if bool(found.widened):
         notes.append(say("log.widened"))
     figure = _samples(output, theta_deg, float(found.amplitude), unit)
-    return _analysis(material, entries, _doubt(float(found.half_width_deg())), notes, [figure])
+    open_north = _no_signal(float(found.half_width_deg()))
+    searches = [] if open_north else _searches(entries, material.series["t_s"], output, theta_deg, found)
+    return _analysis(material, entries, open_north, searches, notes, [figure])
 
 
 def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
@@ -104,18 +117,65 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
         [curve(say("axis.set"), np.arange(1.0, sets + 1.0), each_deg, "points")],
     )  # fmt: skip
     notes = [say("log.ideal", sets=sets, sense=sense_name(sense))]
-    return _analysis(material, entries, _doubt(coverage_factor(dof) * std_deg), notes, [figure])
+    parts = np.array_split(np.arange(sets), min(sets, _PARTS))
+    t_s = np.array([np.mean(material.series["t_s"][POSITIONS * own]) for own in parts])
+    at_deg = heading_deg(np.rad2deg(np.angle([np.mean(found.phasor[own]) for own in parts])), sense)
+    solution = _solution(
+        t_s, LEAST_SQUARES, Azimuths(at_deg, std_deg * math.sqrt(len(parts)), dof), [None] * len(parts)
+    )
+    open_north = _no_signal(coverage_factor(dof) * std_deg)
+    searches = [] if open_north else list(searches_of(solution, entries))
+    return _analysis(material, entries, open_north, searches, notes, [figure])
 
 
-def _doubt(half_deg: float) -> list[Evidence]:
+def _no_signal(half_deg: float) -> list[Evidence]:
     """Return a refusal where the interval leaves north open."""
     if half_deg <= _LARGEST_deg:
         return []
     return [Evidence("no_signal", say("log.no_signal", half=half_deg, most=_LARGEST_deg), half_deg, 0.0, refuses=True)]
 
 
+def _searches(
+    entries: Estimates, t_s: Floats, output: Floats, theta_deg: Floats, found: LikelihoodNorth
+) -> list[Searched]:
+    """Return the searches of parts of whole turns; an offset that changes turns what is fitted to all of them."""
+    series = np.stack([t_s, output, theta_deg])
+    series = series[:, np.isfinite(series).all(axis=0)]
+    t_s, _, theta_deg = series
+    turned = np.maximum.accumulate(np.abs(np.unwrap(theta_deg, period=360.0) - theta_deg[0])) / 360.0
+    whole = math.ceil(turned[-1] * max(1.0 / _PARTS, _LEAST_SAMPLES / t_s.size))
+    cuts = np.searchsorted(turned, np.arange(whole, turned[-1], whole))
+    parts = np.split(series, cuts, axis=1)[: max(int(turned[-1]) // whole, 1)]
+    middle_s = np.array([part[0].mean() for part in parts])
+    raw = [likelihood_north(*part[1:], harmonics=_HARMONICS) for part in parts]
+    at_deg = heading_deg(np.array([one.phi_deg for one in raw]), 1)
+    square_deg2 = float(np.mean([one.bound_deg**2 for one in raw]))
+    if len(raw) > 1:  # from part to part, so that what is slower is no noise
+        square_deg2 = max(square_deg2, float(np.mean(wrapped_deg(np.diff(at_deg)) ** 2)) / 2.0)
+    azimuths = Azimuths(at_deg, math.sqrt(square_deg2), len(raw) / 1.5)  # neighbours share a part
+    angle = np.deg2rad(theta_deg)
+    columns = np.array([np.sin(angle), np.cos(angle), np.ones(angle.size)])
+    hats = np.array([columns @ np.interp(t_s, middle_s, one) for one in np.eye(len(raw))])
+    turn = np.exp(-1j * np.deg2rad(found.phi_deg)) * (np.linalg.solve(columns @ columns.T, hats.T)[:2].T @ [1.0, 1.0j])
+    by_offset = np.array([np.rad2deg(turn.imag), float(found.amplitude) * turn.real]) / 100.0
+    return list(searches_of(_solution(middle_s, LIKELIHOOD, azimuths, raw), entries, by_offset))
+
+
+def _solution(t_s: Floats, method: str, azimuths: Azimuths, raw: Sequence[LikelihoodNorth | None]) -> Solution:
+    """Return parts of a log at ``t_s`` (n,) as sets of one azimuth that is sought, found by one method."""
+    none = np.full(t_s.size, math.nan)
+    sets = [NorthSet(LOG, "", 0.0, k, begin_s=t, end_s=t) for k, t in enumerate(t_s.tolist(), start=1)]
+    by_method = dict.fromkeys((LEAST_SQUARES, LIKELIHOOD), Azimuths(none, math.nan, math.inf)) | {method: azimuths}
+    return Solution(sets, Site(0.0, 0.0), none, none, np.isnan(none), none, none, raw, by_method=by_method)
+
+
 def _analysis(
-    material: Material, entries: Estimates, evidence: list[Evidence], notes: list[str], figures: list[Figure]
+    material: Material,
+    entries: Estimates,
+    evidence: list[Evidence],
+    searches: list[Searched],
+    notes: list[str],
+    figures: list[Figure],
 ) -> Analysis:
     rows: list[list[Any]] = []
     for entry in entries:
@@ -129,9 +189,9 @@ def _analysis(
         method=METHODS[0],
         uut=material.campaign["uut"],
         estimates=entries,
-        evidence=evidence,
+        evidence=[*evidence, *evidence_of(searches)],
         notes=notes,
-        tables=[Table(say("result.title"), say("log.caption"), headers, rows, lead=True)],
+        tables=[Table(say("result.title"), say("log.caption"), headers, rows, lead=True), *unseen_tables(searches)],
         figures=figures,
     )
 

@@ -14,8 +14,8 @@ from scipy import special
 from bench.analysis import Table, number, with_uncertainty, worded_table
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, LikelihoodNorth
-from bench.systems.north.estimators.phasors import INDEX_TO_NORTH, TURNS
-from bench.systems.north.sets import CALIBRATION, SEARCH, TEST
+from bench.systems.north.estimators.phasors import INDEX_TO_NORTH
+from bench.systems.north.sets import SEARCH, TEST
 from bench.systems.north.solution import (
     COVERAGE,
     LEAST_SQUARES,
@@ -33,12 +33,7 @@ from bench.systems.north.solve import HARMONICS
 from bench.systems.north.wording import item_name, method_name, place_name, say, sense_name
 
 FALSE_CLAIM = 0.01  # of tables of noise alone, in which a harmonic is claimed
-_MOST_CHI = 2.0  # RMS error over its standard uncertainty from which the uncertainty is in doubt
-_MOST_APART = 4.0  # standard uncertainties between two methods
-_LEAST_APART_deg = 1e-3  # steps of level and lock-ins
-_MOST_UNSTEADY = 25.0  # variance along the signal over that across it
 _MOST_NOISE_deg = 10.0  # of one set: beyond, a direction is no longer normal (half a percent of the interval)
-_FEWEST = 4
 _MOST_REPEATS = 4  # a calibration of fewer sets than that limits what repeats can do
 
 
@@ -248,20 +243,15 @@ def tables(solution: Solution, method: str, accuracy: list[Accuracy], limit_deg:
 
 def north_notes(solution: Solution, method: str, accuracy: list[Accuracy]) -> list[str]:
     """Return all of them."""
+    bound = "note.bound" if np.isfinite(solution.bound_deg).any() else "note.no_samples"
     notes = [
-        *_bounded(solution), *_uncertainty(solution, method, accuracy), *_doubts(solution, method),
+        say(bound), *_uncertainty(solution, method), *_doubts(solution, method),
         *_formulas(accuracy), *_whiteness(solution), *_left_out(solution),
     ]  # fmt: skip
     return notes + [say("note.missing", what=sentence) for sentence in solution.missing]
 
 
-def _bounded(solution: Solution) -> list[str]:
-    if not np.isfinite(solution.bound_deg).any():
-        return [say("note.no_samples")]
-    return [say("note.bound")]
-
-
-def _uncertainty(solution: Solution, method: str, accuracy: list[Accuracy]) -> list[str]:
+def _uncertainty(solution: Solution, method: str) -> list[str]:
     notes = []
     if not any(north_set.tilt_mrad for north_set in solution.sets):
         notes.append(say("note.no_tilt"))
@@ -277,17 +267,12 @@ def _uncertainty(solution: Solution, method: str, accuracy: list[Accuracy]) -> l
     share_deg = solution.by_method[method].common_deg
     if share_deg > solution.by_method[method].noise_deg / math.sqrt(_MOST_REPEATS):
         notes.append(say("note.calibration_share", share=share_deg))
-    by_name = {errors.method: errors for errors in accuracy}
-    chosen, noise_deg = by_name[method], solution.by_method[method].noise_deg
-    due_deg = math.hypot(noise_deg, share_deg, 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * solution.swing_deg)
-    if chosen.used >= _FEWEST and chosen.rms_deg > _MOST_CHI * due_deg > 0.0:
-        notes.append(say("note.errors_beyond", rms=chosen.rms_deg, due=due_deg))
     return notes
 
 
 def _doubts(solution: Solution, method: str) -> list[str]:
-    """Return what no uncertainty can know: a weak signal, sets without a level, two rates, methods that contradict."""
-    notes = _unsteady(solution) if method != LIKELIHOOD else []
+    """Return what no uncertainty can know: a weak signal, sets without a level, two rates."""
+    notes = [say("note.unsteady", method=method_name(LEAST_SQUARES))] if solution.unsteady else []
     one_deg = math.hypot(solution.by_method[method].noise_deg, solution.by_method[method].common_deg)
     if one_deg > _MOST_NOISE_deg:
         notes.append(say("note.weak_signal", noise=one_deg))
@@ -296,37 +281,7 @@ def _doubts(solution: Solution, method: str) -> list[str]:
     rates = {round(abs(north_set.rate_deg_s), 1) for north_set in solution.sets if math.isfinite(north_set.rate_deg_s)}
     if len(rates) > 1 and solution.calibrations:
         notes.append(say("note.two_rates", rates=", ".join(f"{rate:g}" for rate in sorted(rates))))
-    return notes + _contradiction(solution)
-
-
-def _unsteady(solution: Solution) -> list[str]:
-    """Noise of the lock-ins by what their eight samples leave over, against that across the signal alone."""
-    z = (solution.u2_V + 1j * solution.u1_V) * TURNS
-    z = z[np.isfinite(z).all(axis=1)]
-    if len(z) < _FEWEST:
-        return []
-    turned = z * np.exp(-1j * np.angle(z.sum(axis=1, keepdims=True)))
-    along, across = (part @ np.array([0.5, -0.5, 0.5, -0.5]) for part in (turned.real, turned.imag))  # offsets cancel
-    ratio = float(np.sum(along**2) / np.sum(across**2)) if np.any(across) else math.inf
-    if not ratio > _MOST_UNSTEADY:
-        return []
-    key = "note.unsteady" if solution.unsteady else "note.unsteady_few"
-    return [say(key, ratio=math.sqrt(ratio), method=method_name(LEAST_SQUARES))]
-
-
-def _contradiction(solution: Solution) -> list[str]:
-    """The waveform needs no calibration: the mean of what least squares finds beside it must agree."""
-    by_samples, by_waveform = solution.by_method[LEAST_SQUARES], solution.by_method[LIKELIHOOD]
-    apart_deg = by_samples.azimuth_deg - by_waveform.azimuth_deg
-    phasors = np.exp(1j * np.deg2rad(apart_deg[np.isfinite(apart_deg) & ~solution.of(CALIBRATION)]))
-    if not phasors.size:
-        return []
-    mean_deg = float(np.rad2deg(np.angle(phasors.mean())))
-    noise_deg = math.hypot(by_samples.noise_deg, by_waveform.noise_deg) / math.sqrt(phasors.size)
-    due_deg = math.hypot(noise_deg, by_samples.common_deg, solution.placed_deg, solution.swing_deg, _LEAST_APART_deg)
-    if abs(mean_deg) <= _MOST_APART * due_deg:
-        return []
-    return [say("note.contradiction", one=LEAST_SQUARES, mean=mean_deg, other=LIKELIHOOD, due=due_deg)]
+    return notes
 
 
 def _formulas(accuracy: list[Accuracy]) -> list[str]:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 CALIBRATION, TEST, SEARCH = "calibration", "test", "search"
 ITEMS = (CALIBRATION, TEST, SEARCH)
+LOG = "log"  # a set that is a part of one
 SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"
 POSITIONS = 4
 VARYING = "TVP"  # parameters of a set whose amplitude and swing vary
@@ -103,10 +104,9 @@ class NorthSet:
     @property
     def name(self) -> str:
         """How a sentence speaks of it."""
-        words = {"item": item_name(self.item), "head": self.head_deg, "repeat": self.repeat}
-        return (
-            say("set.name_with", **words, parameters=self.parameters) if self.parameters else say("set.name", **words)
-        )
+        key = "set.part" if self.item == LOG else "set.name_with" if self.parameters else "set.name"
+        about = {"head": self.head_deg, "repeat": self.repeat, "parameters": self.parameters}
+        return say(key, item=item_name(self.item), **about)
 
     @property
     def group(self) -> tuple[str, str, float, str]:

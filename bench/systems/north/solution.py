@@ -135,7 +135,11 @@ class Solution:
     @property
     def bound_deg(self) -> Floats:
         """(n,) Cramer-Rao bound of each set by the samples of its records, degrees, NaN without them."""
-        return np.array([math.nan if waveform is None else float(waveform.bound_deg) for waveform in self.raw])
+        return self.of_waveforms("bound_deg")
+
+    def of_waveforms(self, name: str) -> Floats:
+        """Return an attribute of the fits of all waveforms, (n,); NaN where there is none."""
+        return np.array([float(getattr(waveform, name, math.nan)) for waveform in self.raw])
 
     @property
     def placed_deg(self) -> float:

@@ -175,14 +175,12 @@ def _refuse_samples(solution: Solution, sense: int, why: str) -> None:
 
 def _by_waveform(solution: Solution) -> Found:
     """By likelihood; the encoder angle carries the sense of rotation by itself."""
-    phi_deg = np.array([math.nan if waveform is None else float(waveform.phi_deg) for waveform in solution.raw])
+    north_deg = heading_deg(solution.of_waveforms("phi_deg"), 1)
     of_turns = _of_turns([waveform for waveform in solution.raw if waveform is not None])
     if of_turns is None:
-        std_deg = [math.nan if waveform is None else float(waveform.std_deg) for waveform in solution.raw]
-        return heading_deg(phi_deg, 1), np.array(std_deg), math.inf
+        return north_deg, solution.of_waveforms("std_deg"), math.inf
     share, dof = of_turns
-    white_deg = [math.nan if waveform is None else float(waveform.white_std_deg) for waveform in solution.raw]
-    return heading_deg(phi_deg, 1), share * np.array(white_deg), dof
+    return north_deg, share * solution.of_waveforms("white_std_deg"), dof
 
 
 def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float] | None:

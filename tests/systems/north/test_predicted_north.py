@@ -224,18 +224,18 @@ def test_predicted_is_the_spread_of_500_campaigns(name: str) -> None:
 def test_the_time_of_500_campaigns(method: str) -> None:
     """Of all campaigns, those of false alarms among them, 95 % of the intervals hold the true time."""
     (true_s,) = (
-        entry["value"]
+        entry.value
         for entry in predict(thinned("fog_north")).estimates
-        if entry["quantity"] == TIME and entry["conditions"]["method"] == method
+        if entry.quantity == TIME and entry.conditions["method"] == method
     )
     campaigns = analysed("fog_north", 500, SEED)
     times = [
         entry
         for entries, *_ in campaigns
         for entry in entries
-        if entry["quantity"] == TIME and entry["conditions"]["method"] == method
+        if entry.quantity == TIME and entry.conditions["method"] == method
     ]
-    held = sum(abs(entry["value"] - true_s) <= entry["expanded_uncertainty"] for entry in times)
+    held = sum(abs(entry.value - true_s) <= entry.expanded_uncertainty for entry in times)
     alarms = sum(method in alarmed for *_, alarmed in campaigns)
     print(f"{method}, seed {SEED}: {held} of {len(times)} intervals hold {true_s:.2f} s; {alarms} false alarms")
     for seen, count, share in ((held, len(times), 0.95), (alarms, len(campaigns), FALSE_ALARMS[method])):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import doubt_north as worlds
 import pytest
-from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, codes_of, is_hidden, right_world, sorted_classes
+from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, is_hidden, right_world, sorted_classes
 
 from bench.model.assumptions import assumptions_of
 
@@ -29,24 +29,26 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: flo
 
 
 @pytest.mark.parametrize(
-    ("name", "size", "left", "codes"),
+    ("name", "size", "doubted", "words"),
     [
-        ("once_per_turn", 0.1, DOUBTED, {"known_azimuths_apart", "once_per_turn"}),
-        ("modulated", 0.1, DOUBTED, {"known_azimuths_apart", "twice_per_turn"}),
-        ("field_motor", 0.1, DOUBTED, {"amplitude_at_place"}),
-        ("mark_wrong", 5.0, DOUBTED, {"methods_apart", "all_azimuths_off"}),
-        ("bench_turns", 10.0, DOUBTED, {"north_drifts"}),
-        ("bench_knocked", 10.0, DOUBTED, {"north_steps"}),
-        ("restless", 5.0, DOUBTED, {"repeats_apart"}),
-        ("delay_after_move", 10.0, DOUBTED, {"methods_step"}),
-        ("noisy_field", 10.0, DOUBTED, {"noise_changes"}),
-        ("rate_stated", 2.0, REFUSED, set()),
+        ("once_per_turn", 0.1, 20, ["once per turn of the bench", "+5.7"]),  # 0.1 of the amplitude: 5.73 deg
+        ("modulated", 0.1, 15, ["twice per turn of the bench", "+2.8"]),  # half of it: 2.86 deg
+        ("field_motor", 0.1, 5, ["mplitude of the signal, at search only: +0.6", " dB"]),
+        ("mark_wrong", 5.0, 20, ["at mark only: +5."]),
+        ("bench_turns", 10.0, 20, ["drift from begin to end: +10"]),
+        ("bench_knocked", 10.0, 20, ["step between 16.9 min and 18.4 min", "+10"]),
+        ("restless", 5.0, 20, ["More than one thing departs"]),
+        ("delay_after_move", 10.0, 2, ["zimuth by the lock-ins (delay, index), at search only: -10"]),
+        ("noisy_field", 10.0, 2, ["Noise, at search only: +20.7 dB"]),
+        ("rate_stated", 2.0, 2, []),
+        ("head_scale", 0.03, 10, ["the angle of the dividing head: +10."]),
     ],
 )
-def test_what_is_wrong_is_named(name: str, size: float, left: str, codes: set[str]) -> None:
+def test_what_is_wrong_is_named_with_its_size(name: str, size: float, doubted: int, words: list[str]) -> None:
     wrong = worlds.seen(1, switch_of(name), size)
-    assert sorted_classes(wrong, right_world(worlds, 1))[left] >= (5 if name == "field_motor" else 2)
-    assert codes <= codes_of(wrong)
+    assert sorted_classes(wrong, right_world(worlds, 1))[DOUBTED if words else REFUSED] >= doubted
+    said = " ".join(reason.sentence for entry in wrong.entries for reason in entry.reasons)
+    assert all(word in said for word in words), said
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,4 +1,4 @@
-"""What is left out and named, each check just below and just above what it looks for, and the analysis of a log."""
+"""What is left out and named, what departs just below and well above what is doubted, and the analysis of a log."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ import pytest
 from fog_material import AZIMUTH_DEG, Gyro, NorthRig, campaign
 from one_estimate import every
 
-from bench.analysis import Evidence, build_results, estimates_of
+from bench.analysis import build_results, estimates_of
 from bench.commands.import_log import import_log
-from bench.maths.tests import best_step
 from bench.model.errors import FitError, InputErrors
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
 from bench.systems.north.analysis import analyse
 from bench.systems.north.assumptions import assumptions
-from bench.systems.north.evidence import f_test, t_test
+from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.phasors import wrapped_deg
+from bench.systems.north.sets import north_sets
+from bench.systems.north.solve import site_of, solve
 
 SEED = 1811
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "x 1"}
@@ -34,37 +36,20 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"bench.systems.north.analysis.{name}", lambda *_: [])
 
 
-def heard(material: Any, code: str) -> list[Evidence]:
-    return [seen for seen in analyse(material).evidence if seen.code == code]
-
-
 def material_of(world: worlds.World, seed: int = SEED) -> Any:
     return worlds._material(seed, world, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("world", "code", "small", "large"),
-    [
-        (worlds.OncePerTurn, "once_per_turn", 1e-3, 3e-2),
-        (worlds.Modulated, "twice_per_turn", 1e-3, 6e-2),
-        (worlds.FieldMotor, "amplitude_at_place", 1e-3, 6e-2),
-        (worlds.MarkWrong, "all_azimuths_off", 0.02, 2.0),
-        (worlds.EncoderSlips, "methods_apart", 0.05, 4.0),
-        (worlds.DelayAfterMove, "methods_step", 1e-3, 4.0),
-        (worlds.BenchTurns, "north_drifts", 0.1, 6.0),
-        (worlds.BenchKnocked, "north_steps", 0.1, 4.0),
-        (worlds.Restless, "repeats_apart", 0.05, 2.0),
-        (worlds.BenchKnocked, "known_azimuths_apart", 0.1, 4.0),
-        (worlds.NoisyField, "noise_changes", 0.01, 1.0),
-    ],
-)
-def test_a_check_finds_what_is_large_and_nothing_where_it_is_small(
-    world: type[worlds.World], code: str, small: float, large: float
-) -> None:
-    assert min(seen.probability for seen in heard(material_of(world(small)), code)) > 1e-3
-    found = min(heard(material_of(world(large)), code), key=lambda seen: seen.probability)
-    assert found.probability < 1e-5
-    assert found.move > 0.3
+def test_the_size_of_a_wave_is_that_of_ordinary_least_squares() -> None:
+    """Errors of likelihood at all known azimuths on sine and cosine of the heading, by hand; the mark is known well."""
+    material = material_of(worlds.OncePerTurn(0.1))
+    (seen,) = (one for one in analyse(material).evidence if one.code == "departs")
+    solution = solve(north_sets(material), site_of(material.campaign))
+    error_deg = wrapped_deg(solution.by_method["likelihood"].azimuth_deg - solution.known_deg)
+    known = np.isfinite(error_deg)
+    angle = np.deg2rad(solution.known_deg[known])
+    wave = np.linalg.lstsq(np.column_stack((np.sin(angle), np.cos(angle))), error_deg[known], rcond=None)[0]
+    assert seen.figure == pytest.approx(np.hypot(*wave), rel=0.01)
 
 
 def refused_for(rig: NorthRig, code: str) -> set[str]:
@@ -129,15 +114,6 @@ def test_a_waveform_that_stands_still_or_is_pinned_is_left_out(world: worlds.Wor
     assert not any(one.conditions.get("source") == "waveform" for one in analysis.estimates)
 
 
-def test_probabilities_are_those_of_the_tables() -> None:
-    assert f_test(2.0 * 2.98, 2, 1.0, 10.0)[1] == pytest.approx(0.0965, abs=2e-3)  # F(2, 10) = 2.98
-    assert f_test(3.84, 1, 1.0, np.inf)[1] == pytest.approx(0.05, abs=1e-3)
-    assert t_test(-2.228, 1.0, 10.0)[1] == pytest.approx(0.05, abs=1e-3)
-    step, gain, where = best_step(np.array([0.0, 0.0, 3.0, 3.0]), np.full(4, 2.0))
-    assert (step, where) == (3.0, 2)
-    assert gain == pytest.approx(2.0 * 9.0)
-
-
 def test_assumptions_say_their_sizes_in_this_campaign() -> None:
     site = {"latitude_deg": 37.0, "azimuth_deg": AZIMUTH_DEG, "azimuth_std_deg": 0.02}
     texts = {one.code: one for one in assumptions({"site": site})}
@@ -169,6 +145,7 @@ columns:
 
 
 def found(folder: Path, mapping: str, header: str, table: np.ndarray, status: int = 0) -> list[dict[str, float]]:
+    folder.mkdir(exist_ok=True)
     (folder / "m.yaml").write_text(mapping, encoding="utf-8")
     np.savetxt(folder / "log.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
     assert import_log(folder / "m.yaml", folder / "log.csv", folder / "out") == status
@@ -194,6 +171,24 @@ def test_samples_give_the_heading_they_were_made_with(heading_deg: float, sense:
     assert amplitude.value == pytest.approx(1.0, abs=0.02)
 
 
+def test_a_ramp_of_the_output_is_doubted_by_what_a_column_for_it_moves(tmp_path: Path) -> None:
+    """Against ordinary least squares of the samples, with a column of time and without it."""
+    table = samples(63.4, 1)
+    little, ramp = (table + np.outer(table[:, 0] / 60.0, [0.0, 1e3 * size_V, 0.0]) for size_V in (0.1, 6.0))
+    assert found(tmp_path, SAMPLES, "t,U,angle", little)[0].quality == "sound"
+    (reason,) = found(tmp_path / "ramp", SAMPLES, "t,U,angle", ramp, status=1)[0].reasons
+    assert (reason.code, reason.figure) == ("departs", pytest.approx(600.0, rel=0.05))  # % of the signal
+    assert "Offset of the output (in % of the signal), drift" in reason.sentence
+    angle, volts = np.radians(ramp[:, 2]), 1e-3 * ramp[:, 1]
+    columns = [function(k * angle) for k in range(1, 6) for function in (np.sin, np.cos)] + [np.ones(angle.size)]
+    both = [np.linalg.lstsq(np.column_stack(one), volts, rcond=None)[0] for one in (columns, [*columns, ramp[:, 0]])]
+    phasors = [complex(one[0], one[1]) for one in both]
+    turned_deg, grown_V = np.degrees(np.angle(phasors[1] / phasors[0])), abs(phasors[1]) - abs(phasors[0])
+    wide = likelihood_north(volts, ramp[:, 2], harmonics=(2, 3, 4, 5))
+    moves = [abs(turned_deg) / wide.half_width_deg(), abs(grown_V) / (1.96 * wide.noise_V * np.sqrt(2.0 / volts.size))]
+    assert float(reason.sentence.split("up to ")[1].split()[0]) == pytest.approx(max(moves), rel=0.1)
+
+
 def test_noise_alone_is_refused_and_ends_with_status_1(tmp_path: Path) -> None:
     noise = samples(63.4, 1)
     noise[:, 1] = np.random.default_rng(8).normal(0.0, 1e3, len(noise))
@@ -204,17 +199,19 @@ def test_noise_alone_is_refused_and_ends_with_status_1(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("turntable", "sense"), [("counter_clockwise", 1), ("clockwise", -1)])
 def test_readings_of_lock_ins_give_the_heading(turntable: str, sense: int, tmp_path: Path) -> None:
     """Equations (13) and (14): phi = 90 deg - H0, or 90 deg + H0 clockwise, where lock-in 1 changes its sign."""
-    heading_deg, sets = 200.0, 40
-    k = np.tile(np.arange(4), sets)
+    heading_deg, sets, k = 200.0, 40, np.tile(np.arange(4), 40)
     phi = np.radians(90.0 - sense * heading_deg + 90.0 * k)
     noise = np.random.default_rng(6).normal(0.0, 50.0, (2, k.size))
-    table = np.column_stack((
-        np.arange(k.size), sense * 1e3 * np.sin(phi) + 20.0 + noise[0], 1e3 * np.cos(phi) - 5.0 + noise[1], k,
-    ))  # fmt: skip
+    signals = sense * 1e3 * np.sin(phi) + 20.0 + noise[0], 1e3 * np.cos(phi) - 5.0 + noise[1]
+    table = np.column_stack((np.arange(k.size), *signals, k))
     mapping = READINGS.replace("counter_clockwise", turntable)
     (azimuth,) = found(tmp_path, mapping, "t,a,b,k", table)
     assert azimuth.value == pytest.approx(heading_deg, abs=1.5 * azimuth.expanded_uncertainty)
     assert azimuth.std_uncertainty == pytest.approx(np.degrees(0.05 / np.sqrt(8 * sets / 2)), rel=0.2)
+    turned = (table[:, 2] + 1j * table[:, 1]) * np.exp(1j * np.radians(5.0) * (table[:, 0] >= 80))  # from the middle on
+    table[:, 1], table[:, 2] = turned.imag, turned.real
+    (reason,) = found(tmp_path / "steps", mapping, "t,a,b,k", table, status=1)[0].reasons
+    assert (reason.code, abs(reason.figure)) == ("departs", pytest.approx(5.0, rel=0.15))
 
 
 def test_what_does_not_belong_together_is_refused(tmp_path: Path) -> None:
