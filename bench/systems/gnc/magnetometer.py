@@ -33,6 +33,7 @@ from bench.analysis import (
     number,
     with_uncertainty,
 )
+from bench.maths.arrays import Integers
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.coefficients import magnetometer_section
@@ -40,14 +41,14 @@ from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, EXTREMES, PlaneComparison, compare_methods, widened
 from bench.systems.gnc.estimators.magnetometer.wander import Wander
+from bench.systems.gnc.field_departures import Cloud, field_evidence
 from bench.systems.gnc.field_evidence import (
     answers_of,
+    endless_noise,
     plausible_plane,
     plausible_sphere,
     roll_estimates,
-    section_evidence,
     shown_unit,
-    surface_evidence,
 )
 from bench.systems.gnc.limits import limits_of, table_3
 from bench.systems.gnc.rows import (
@@ -77,10 +78,13 @@ ITEMS = ("magnetometer", _ATTITUDES)
 class Sphere:
     """Result of readings in many attitudes; all empty where there are none of them.
 
+    ``points`` (n, 3): readings of the fit; ``places`` (n, 2): record and reading of each, from 0.
     ``wander``, ``wander_dof``: of a sum of readings of the records, as ``widened`` takes them.
     """
 
     fit: EllipsoidFit | None = None
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    places: Integers = field(default_factory=lambda: np.empty((0, 2), int))
     every: int = 1  # reading of the records that was taken
     estimates: Estimates = field(default_factory=list)
     evidence: list[Evidence] = field(default_factory=list)
@@ -100,6 +104,16 @@ class Sphere:
         """Degrees of freedom behind it."""
         return math.inf if self.fit is None else float(self.fit.hard_iron_dof.min())
 
+    def cloud(self, numbers: Sequence[int], time_s: Sequence[Floats]) -> Cloud | None:
+        """Return the readings of the fit, with numbers and times of all readings of the records."""
+        if self.fit is None:
+            return None
+        record, reading = self.places.T
+        times = np.array([time_s[at][number] for at, number in zip(record, reading, strict=True)])
+        by_surface = self.fit.slope[[0, 1, 2, *(3 + 3 * row + column for row in range(3) for column in range(row + 1))]]
+        what = say("attitudes")
+        return Cloud(what, self.fit.quadric, self.points, np.array(numbers)[record], times, by_surface, self.estimates)
+
 
 def sphere_of(records: Sequence[Floats], unit: str = "gauss", noise: float | None = None) -> Sphere:
     """Return hard iron and symmetric soft iron of readings in many attitudes.
@@ -116,13 +130,18 @@ def sphere_of(records: Sequence[Floats], unit: str = "gauss", noise: float | Non
         return Sphere(missing=[refused(say("iron"), error.message, error.code)])
     notes = [say("note.iron", text=sentence) for sentence in fit.coverage.sentences]
     notes += noise_notes(say("of.attitudes"), fit.quadric.wander, int(fit.odd.sum()), fit.odd.size)
-    places = np.searchsorted(np.flatnonzero(~fit.odd), begins).tolist()
+    places = np.concatenate([
+        np.column_stack([np.full(len(of_record[::every]), at), np.arange(0, len(of_record), every)])
+        for at, of_record in enumerate(records)
+    ])  # fmt: skip
     return Sphere(
         fit=fit,
+        points=chosen[~fit.odd],
+        places=places[~fit.odd],
         every=every,
         estimates=_sphere_estimates(fit, unit),
         evidence=[
-            *surface_evidence(fit.quadric, chosen[~fit.odd], places, say("attitudes"), {}, unit),
+            endless_noise(fit.quadric, say("attitudes"), {}),
             *plausible_sphere(fit, unit),
         ],
         notes=notes,
@@ -192,12 +211,14 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     good, bad = usable(looked_at)
     missing += bad
     turns = turns_of(good, missing)
+    others = [row for row in good if row.item == _ATTITUDES]
     attitudes = attitudes_of(good)
     sphere = sphere_of(attitudes) if attitudes else Sphere(notes=[say("note.no_attitudes")])
     missing += sphere.missing
     fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in turns]
     parameters = fits[0][1].by_method[method]
-    estimates = plane_estimates(fits)
+    planes = [_estimates(row, fit, len(fits) > 1) for row, fit in fits]
+    estimates = [entry for stated in planes for entry in stated]
     limit_deg, noise = limits_of(material.campaign)["roll_error"], fits[0][1].ellipse.noise
     estimates += roll_estimates(answers_of(material), fits[0][1].by_method, method, limit_deg, noise)
     return Analysis(
@@ -205,7 +226,20 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=material.campaign["uut"],
         estimates=[*estimates, *sphere.estimates],
-        evidence=[*_evidence(turns, sphere), *sphere.evidence],
+        evidence=[
+            *_evidence(turns),
+            *sphere.evidence,
+            *field_evidence(
+                [
+                    turn_cloud(
+                        row.number, say("turn"), row.values("magnetometer"), row.begin_s + row.time_s, fit, stated
+                    )
+                    for (row, fit), stated in zip(fits, planes, strict=True)
+                ],
+                sphere.cloud([row.number for row in others], [row.begin_s + row.time_s for row in others]),
+                shown_unit("gauss"),
+            ),
+        ],
         notes=[
             *_notes(fits, material),
             *sphere.notes,
@@ -265,17 +299,22 @@ def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimate
     return entries
 
 
-def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: Sphere) -> list[Evidence]:
+def turn_cloud(
+    number: int, what: str, readings: Floats, time_s: Floats, fit: PlaneComparison, stated: Estimates
+) -> Cloud:
+    """Return the readings (n, 3) of a turn, of which ``stated`` has the parameters of one method after the other."""
+    kept, by_surface = ~fit.ellipse.odd, np.tile(fit.ellipse.slope, (len(stated) // len(_PARAMETERS), 1))
+    record = np.full(int(kept.sum()), number)
+    return Cloud(what, fit.ellipse.quadric, readings[kept], record, time_s[kept], by_surface, stated)
+
+
+def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]]) -> list[Evidence]:
     """Return what every check says of the turns by their own noise, those that found nothing included."""
     found = []
     for row, fit in fits:
         about = {"record": row.number} if len(fits) > 1 else {}
-        turn = row.values("magnetometer")
-        kept = turn[~fit.ellipse.odd, :2]
-        found += surface_evidence(fit.ellipse.quadric, kept, (), say("record", number=row.number), about)
+        found.append(endless_noise(fit.ellipse.quadric, say("record", number=row.number), about))
         found += plausible_plane(fit.ellipse, about)
-        if sphere.fit is not None:
-            found.append(section_evidence(fit.ellipse, sphere.fit, turn, {}))
     return found
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from bench.analysis import (
     Analysis,
-    Evidence,
     Floats,
     Material,
     Table,
@@ -21,8 +20,9 @@ from bench.analysis import (
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
-from bench.systems.gnc.field_evidence import shown_unit, surface_evidence
-from bench.systems.gnc.magnetometer import Sphere, noise_notes, sphere_of
+from bench.systems.gnc.field_departures import field_evidence
+from bench.systems.gnc.field_evidence import endless_noise, shown_unit
+from bench.systems.gnc.magnetometer import Sphere, noise_notes, sphere_of, turn_cloud
 from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import say
 
@@ -41,16 +41,16 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             neither an ellipsoid nor an ellipse.
     """
     check_method(method, METHODS)
-    field, unit = _readings(material)
+    field, time_s, unit = _readings(material)
     sphere = sphere_of([field], unit) if method == METHODS[0] else Sphere()
     if sphere.fit is None:
-        return _turn(material, field, unit, sphere)
+        return _turn(material, field, time_s, unit, sphere)
     return Analysis(
         campaign="magnetometer_log",
         method=method,
         uut=material.campaign["uut"],
         estimates=sphere.estimates,
-        evidence=sphere.evidence,
+        evidence=[*sphere.evidence, *field_evidence([], sphere.cloud([1], [time_s]), shown_unit(unit))],
         notes=[
             *sphere.notes,
             say("log.no_size"),
@@ -60,8 +60,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _readings(material: Material) -> tuple[Floats, str]:
-    """Return readings (n, 3) without rows that lack one, and their unit. Raises: FitError B-GNC-006."""
+def _readings(material: Material) -> tuple[Floats, Floats, str]:
+    """Return readings (n, 3) without rows that lack one, their times and unit. Raises: FitError B-GNC-006."""
     columns = {c["axis"]: c for c in material.campaign.get("columns", ()) if c.get("role") == "magnetometer"}
     if set(columns) != set(AXES):
         raise FitError(
@@ -70,10 +70,11 @@ def _readings(material: Material) -> tuple[Floats, str]:
             next_step="map three columns of the role magnetometer (docs/importing.md)",
         )
     field = np.column_stack([material.series[str(columns[axis]["name"])] for axis in AXES])
-    return field[np.isfinite(field).all(axis=1)], str(columns["x"]["unit"])
+    whole = np.isfinite(field).all(axis=1)
+    return field[whole], material.series["t_s"][whole], str(columns["x"]["unit"])
 
 
-def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analysis:
+def _turn(material: Material, field: Floats, time_s: Floats, unit: str, sphere: Sphere) -> Analysis:
     """Return the ellipse of x and y; ``sphere`` says why it is no ellipsoid."""
     width = np.ptp(field, axis=0)
     if sphere.missing and width[2] > _FLAT * width[:2].min():
@@ -96,7 +97,10 @@ def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analy
         method=METHODS[1],
         uut=material.campaign["uut"],
         estimates=entries,
-        evidence=_turn_evidence(fit, field, unit),
+        evidence=[
+            endless_noise(fit.ellipse.quadric, say("turn"), {}),
+            *field_evidence([turn_cloud(1, say("turn"), field, time_s, fit, entries)], None, shown_unit(unit)),
+        ],
         notes=[
             *(say("log.gives_no", what=text) for text in sphere.missing),
             say("log.turn"),
@@ -104,11 +108,6 @@ def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analy
         ],
         tables=[_turn_table(fit, unit)],
     )
-
-
-def _turn_evidence(fit: PlaneComparison, field: Floats, unit: str) -> list[Evidence]:
-    kept = field[~fit.ellipse.odd, :2]
-    return surface_evidence(fit.ellipse.quadric, kept, (), say("turn"), {}, unit)
 
 
 def _turn_table(fit: PlaneComparison, unit: str) -> Table:

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
 from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
@@ -46,6 +47,7 @@ class EllipsoidFit:
         symmetric, triangular: (3, 3) soft iron, two roots of the same ellipsoid; triangular is upper triangular.
         symmetric_std, triangular_std: (3, 3) standard uncertainties of their elements.   hard_iron_dof (3,),
             symmetric_dof (3, 3), triangular_dof (3, 3): degrees of freedom behind them.
+        slope: (21, 9) derivatives of hard iron and both roots, row by row, by the parameters of the quadric.
         norm: size of u, unit of the readings: as given, or the mean radius for which the correction keeps volumes.
         noise: standard deviation of the orthogonal distances.   worst_std: see ``LARGEST_STD``.   wander: see
         ``estimators.magnetometer.quadric.Quadric``.   coverage: of the sphere; its sentences belong into a report.
@@ -60,6 +62,7 @@ class EllipsoidFit:
     triangular: Floats
     triangular_std: Floats
     triangular_dof: Floats
+    slope: Floats
     norm: float
     worst_std: float
     quadric: Quadric
@@ -97,9 +100,9 @@ def fit_ellipsoid(
     quadric = fit_quadric(field[kept], np.searchsorted(kept, np.asarray(begins, np.intp)).tolist(), noise)
     worst_std = _worst_std(quadric)
     roots = np.concatenate([root.ravel() for root in _roots(quadric.shape, norm)])
-    slope = _derivative(quadric.shape, norm)
-    std = np.sqrt(np.einsum("rp,pq,rq->r", slope, quadric.covariance[3:, 3:], slope))
-    dof = quadric.uncertainty.dof(np.block([[np.eye(3), np.zeros((3, 6))], [np.zeros((18, 3)), slope]]))
+    slope = linalg.block_diag(np.eye(3), _derivative(quadric.shape, norm))
+    std = np.sqrt(np.einsum("rp,pq,rq->r", slope, quadric.covariance, slope))[3:]
+    dof = quadric.uncertainty.dof(slope)
     return EllipsoidFit(
         hard_iron=quadric.centre,
         hard_iron_covariance=quadric.covariance[:3, :3],
@@ -110,6 +113,7 @@ def fit_ellipsoid(
         triangular=roots[9:].reshape(3, 3),
         triangular_std=std[9:].reshape(3, 3),
         triangular_dof=dof[12:].reshape(3, 3),
+        slope=slope,
         norm=_norm(quadric.shape, norm),
         worst_std=worst_std,
         quadric=quadric,
