@@ -12,14 +12,14 @@ Source: ``estimators.magnetometer.ellipsoid``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Document,
     Estimates,
     Evidence,
     Figure,
@@ -68,8 +68,8 @@ _MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
 _CIRCLE_SAMPLES = 2_000
 METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
 NON_MAGNETIC = "non_magnetic"
-_PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
-               ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
+_PARAMETERS = (("mag_offset", None, "x"), ("mag_offset", None, "y"), ("mag_gain", "1", None),
+               ("mag_angle", "deg", None), ("mag_radius", None, None))  # fmt: skip
 _ATTITUDES = "attitudes"
 ITEMS = ("magnetometer", _ATTITUDES)
 
@@ -288,14 +288,20 @@ def plane_estimates(fits: Sequence[tuple[SampledRow, PlaneComparison]]) -> Estim
 
 
 def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimates:
+    return parameter_estimates(fit, fit.by_method, {"record": row.number} if several else {})
+
+
+def parameter_estimates(
+    fit: PlaneComparison, by_method: Mapping[str, PlaneParameters], about: Document, unit: str = "gauss"
+) -> Estimates:
+    """Return the parameters of a turn by each method; ``unit``: of the readings."""
     entries = []
-    for method, parameters in fit.by_method.items():
-        place: dict[str, Any] = {"kind": "magnetometer", "method": method} | ({"record": row.number} if several else {})
-        counted = {"n": int((~fit.ellipse.odd).sum()), "dropped": int(fit.ellipse.odd.sum())}
+    counted = {"n": int((~fit.ellipse.odd).sum()), "dropped": int(fit.ellipse.odd.sum())}
+    for method, parameters in by_method.items():
         values = zip(_PARAMETERS, parameters.values, parameters.std, parameters.dof, strict=True)
-        for (quantity, unit, axis), value, std, dof in values:
-            about = place | ({} if axis is None else {"axis": axis})
-            entries.append(estimate(quantity, unit, value, std, about, dof=dof, **counted))
+        for (quantity, own, axis), value, std, dof in values:
+            place = {"kind": "magnetometer", "method": method, **about} | ({} if axis is None else {"axis": axis})
+            entries.append(estimate(quantity, own or unit, value, std, place, dof=dof, **counted))
     return entries
 
 

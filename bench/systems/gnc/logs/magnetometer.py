@@ -13,7 +13,6 @@ from bench.analysis import (
     Material,
     Table,
     check_method,
-    estimate,
     value_and_uncertainty,
     with_uncertainty,
 )
@@ -22,16 +21,12 @@ from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
 from bench.systems.gnc.field_departures import field_evidence
 from bench.systems.gnc.field_evidence import endless_noise, shown_unit
-from bench.systems.gnc.magnetometer import Sphere, noise_notes, sphere_of, turn_cloud
+from bench.systems.gnc.magnetometer import Sphere, noise_notes, parameter_estimates, sphere_of, turn_cloud
 from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
 _FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
-_PARAMETERS = (
-    ("mag_offset", None, "x"), ("mag_offset", None, "y"), ("mag_gain", "1", None), ("mag_angle", "deg", None),
-    ("mag_radius", None, None),
-)  # fmt: skip
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -82,16 +77,7 @@ def _turn(material: Material, field: Floats, time_s: Floats, unit: str, sphere: 
             "B-FIT-091", sphere.missing[0], next_step="turn the unit so that each axis points along the field"
         )
     fit = compare_methods(field[:, 0], field[:, 1])
-    found, odd = fit.by_method[ELLIPSE], fit.ellipse.odd
-    rows = zip(_PARAMETERS, found.values, found.std, found.dof, strict=True)
-    place = {"kind": "magnetometer", "method": ELLIPSE}
-    entries = [
-        estimate(
-            name, unit if own is None else own, value, std, place | ({} if axis is None else {"axis": axis}),
-            n=int((~odd).sum()), dropped=int(odd.sum()), dof=dof,
-        )
-        for (name, own, axis), value, std, dof in rows
-    ]  # fmt: skip
+    entries, odd = parameter_estimates(fit, {ELLIPSE: fit.by_method[ELLIPSE]}, {}, unit), fit.ellipse.odd
     return Analysis(
         campaign="magnetometer_log",
         method=METHODS[1],
