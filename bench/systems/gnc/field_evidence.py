@@ -1,7 +1,6 @@
 """What the readings of a magnetometer say against its ellipse and ellipsoid.
 
-The Earth's field has a size, noise is shorter than the record, the surface is a quadric, and a turn about one axis is
-a section of the surface that all attitudes give.
+The Earth's field has a size, and noise is shorter than the record; what departs from a surface: ``field_departures``.
 Source: docs/decisions/0025-doubt.md.
 
 Roll angle that a module returns over the link, against the table and against other coefficients.
@@ -18,15 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis import Document, Estimates, Evidence, Exchange, Floats, Material, estimate
-from bench.maths.tests import of_many, t_both
-from bench.maths.verdict import coverage_factor
+from bench.analysis import Document, Estimates, Evidence, Exchange, Material, estimate
 from bench.model.errors import BenchError
 from bench.systems.gnc.estimators.magnetometer.ellipse import EllipseFit, PlaneParameters
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit
 from bench.systems.gnc.estimators.magnetometer.plane import roll_deg
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric
-from bench.systems.gnc.estimators.magnetometer.section import misshape, section_of
 from bench.systems.gnc.wording import say
 
 PLANE = ("mag_offset", "mag_gain", "mag_angle", "mag_radius", "mag_roll_error")
@@ -34,43 +30,20 @@ SPHERE = ("mag_hard_iron", "mag_soft_iron")
 _FIELD_gauss = (0.15, 0.8)  # of the Earth 0.22 to 0.67 at the ground, and a scale that is off
 _LARGEST_IRON = 5.0  # fields
 _LARGEST_DISTORTION = 0.3  # of an axis: soft iron and differences of scale
-_ROUNDING = 1e-18  # variance, gauss^2
 ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
 _LEAST = 3  # angles that leave something over beside the direction of the field
 _STEP_deg, _STEP_gauss = 0.01 / 12.0**0.5, 120e-6 / 12.0**0.5
 _NONE: Document = {"offset": [0.0, 0.0, 0.0], "gain": 1.0, "sin_alpha": 0.0}
 
 
-def surface_evidence(
-    quadric: Quadric,
-    points: Floats,
-    begins: Sequence[int],
-    what: str,
-    about: Document,
-    unit: str = "gauss",
-) -> list[Evidence]:
-    """Return what the residuals of a curve or surface say: noise longer than the record tells, another shape.
+def endless_noise(quadric: Quadric, what: str, about: Document) -> Evidence:
+    """Return whether noise lasts longer than the blocks whose scatter is the uncertainty: that is no departure.
 
-    ``points``: those of the fit, in ``unit``.   ``what``: where the readings are from, in words.   ``about``:
-    conditions of its estimates.
+    ``what``: where the readings are from, in words.   ``about``: conditions of its estimates.
     """
-    factor, name = shown_unit(unit)
-    quantities = PLANE if points.shape[1] == 2 else SPHERE
-    wander, bent = quadric.wander, misshape(quadric, points, begins)
-    longer = say("evidence.wanders", what=what, together=wander.together)
-    shape = say("evidence.shape", what=what, size=factor * bent.size, unit=name, move=bent.move)
-    return [
-        Evidence(
-            "field_wanders",
-            longer,
-            wander.together,
-            wander.probability,
-            math.inf if wander.is_endless else 0.0,
-            quantities,
-            about,
-        ),
-        Evidence("not_an_ellipsoid", shape, factor * bent.size, bent.probability, bent.move, quantities, about),
-    ]
+    wander, quantities = quadric.wander, PLANE if len(quadric.centre) == 2 else SPHERE
+    longer, move = say("evidence.wanders", what=what, together=wander.together), math.inf if wander.is_endless else 0.0
+    return Evidence("field_wanders", longer, wander.together, wander.probability, move, quantities, about)
 
 
 def plausible_plane(fit: EllipseFit, about: Document) -> list[Evidence]:
@@ -118,26 +91,6 @@ def _distortion(part: float) -> list[tuple[str, str, float]]:
         return []
     text = say("evidence.distortion", part=100 * part, bound=100 * _LARGEST_DISTORTION)
     return [("implausible_soft_iron", text, 100 * part)]
-
-
-def section_evidence(plane: EllipseFit, sphere: EllipsoidFit, turn: Floats, about: Document) -> Evidence:
-    """Return whether the ellipse of a turn is the section of the ellipsoid at its readings ``turn`` (n, 3).
-
-    The size of the field is left out: it may change from record to record, which moves neither iron nor gain.
-    """
-    there = section_of(sphere.quadric, turn[~plane.odd])
-    apart = (plane.parameters.values - there.values)[:4]
-    variance = np.diag(plane.parameters.covariance)[:4]
-    score = np.abs(apart) / np.sqrt(np.maximum(variance + np.diag(there.covariance)[:4], _ROUNDING))
-    score = np.nan_to_num(score, nan=np.inf)  # a plane beside the ellipsoid
-    dof = np.minimum(plane.parameters.dof, there.dof)[:4]
-    probability = of_many(float(t_both(score, dof).min()), score.size)
-    least = np.minimum(variance, np.diag(there.covariance)[:4])
-    move = float(
-        np.nan_to_num(np.abs(apart) / (coverage_factor() * np.sqrt(np.maximum(least, _ROUNDING))), nan=np.inf).max()
-    )
-    text = say("evidence.section", score=float(score.max()), move=move)
-    return Evidence("turn_against_attitudes", text, float(score.max()), probability, move, (*PLANE, *SPHERE), about)
 
 
 @dataclass(frozen=True)

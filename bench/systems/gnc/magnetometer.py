@@ -12,14 +12,14 @@ Source: ``estimators.magnetometer.ellipsoid``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Document,
     Estimates,
     Evidence,
     Figure,
@@ -29,10 +29,13 @@ from bench.analysis import (
     check_method,
     curve,
     estimate,
+    evidence_of,
     no_result,
     number,
+    unseen_tables,
     with_uncertainty,
 )
+from bench.maths.arrays import Integers
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.coefficients import magnetometer_section
@@ -40,14 +43,14 @@ from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, EXTREMES, PlaneComparison, compare_methods, widened
 from bench.systems.gnc.estimators.magnetometer.wander import Wander
+from bench.systems.gnc.field_departures import Cloud, searches_of
 from bench.systems.gnc.field_evidence import (
     answers_of,
+    endless_noise,
     plausible_plane,
     plausible_sphere,
     roll_estimates,
-    section_evidence,
     shown_unit,
-    surface_evidence,
 )
 from bench.systems.gnc.limits import limits_of, table_3
 from bench.systems.gnc.rows import (
@@ -67,8 +70,8 @@ _MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
 _CIRCLE_SAMPLES = 2_000
 METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
 NON_MAGNETIC = "non_magnetic"
-_PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
-               ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
+_PARAMETERS = (("mag_offset", None, "x"), ("mag_offset", None, "y"), ("mag_gain", "1", None),
+               ("mag_angle", "deg", None), ("mag_radius", None, None))  # fmt: skip
 _ATTITUDES = "attitudes"
 ITEMS = ("magnetometer", _ATTITUDES)
 
@@ -77,10 +80,13 @@ ITEMS = ("magnetometer", _ATTITUDES)
 class Sphere:
     """Result of readings in many attitudes; all empty where there are none of them.
 
+    ``points`` (n, 3): readings of the fit; ``places`` (n, 2): record and reading of each, from 0.
     ``wander``, ``wander_dof``: of a sum of readings of the records, as ``widened`` takes them.
     """
 
     fit: EllipsoidFit | None = None
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    places: Integers = field(default_factory=lambda: np.empty((0, 2), int))
     every: int = 1  # reading of the records that was taken
     estimates: Estimates = field(default_factory=list)
     evidence: list[Evidence] = field(default_factory=list)
@@ -100,6 +106,16 @@ class Sphere:
         """Degrees of freedom behind it."""
         return math.inf if self.fit is None else float(self.fit.hard_iron_dof.min())
 
+    def cloud(self, numbers: Sequence[int], time_s: Sequence[Floats]) -> Cloud | None:
+        """Return the readings of the fit, with numbers and times of all readings of the records."""
+        if self.fit is None:
+            return None
+        record, reading = self.places.T
+        times = np.array([time_s[at][number] for at, number in zip(record, reading, strict=True)])
+        by_surface = self.fit.slope[[0, 1, 2, *(3 + 3 * row + column for row in range(3) for column in range(row + 1))]]
+        what = say("attitudes")
+        return Cloud(what, self.fit.quadric, self.points, np.array(numbers)[record], times, by_surface, self.estimates)
+
 
 def sphere_of(records: Sequence[Floats], unit: str = "gauss", noise: float | None = None) -> Sphere:
     """Return hard iron and symmetric soft iron of readings in many attitudes.
@@ -116,13 +132,18 @@ def sphere_of(records: Sequence[Floats], unit: str = "gauss", noise: float | Non
         return Sphere(missing=[refused(say("iron"), error.message, error.code)])
     notes = [say("note.iron", text=sentence) for sentence in fit.coverage.sentences]
     notes += noise_notes(say("of.attitudes"), fit.quadric.wander, int(fit.odd.sum()), fit.odd.size)
-    places = np.searchsorted(np.flatnonzero(~fit.odd), begins).tolist()
+    places = np.concatenate([
+        np.column_stack([np.full(len(of_record[::every]), at), np.arange(0, len(of_record), every)])
+        for at, of_record in enumerate(records)
+    ])  # fmt: skip
     return Sphere(
         fit=fit,
+        points=chosen[~fit.odd],
+        places=places[~fit.odd],
         every=every,
         estimates=_sphere_estimates(fit, unit),
         evidence=[
-            *surface_evidence(fit.quadric, chosen[~fit.odd], places, say("attitudes"), {}, unit),
+            endless_noise(fit.quadric, say("attitudes"), {}),
             *plausible_sphere(fit, unit),
         ],
         notes=notes,
@@ -192,20 +213,32 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     good, bad = usable(looked_at)
     missing += bad
     turns = turns_of(good, missing)
+    others = [row for row in good if row.item == _ATTITUDES]
     attitudes = attitudes_of(good)
     sphere = sphere_of(attitudes) if attitudes else Sphere(notes=[say("note.no_attitudes")])
     missing += sphere.missing
     fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in turns]
     parameters = fits[0][1].by_method[method]
-    estimates = plane_estimates(fits)
+    planes = [_estimates(row, fit, len(fits) > 1) for row, fit in fits]
+    estimates = [entry for stated in planes for entry in stated]
     limit_deg, noise = limits_of(material.campaign)["roll_error"], fits[0][1].ellipse.noise
     estimates += roll_estimates(answers_of(material), fits[0][1].by_method, method, limit_deg, noise)
+    clouds = [
+        turn_cloud(row.number, say("turn"), row.values("magnetometer"), row.begin_s + row.time_s, fit, stated)
+        for (row, fit), stated in zip(fits, planes, strict=True)
+    ]
+    of_attitudes = sphere.cloud([row.number for row in others], [row.begin_s + row.time_s for row in others])
+    searches = searches_of(clouds, of_attitudes, shown_unit("gauss"))
     return Analysis(
         campaign="magnetometer",
         method=method,
         uut=material.campaign["uut"],
         estimates=[*estimates, *sphere.estimates],
-        evidence=[*_evidence(turns, sphere), *sphere.evidence],
+        evidence=[
+            *_evidence(turns),
+            *sphere.evidence,
+            *evidence_of(searches),
+        ],
         notes=[
             *_notes(fits, material),
             *sphere.notes,
@@ -215,7 +248,12 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         ],
         missing=missing,
         figures=[*_figures(fits[0][0], parameters), *sphere.figures],
-        tables=[_table(fits[0][1]), table_3(estimates, material.campaign), check_table(looked_at)],
+        tables=[
+            _table(fits[0][1]),
+            table_3(estimates, material.campaign),
+            check_table(looked_at),
+            *unseen_tables(searches),
+        ],
         compensation=[magnetometer_section(method, parameters, temperature_span([fits[0][0]]))],
     )
 
@@ -254,28 +292,39 @@ def plane_estimates(fits: Sequence[tuple[SampledRow, PlaneComparison]]) -> Estim
 
 
 def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimates:
+    return parameter_estimates(fit, fit.by_method, {"record": row.number} if several else {})
+
+
+def parameter_estimates(
+    fit: PlaneComparison, by_method: Mapping[str, PlaneParameters], about: Document, unit: str = "gauss"
+) -> Estimates:
+    """Return the parameters of a turn by each method; ``unit``: of the readings."""
     entries = []
-    for method, parameters in fit.by_method.items():
-        place: dict[str, Any] = {"kind": "magnetometer", "method": method} | ({"record": row.number} if several else {})
-        counted = {"n": int((~fit.ellipse.odd).sum()), "dropped": int(fit.ellipse.odd.sum())}
+    counted = {"n": int((~fit.ellipse.odd).sum()), "dropped": int(fit.ellipse.odd.sum())}
+    for method, parameters in by_method.items():
         values = zip(_PARAMETERS, parameters.values, parameters.std, parameters.dof, strict=True)
-        for (quantity, unit, axis), value, std, dof in values:
-            about = place | ({} if axis is None else {"axis": axis})
-            entries.append(estimate(quantity, unit, value, std, about, dof=dof, **counted))
+        for (quantity, own, axis), value, std, dof in values:
+            place = {"kind": "magnetometer", "method": method, **about} | ({} if axis is None else {"axis": axis})
+            entries.append(estimate(quantity, own or unit, value, std, place, dof=dof, **counted))
     return entries
 
 
-def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: Sphere) -> list[Evidence]:
+def turn_cloud(
+    number: int, what: str, readings: Floats, time_s: Floats, fit: PlaneComparison, stated: Estimates
+) -> Cloud:
+    """Return the readings (n, 3) of a turn, of which ``stated`` has the parameters of one method after the other."""
+    kept, by_surface = ~fit.ellipse.odd, np.tile(fit.ellipse.slope, (len(stated) // len(_PARAMETERS), 1))
+    record = np.full(int(kept.sum()), number)
+    return Cloud(what, fit.ellipse.quadric, readings[kept], record, time_s[kept], by_surface, stated)
+
+
+def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]]) -> list[Evidence]:
     """Return what every check says of the turns by their own noise, those that found nothing included."""
     found = []
     for row, fit in fits:
         about = {"record": row.number} if len(fits) > 1 else {}
-        turn = row.values("magnetometer")
-        kept = turn[~fit.ellipse.odd, :2]
-        found += surface_evidence(fit.ellipse.quadric, kept, (), say("record", number=row.number), about)
+        found.append(endless_noise(fit.ellipse.quadric, say("record", number=row.number), about))
         found += plausible_plane(fit.ellipse, about)
-        if sphere.fit is not None:
-            found.append(section_evidence(fit.ellipse, sphere.fit, turn, {}))
     return found
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import CONTINUES, Document, Estimates, Planned, Reading, powers
-from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
+from bench.design import Given, Key, Power, SequenceText, blind, reached
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
@@ -197,7 +197,7 @@ class Calibrations:
         for name, seconds in (("position", length_s), ("repeated position", candidate.check_s)):
             if seconds < _SHORTEST_s:
                 sentences.append(f"a {name} of {seconds:g} s, which is shorter than {_SHORTEST_s:g} s")
-        return sentences or [*self._unjudged(candidate, length_s), *self._unseen(candidate, length_s)]
+        return sentences or [*self._unjudged(candidate, length_s), *blind(self, candidate, length_s)]
 
     def _broken_turns(self, turns: int, turn_s: float) -> list[str]:
         """Return what is wrong with turns. The more there are, the less of their angle is the error of one that ends
@@ -230,15 +230,6 @@ class Calibrations:
             if entry.quantity in _REPEATED
             and entry.limit is not None
             and entry.expanded_uncertainty > _USE_OF_LIMIT * entry.limit
-        ]
-
-    def _unseen(self, candidate: Candidate, length_s: float) -> list[str]:
-        """Return the rivals that the given calibration shows and this one does not."""
-        today = {(power.rival, power.quantity): power.power for power in self.powers(*self.today)}
-        return [
-            f"{power.rival}, seen with probability {power.power:.2f} if that costs 1 U of {power.quantity}"
-            for power in self.powers(candidate, length_s)
-            if power.power < LEAST_POWER <= today.get((power.rival, power.quantity), 0.0)
         ]
 
     def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:

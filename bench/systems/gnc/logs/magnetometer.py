@@ -9,29 +9,26 @@ import numpy as np
 
 from bench.analysis import (
     Analysis,
-    Evidence,
     Floats,
     Material,
     Table,
     check_method,
-    estimate,
+    evidence_of,
+    unseen_tables,
     value_and_uncertainty,
     with_uncertainty,
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
-from bench.systems.gnc.field_evidence import shown_unit, surface_evidence
-from bench.systems.gnc.magnetometer import Sphere, noise_notes, sphere_of
+from bench.systems.gnc.field_departures import searches_of
+from bench.systems.gnc.field_evidence import endless_noise, shown_unit
+from bench.systems.gnc.magnetometer import Sphere, noise_notes, parameter_estimates, sphere_of, turn_cloud
 from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
 _FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
-_PARAMETERS = (
-    ("mag_offset", None, "x"), ("mag_offset", None, "y"), ("mag_gain", "1", None), ("mag_angle", "deg", None),
-    ("mag_radius", None, None),
-)  # fmt: skip
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -41,27 +38,28 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             neither an ellipsoid nor an ellipse.
     """
     check_method(method, METHODS)
-    field, unit = _readings(material)
+    field, time_s, unit = _readings(material)
     sphere = sphere_of([field], unit) if method == METHODS[0] else Sphere()
     if sphere.fit is None:
-        return _turn(material, field, unit, sphere)
+        return _turn(material, field, time_s, unit, sphere)
+    searches = searches_of([], sphere.cloud([1], [time_s]), shown_unit(unit))
     return Analysis(
         campaign="magnetometer_log",
         method=method,
         uut=material.campaign["uut"],
         estimates=sphere.estimates,
-        evidence=sphere.evidence,
+        evidence=[*sphere.evidence, *evidence_of(searches)],
         notes=[
             *sphere.notes,
             say("log.no_size"),
         ],
-        tables=[_table(sphere, unit)],
+        tables=[_table(sphere, unit), *unseen_tables(searches)],
         figures=sphere.figures,
     )
 
 
-def _readings(material: Material) -> tuple[Floats, str]:
-    """Return readings (n, 3) without rows that lack one, and their unit. Raises: FitError B-GNC-006."""
+def _readings(material: Material) -> tuple[Floats, Floats, str]:
+    """Return readings (n, 3) without rows that lack one, their times and unit. Raises: FitError B-GNC-006."""
     columns = {c["axis"]: c for c in material.campaign.get("columns", ()) if c.get("role") == "magnetometer"}
     if set(columns) != set(AXES):
         raise FitError(
@@ -70,10 +68,11 @@ def _readings(material: Material) -> tuple[Floats, str]:
             next_step="map three columns of the role magnetometer (docs/importing.md)",
         )
     field = np.column_stack([material.series[str(columns[axis]["name"])] for axis in AXES])
-    return field[np.isfinite(field).all(axis=1)], str(columns["x"]["unit"])
+    whole = np.isfinite(field).all(axis=1)
+    return field[whole], material.series["t_s"][whole], str(columns["x"]["unit"])
 
 
-def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analysis:
+def _turn(material: Material, field: Floats, time_s: Floats, unit: str, sphere: Sphere) -> Analysis:
     """Return the ellipse of x and y; ``sphere`` says why it is no ellipsoid."""
     width = np.ptp(field, axis=0)
     if sphere.missing and width[2] > _FLAT * width[:2].min():
@@ -81,34 +80,24 @@ def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analy
             "B-FIT-091", sphere.missing[0], next_step="turn the unit so that each axis points along the field"
         )
     fit = compare_methods(field[:, 0], field[:, 1])
-    found, odd = fit.by_method[ELLIPSE], fit.ellipse.odd
-    rows = zip(_PARAMETERS, found.values, found.std, found.dof, strict=True)
-    place = {"kind": "magnetometer", "method": ELLIPSE}
-    entries = [
-        estimate(
-            name, unit if own is None else own, value, std, place | ({} if axis is None else {"axis": axis}),
-            n=int((~odd).sum()), dropped=int(odd.sum()), dof=dof,
-        )
-        for (name, own, axis), value, std, dof in rows
-    ]  # fmt: skip
+    entries, odd = parameter_estimates(fit, {ELLIPSE: fit.by_method[ELLIPSE]}, {}, unit), fit.ellipse.odd
+    searches = searches_of([turn_cloud(1, say("turn"), field, time_s, fit, entries)], None, shown_unit(unit))
     return Analysis(
         campaign="magnetometer_log",
         method=METHODS[1],
         uut=material.campaign["uut"],
         estimates=entries,
-        evidence=_turn_evidence(fit, field, unit),
+        evidence=[
+            endless_noise(fit.ellipse.quadric, say("turn"), {}),
+            *evidence_of(searches),
+        ],
         notes=[
             *(say("log.gives_no", what=text) for text in sphere.missing),
             say("log.turn"),
             *noise_notes(say("of.turn"), fit.ellipse.quadric.wander, int(odd.sum()), odd.size),
         ],
-        tables=[_turn_table(fit, unit)],
+        tables=[_turn_table(fit, unit), *unseen_tables(searches)],
     )
-
-
-def _turn_evidence(fit: PlaneComparison, field: Floats, unit: str) -> list[Evidence]:
-    kept = field[~fit.ellipse.odd, :2]
-    return surface_evidence(fit.ellipse.quadric, kept, (), say("turn"), {}, unit)
 
 
 def _turn_table(fit: PlaneComparison, unit: str) -> Table:

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from bench.analysis import Evidence, estimate, evidence_of
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer import plane
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters, corrected, fit_ellipse
 from bench.systems.gnc.estimators.magnetometer.quadric import fit_quadric
-from bench.systems.gnc.estimators.magnetometer.section import misshape
+from bench.systems.gnc.field_departures import searches_of
+from bench.systems.gnc.magnetometer import turn_cloud
 
 Keep = Callable[[str, object], None]
 FIELD_gauss, NOISE_gauss, STEP_gauss = 0.43, 0.5e-3, 120e-6
@@ -190,16 +192,28 @@ def test_fifty_units(record_property: Keep, name: str, rate_deg_s: float, units:
 
 
 def test_points_that_are_no_ellipse_are_noticed() -> None:
-    rng = np.random.default_rng(66)
-    x, y = turned(PlaneUnit(), Turn(clock=1e-5), rng)
-    angle = np.arctan2(y, x)
-    wave = 2e-4 * np.cos(4 * angle)
-    points = np.column_stack((x, y))
-    bent = points + np.column_stack((wave * np.cos(angle), wave * np.sin(angle)))
-    assert misshape(fit_ellipse(x, y).quadric, points).probability > 1e-3
-    seen = misshape(fit_ellipse(*bent.T).quadric, bent)
-    assert seen.probability < 1e-12
-    assert seen.size == pytest.approx(2e-4 / 2**0.5, rel=0.1)
+    """A third harmonic is found with its size, which least squares with it free has as well, by numpy alone."""
+    x, y = turned(PlaneUnit(), Turn(clock=1e-5), np.random.default_rng(66))
+    angle, time_s = np.arctan2(y, x), np.arange(x.size) / 200.0
+    assert said_of(x, y, time_s) == []
+    wave = 2e-4 * np.cos(3 * angle + 0.8)
+    bent = x + wave * np.cos(angle), y + wave * np.sin(angle)
+    (seen,) = said_of(*bent, time_s)
+    quadric = fit_ellipse(*bent).quadric
+    turn = np.arctan2(*quadric.corrected(np.column_stack(bent)).T[::-1])
+    columns = np.column_stack([quadric.jacobian, np.cos(3 * turn), np.sin(3 * turn)])
+    free = np.hypot(*np.linalg.lstsq(columns, quadric.distance)[0][-2:]) / FIELD_gauss
+    assert seen.figure == pytest.approx(100.0 * free, rel=0.1)
+    assert seen.sentence.startswith("Harmonic of order 3")
+
+
+def said_of(x: np.ndarray, y: np.ndarray, time_s: np.ndarray) -> list[Evidence]:
+    """Return what is said against a turn."""
+    fit = plane.compare_methods(x, y)
+    readings = np.column_stack((x, y, 0.0 * x))
+    rows = zip(*(getattr(fit.by_method["ellipse"], name) for name in ("values", "std")), strict=True)
+    stated = [estimate(f"mag_{k}", "1", value, std, {}, n=x.size) for k, (value, std) in enumerate(rows)]
+    return evidence_of(searches_of([turn_cloud(1, "the turn", readings, time_s, fit, stated)], None, (1e3, "mgauss")))
 
 
 @pytest.mark.parametrize(("turn_deg", "gap"), [(290.0, "70"), (180.0, "180")])

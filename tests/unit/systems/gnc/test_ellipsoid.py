@@ -43,11 +43,11 @@ def readings(directions: np.ndarray, rng: np.random.Generator, noise: float = NO
 
 
 def test_without_noise_the_roots_are_those_of_the_iron() -> None:
-    """|A^-1 (v - b)| is what determines the roots: the symmetric one is sqrtm, the triangular one Cholesky's."""
+    """|A^-1 (v - b)| is what determines the roots: the symmetric one is sqrtm, that of the surface Cholesky's."""
     fit = fit_ellipsoid(readings(everywhere(np.random.default_rng(81)), np.random.default_rng(0), 0.0), FIELD_gauss)
     np.testing.assert_allclose(fit.hard_iron, OFFSET_gauss, atol=1e-9)
     np.testing.assert_allclose(fit.symmetric, SOFT, atol=1e-8)
-    np.testing.assert_allclose(fit.triangular, ROOT, atol=1e-8)
+    np.testing.assert_allclose(FIELD_gauss * fit.quadric.shape, ROOT, atol=1e-8)
     free = fit_ellipsoid(readings(everywhere(np.random.default_rng(81)), np.random.default_rng(0), 0.0))
     assert np.linalg.det(free.symmetric) == pytest.approx(1.0, rel=1e-9)
     assert free.norm == pytest.approx(FIELD_gauss * np.linalg.det(IRON) ** (1 / 3), rel=1e-8)
@@ -70,7 +70,7 @@ def test_same_minimum_as_a_search_over_every_foot() -> None:
     start[9:] /= FIELD_gauss
     found = optimize.least_squares(rest, start, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
     np.testing.assert_allclose(found[:3], fit.hard_iron, atol=1e-6)
-    np.testing.assert_allclose(found[3:9], fit.triangular[UPPER], atol=1e-5)
+    np.testing.assert_allclose(found[3:9], FIELD_gauss * fit.quadric.shape[UPPER], atol=1e-5)
 
 
 @pytest.mark.validates(
@@ -84,7 +84,6 @@ def test_intervals_cover(record_property: Callable[[str, object], None]) -> None
         scores = (
             (fit.hard_iron - OFFSET_gauss) / np.sqrt(np.diag(fit.hard_iron_covariance)),
             (fit.symmetric - SOFT)[UPPER] / fit.symmetric_std[UPPER],
-            (fit.triangular - ROOT)[UPPER] / fit.triangular_std[UPPER],
         )
         inside.append(np.abs(np.concatenate(scores)) < 1.96)
     covered = float(np.mean(inside))
@@ -100,10 +99,9 @@ def test_three_turns_about_the_axes_are_enough_and_corrected_readings_have_the_s
     assert fit.coverage.sentences == ()
     assert np.abs(fit.hard_iron - OFFSET_gauss).max() < 1e-4
     assert fit.worst_std < 1e-3
-    for triangular in (False, True):
-        size = np.linalg.norm(fit.corrected(field, triangular=triangular), axis=1)
-        assert size.std() == pytest.approx(NOISE_gauss, rel=0.1)
-        assert size.mean() == pytest.approx(FIELD_gauss, rel=1e-4)
+    size = np.linalg.norm(fit.corrected(field), axis=1)
+    assert size.std() == pytest.approx(NOISE_gauss, rel=0.1)
+    assert size.mean() == pytest.approx(FIELD_gauss, rel=1e-4)
 
 
 def cap(rng: np.random.Generator, angle_deg: float) -> np.ndarray:

@@ -69,6 +69,7 @@ class EllipseFit:
     Attributes:
         parameters: PlaneParameters.   quadric: the curve, its residuals and how their noise wanders.
         odd: (n,) readings that were left out: off the ellipse of the others, one among a thousand.
+        slope: (5, 5) derivatives of the parameters by those of the quadric.
         phase_deg: angle of the corrected components of each reading kept, (m,), -180 to 180.
         largest_gap_deg: largest part of the turn without a reading.   phases: distinct phases, readings nearer to each
             other than the noise counted once; 0 where the turn has
@@ -78,6 +79,7 @@ class EllipseFit:
     parameters: PlaneParameters
     quadric: Quadric
     odd: Flags
+    slope: Floats
     phase_deg: Floats
     largest_gap_deg: float
     phases: int
@@ -133,6 +135,7 @@ def fit_ellipse(x_out: Floats, y_out: Floats, noise: float | None = None) -> Ell
         parameters=parameters,
         quadric=quadric,
         odd=odd,
+        slope=slope,
         phase_deg=phase_deg,
         largest_gap_deg=gap_deg,
         phases=_distinct(phase_deg, np.rad2deg(quadric.noise / parameters.radius)),

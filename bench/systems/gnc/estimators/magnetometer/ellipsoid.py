@@ -1,8 +1,7 @@
 """Hard and soft iron of a three-axis magnetometer: an ellipsoid by orthogonal distance, refused where undetermined.
 
 Model: ``v_out = hard_iron + W^-1 u`` with |u| = norm. Readings alone leave the orientation of u open: the symmetric
-root turns the axes least, the triangular one keeps axis z (and the plane y, z) where the sensor has it. Which of both
-is right the field cannot tell; both correct the size of the field equally.
+root turns the axes least; any other corrects the size of the field equally.
 
 Do the readings determine an ellipsoid? A turn about one axis leaves a circle, two circles leave the product of two
 components, a small cap leaves most: through all of these pass many ellipsoids, and a fit would pick one by the noise.
@@ -20,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
 from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
@@ -43,9 +43,9 @@ class EllipsoidFit:
 
     Attributes:
         hard_iron: (3,), unit of the readings.   hard_iron_covariance: (3, 3).
-        symmetric, triangular: (3, 3) soft iron, two roots of the same ellipsoid; triangular is upper triangular.
-        symmetric_std, triangular_std: (3, 3) standard uncertainties of their elements.   hard_iron_dof (3,),
-            symmetric_dof (3, 3), triangular_dof (3, 3): degrees of freedom behind them.
+        symmetric: (3, 3) soft iron.   symmetric_std: (3, 3) standard uncertainties of its elements.
+            hard_iron_dof (3,), symmetric_dof (3, 3): degrees of freedom behind them.
+        slope: (12, 9) derivatives of hard iron and soft iron, row by row, by the parameters of the quadric.
         norm: size of u, unit of the readings: as given, or the mean radius for which the correction keeps volumes.
         noise: standard deviation of the orthogonal distances.   worst_std: see ``LARGEST_STD``.   wander: see
         ``estimators.magnetometer.quadric.Quadric``.   coverage: of the sphere; its sentences belong into a report.
@@ -57,9 +57,7 @@ class EllipsoidFit:
     symmetric: Floats
     symmetric_std: Floats
     symmetric_dof: Floats
-    triangular: Floats
-    triangular_std: Floats
-    triangular_dof: Floats
+    slope: Floats
     norm: float
     worst_std: float
     quadric: Quadric
@@ -71,9 +69,9 @@ class EllipsoidFit:
         """Standard deviation of the orthogonal distances, unit of the readings."""
         return self.quadric.noise
 
-    def corrected(self, field: Floats, *, triangular: bool = False) -> Floats:
+    def corrected(self, field: Floats) -> Floats:
         """Return readings (n, 3) without hard and soft iron, unit of ``norm``."""
-        return (field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T
+        return (field - self.hard_iron) @ self.symmetric.T
 
 
 def fit_ellipsoid(
@@ -96,20 +94,17 @@ def fit_ellipsoid(
     _require_coverage(coverage)
     quadric = fit_quadric(field[kept], np.searchsorted(kept, np.asarray(begins, np.intp)).tolist(), noise)
     worst_std = _worst_std(quadric)
-    roots = np.concatenate([root.ravel() for root in _roots(quadric.shape, norm)])
-    slope = _derivative(quadric.shape, norm)
-    std = np.sqrt(np.einsum("rp,pq,rq->r", slope, quadric.covariance[3:, 3:], slope))
-    dof = quadric.uncertainty.dof(np.block([[np.eye(3), np.zeros((3, 6))], [np.zeros((18, 3)), slope]]))
+    slope = linalg.block_diag(np.eye(3), _derivative(quadric.shape, norm))
+    std = np.sqrt(np.einsum("rp,pq,rq->r", slope, quadric.covariance, slope))[3:]
+    dof = quadric.uncertainty.dof(slope)
     return EllipsoidFit(
         hard_iron=quadric.centre,
         hard_iron_covariance=quadric.covariance[:3, :3],
         hard_iron_dof=dof[:3],
-        symmetric=roots[:9].reshape(3, 3),
-        symmetric_std=std[:9].reshape(3, 3),
-        symmetric_dof=dof[3:12].reshape(3, 3),
-        triangular=roots[9:].reshape(3, 3),
-        triangular_std=std[9:].reshape(3, 3),
-        triangular_dof=dof[12:].reshape(3, 3),
+        symmetric=_root(quadric.shape, norm),
+        symmetric_std=std.reshape(3, 3),
+        symmetric_dof=dof[3:].reshape(3, 3),
+        slope=slope,
         norm=_norm(quadric.shape, norm),
         worst_std=worst_std,
         quadric=quadric,
@@ -122,22 +117,20 @@ def _norm(shape: Floats, norm: float | None) -> float:
     return float(np.prod(np.diag(shape)) ** (-1.0 / 3.0)) if norm is None else norm
 
 
-def _roots(shape: Floats, norm: float | None) -> tuple[Floats, Floats]:
-    """Symmetric and triangular soft iron of the surface |shape v| = 1."""
-    triangular = shape * _norm(shape, norm)
-    values, vectors = np.linalg.eigh(triangular.T @ triangular)
-    return (vectors * np.sqrt(values)) @ vectors.T, triangular
+def _root(shape: Floats, norm: float | None) -> Floats:
+    """Symmetric soft iron of the surface |shape v| = 1."""
+    values, vectors = np.linalg.eigh(shape.T @ shape)
+    return np.asarray((vectors * (np.sqrt(values) * _norm(shape, norm))) @ vectors.T)
 
 
 def _derivative(shape: Floats, norm: float | None) -> Floats:
-    """(18, 6) derivatives of both roots with respect to the upper triangle, by central differences."""
+    """(9, 6) derivatives of the root with respect to the upper triangle, by central differences."""
     step = _STEP * shape[0, 0]
     columns = []
     for row, column in zip(*_TRIANGLE, strict=True):
         change = np.zeros((3, 3))
         change[row, column] = step
-        above, below = _roots(shape + change, norm), _roots(shape - change, norm)
-        columns.append(np.concatenate([(a - b).ravel() for a, b in zip(above, below, strict=True)]) / (2.0 * step))
+        columns.append((_root(shape + change, norm) - _root(shape - change, norm)).ravel() / (2.0 * step))
     return np.column_stack(columns)
 
 

@@ -60,6 +60,11 @@ class Quadric:
         """How the noise wanders from reading to reading."""
         return self.uncertainty.wander
 
+    def seen(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return distance (m,) of further points (m, d) and its derivatives (m, p), as ``distance``, ``jacobian``."""
+        place = np.concatenate((self.centre, self.shape[np.triu_indices(len(self.centre))]))
+        return _distances(points, place, len(self.centre))
+
     def corrected(self, points: Floats) -> Floats:
         """Return points on a circle or sphere of radius 1 about the origin, the shape of ``points`` (n, d)."""
         return (points - self.centre) @ self.shape.T
