@@ -54,10 +54,10 @@ class Searched:
                 alike = [name for name in dict.fromkeys(others) if name != named]
                 said = say(
                     "departs",
-                    what=_begun(named),
+                    what=named,
                     size=f"{finding.size:+.3g} {finding.departure.unit}",
                     move=float(finding.moves.max()),
-                    others=say("departs.others", others="; ".join(alike[:_NAMED])) if alike else "",
+                    others=say("departs.others", others=say.listed(alike[:_NAMED], "departs.either")) if alike else "",
                     advice=self.advice(finding.departure),
                 )
                 entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
@@ -72,10 +72,6 @@ class Searched:
             move = float(found.unexplained.max(initial=0.0))
             evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
         return evidence
-
-
-def _begun(name: str) -> str:
-    return name[:1].upper() + name[1:]
 
 
 def evidence_of(searches: Iterable[Searched]) -> list[Evidence]:
@@ -98,7 +94,7 @@ def unseen_tables(searches: Iterable[Searched]) -> list[Table]:
             first[family] = min(first.get(family, (one, searched)), (one, searched), key=lambda pair: pair[0].size)
     rows = []
     for one, searched in first.values():
-        name, unit = _begun(described(one.departure, searched.words)), one.departure.unit
+        name, unit = described(one.departure, searched.words), one.departure.unit
         rows.append([name, searched.stated[one.first].quantity, size(one.size, unit), size(one.seen, unit)])
     heads = say.heads("unseen", "what", "first", "size", "seen")
     return [Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)] if rows else []
@@ -117,9 +113,9 @@ def described(departure: Departure, words: Words) -> str:
     else:
         at = words(departure.of, level) if departure.of else ""
         how = say(f"departs.{kind}", **shape, at=at, scale=at, power=departure.power)
-    where = ", ".join(words(name, value) for name, value in about.items())
     of = words(departure.carrier, None) if departure.carrier else ""
-    return ", ".join(part for part in (of, where, how) if part)
+    parts = [of, *(words(name, value) for name, value in about.items()), how]
+    return say.listed([part for part in parts if part], "departs.parts")
 
 
 def _duration(hours: float) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from functools import cache, reduce
 from pathlib import Path
+from string import Formatter
 from typing import Any, TypeVar
 
 from bench.model.errors import InputError
@@ -32,7 +33,7 @@ class Texts:
 
     def __call__(self, key: str, /, **values: object) -> str:
         text = self._texts[key]
-        return text.format(**values) if values else text
+        return _filled(text, values) if values else text
 
     @property
     def all(self) -> dict[str, str]:
@@ -66,7 +67,7 @@ class Said(str):
             text = _catalogue(Path(self.folder) / "texts" / f"{language}.json")[self.key]
         except (OSError, KeyError):
             return str(self)
-        return text.format(**told(self.fields, language)) if self.fields else text
+        return _filled(text, told(self.fields, language)) if self.fields else text
 
 
 class Sayings:
@@ -80,7 +81,7 @@ class Sayings:
 
     def __call__(self, key: str, /, **values: object) -> str:
         text = _catalogue(self._folder / "texts" / f"{ENGLISH}.json")[key]
-        return Said(text.format(**values) if values else text, str(self._folder), key, values)
+        return Said(_filled(text, values) if values else text, str(self._folder), key, values)
 
     def heads(self, table: str, *names: str, **values: object) -> list[str]:
         """Return the heads of the columns of a table; ``table``: "" for heads that are of no table in particular."""
@@ -126,6 +127,18 @@ def check_language(language: str, folder: Path) -> None:
             where="--lang",
             next_step=f"use one of: {', '.join(known)}",
         )
+
+
+class _Capitals(Formatter):
+    """Formats as ``str.format`` does; ``{name!C}`` begins a sentence."""
+
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        text = str(value)
+        return text[:1].upper() + text[1:] if conversion == "C" else super().convert_field(value, conversion)
+
+
+def _filled(text: str, values: Mapping[str, Any]) -> str:
+    return _Capitals().vformat(text, (), values) if "!C" in text else text.format(**values)
 
 
 @cache

@@ -11,11 +11,11 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_007_593,
-    "tokens a line": 10.59,
-    "files": 872,
-    "dict[str, Any]": 511,
-    "lines of tests": 99_519,
+    "tokens": 1_007_335,
+    "tokens a line": 10.58,
+    "files": 873,
+    "dict[str, Any]": 509,
+    "lines of tests": 99_551,
     "tests of several deep modules": 160,
     "words of docs": 158_127,
 }

@@ -7,6 +7,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 from doubt_classes import WRONG, right_world, sorted_classes
+from spoken import english_left
 
 from bench.analysis import Departure, Labels, Residuals, departures_of, search
 
@@ -131,3 +132,9 @@ def test_labels_make_each_shape_once() -> None:
     )
     effects = [one.effect.tobytes() for one in departures_of(labels) if one.carrier == "gain"]
     assert len(effects) == len(set(effects))
+
+
+def test_a_korean_reader_gets_what_departs_in_korean() -> None:
+    analysis = sim.analysed(worlds.simulated(11, SWITCHES["calibrator_cycle"].world(1e-4)))
+    assert "departs" in {seen.code for seen in analysis.evidence}
+    assert english_left(analysis) == set()

@@ -108,7 +108,7 @@ def test_the_power_against_a_square_of_the_acceleration_is_that_of_its_formula(t
     slow = "accelerometer_wandering: [{size: 6 ug, over: 10 s}, {size: 6 ug, over: 100 s}, {size: 6 ug, over: 1000 s}],"
     white = problem_of(rewritten(tmp_path, GIVEN, (slow, "")), None)
     powers = {(each.rival, each.quantity): each.power for each in white.powers(*white.today)}
-    limits = stats.chi2.isf(FALSE_DOUBT / 4.0 / np.array([1000, 100]), 1)
+    limits = stats.f.isf(FALSE_DOUBT / 4.0 / np.array([1000, 100]), 1, 6 * 19)  # 20 means of each position
     least, most = stats.ncx2.sf(limits, 1, 7.2 * 1.96**2)
     obtained = powers["square of the acceleration", "accel_bias"]
     print(f"power {obtained:.3f}, by the formula {least:.3f} to {most:.3f}")

@@ -157,8 +157,7 @@ class Calibrations:
         for triad in triads(parts, limits_of(self._plan.campaign)):
             departures = [one for one in triad.departures() if len(one.effect.T) == 1]
             rows, stated = triad.residuals(self.estimates(candidate, length_s))
-            known = replace(rows, scatter=rows.scatter[:, :0], noise_dof=math.inf)
-            for one, seen in zip(departures, powers(known, departures, SHARE), strict=True):
+            for one, seen in zip(departures, powers(rows, departures, SHARE), strict=True):
                 name = _RIVALS.get((triad.prefix, one.family), "") if not one.about else ""
                 for quantity in _FOUND[: 2 if one.shape == "drift" else 3] if name else ():  # a bias is of its time
                     wanted = f"{triad.prefix}_{quantity}"

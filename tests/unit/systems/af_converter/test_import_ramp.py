@@ -173,11 +173,12 @@ def test_what_the_report_gets(lagging: Analysis) -> None:
     for series in (series for figure in lagging.figures for series in figure.series):
         assert len(series.x) == len(series.y) > 0
         assert np.isfinite(series.y).all()
-    segments, totals, by_sensor, left = lagging.tables
+    segments, totals, by_sensor, left, unseen = lagging.tables
     assert [row[0] for row in segments.rows] == KINDS
     assert [row[2] for row in totals.rows] == pytest.approx([5.0, 6.0, 5.0], rel=0.02)
     assert by_sensor.rows[-1][0] == "after drift"
     assert left.rows[1][4] < left.rows[0][4]
+    assert any("drift" in row[0] for row in unseen.rows)
 
 
 def test_without_set_point_and_reference_the_reading_is_taken_as_it_is() -> None:
