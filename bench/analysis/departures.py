@@ -81,12 +81,12 @@ class Residuals:
     readings: Floats
     white: Floats
     design: Floats
-    scatter: Floats
     whiten: Callable[[Floats], Floats]
     operator: Floats
     expanded: Floats
     noise: Floats
-    on_curve: Flags
+    scatter: Floats | None = None
+    on_curve: Flags | bool = False
     noise_dof: float = math.inf
     rest: tuple[float, int] = (0.0, 0)
     shift: Callable[[Floats], Floats] | None = None
@@ -275,7 +275,9 @@ class _Left:
             if departure.beside is not None:
                 self.columns[rows.white.size - departure.beside.size :, first] = departure.beside
         self.whole = np.sqrt(np.einsum("nc,nc->c", self.columns, self.columns))
-        self.error, self.scatter, self.dof = rows.white, rows.scatter, rows.white.size
+        nothing = np.empty((rows.white.size, 0))
+        self.scatter = nothing if rows.scatter is None else rows.scatter
+        self.error, self.dof = rows.white, rows.white.size
         self.noise_dof = rows.noise_dof
         self._project(rows.design, _SEEN)
 

@@ -158,7 +158,6 @@ def searches_of(turns: Sequence[Cloud], sphere: Cloud | None, unit: tuple[float,
         operator=np.hstack([np.zeros((len(stated), len(distance))), of_own]),
         expanded=expanded,
         noise=coverage_factor() * noise * np.sqrt(of_own**2 @ (1.0 / own_count)),
-        on_curve=np.zeros(len(stated), bool),
         noise_dof=dof,
     )
     searched = search(rows, _departures([*seen, *own], unit))

@@ -147,12 +147,10 @@ def _residuals(turns: _Turnarounds, stated: Estimates) -> Residuals:
         readings=both[:, 0],
         white=white(turns.summed(turns.score))[:, 0],
         design=design,
-        scatter=np.zeros((len(design), 0)),
         whiten=whiten,
         operator=units[:, None] * weights,
         expanded=np.array([entry.expanded_uncertainty for entry in stated]),
         noise=coverage_factor() * units * np.sqrt(np.diag(whole @ covariance.sum(axis=0) @ whole)),
-        on_curve=np.zeros(len(stated), bool),
         noise_dof=min(2 * len(step) // 3 for step in steps),  # neighbours share a turnaround
         shift=shift,
     )

@@ -194,7 +194,6 @@ class Rows:
             operator=operator,
             expanded=np.array([float(entry.expanded_uncertainty) for entry in self.entries]),
             noise=coverage_factor() * np.sqrt(operator**2 @ self.std.ravel() ** 2),
-            on_curve=np.zeros(len(self.entries), bool),
             noise_dof=self.azimuths[1].dof if kind == WAVEFORM else math.inf,
         )
 

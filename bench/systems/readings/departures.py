@@ -87,7 +87,7 @@ def _residuals(fit: Fitted, stated: Sequence[Estimate], noise: Floats, dof: floa
         operator=operator,
         expanded=np.array([entry.expanded_uncertainty for entry in stated]),
         noise=coverage_factor() * np.sqrt(operator**2 @ noise**2),
-        on_curve=np.ones(len(stated), bool),
+        on_curve=True,
         noise_dof=dof,
     )
 

@@ -215,12 +215,10 @@ class Rows:
             readings=np.full(len(root), np.inf),  # nothing is in proportion to a difference
             white=white,
             design=design,
-            scatter=np.zeros((white.size, 0)),
             whiten=whiten,
             operator=operator,
             expanded=np.array([entry.expanded_uncertainty or entry.value for entry in stated]),
             noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", of_blocks, seen.covariance, of_blocks)),
-            on_curve=np.zeros(len(stated), bool),
         ), stated
 
     def _operator(self, entry: Estimate, by_stamps: Floats) -> Floats | None:

@@ -108,10 +108,7 @@ def test_a_gain_is_that_of_the_fit_with_the_column_free() -> None:
     design, effect, readings = rng.normal(size=(60, 4)), rng.normal(size=(60, 1)), rng.normal(size=60)
     readings += 4.0 * effect[:, 0]
     operator = np.linalg.pinv(design)
-    rows = Residuals(
-        readings, readings, design, np.zeros((60, 1)), lambda columns: columns, operator, np.ones(4), np.ones(4),
-        np.zeros(4, bool),
-    )  # fmt: skip
+    rows = Residuals(readings, readings, design, lambda columns: columns, operator, np.ones(4), np.ones(4))
     (found,) = search(rows, [Departure("gain", "drift", "ppm", effect)]).findings
     both = np.hstack([design, effect])
     chi2 = [float(np.linalg.lstsq(one, readings, rcond=None)[1][0]) for one in (design, both)]

@@ -187,12 +187,10 @@ class Rows:
             readings=readings.bias_A,
             white=self._whiten(residual[:, None])[:, 0],
             design=design,
-            scatter=np.zeros((design.shape[0], 0)),
             whiten=self._whiten,
             operator=operator,
             expanded=expanded,
             noise=np.minimum(coverage_factor() * noise, expanded),
-            on_curve=np.zeros(len(stated), bool),
         )
         return residuals, stated
 

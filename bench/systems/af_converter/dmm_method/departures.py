@@ -94,12 +94,10 @@ class _Rows(LevelRows):
                 readings=self.counted_A,
                 white=white,
                 design=design,
-                scatter=np.zeros((white.size, 0)),
                 whiten=whiten,
                 operator=operator,
                 expanded=np.array([entry.expanded_uncertainty for entry in stated]),
                 noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator)),
-                on_curve=np.zeros(len(stated), bool),
             ),
             stated,
         )

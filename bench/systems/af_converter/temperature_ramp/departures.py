@@ -112,7 +112,6 @@ class _Rows:
                 operator=operator,
                 expanded=expanded,
                 noise=expanded,
-                on_curve=np.zeros(len(stated), bool),
                 noise_dof=float(t_s.size - free.shape[1]),
                 shift=lambda effect: np.asarray(operator @ effect),
             ),

@@ -105,7 +105,6 @@ class Triad:
             operator=operator,
             expanded=np.array([one.expanded_uncertainty / widened[_is_of_both(one)] for one in stated]),
             noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", operator, noise, operator)),
-            on_curve=np.zeros(len(stated), bool),
             noise_dof=min(rows.dof for rows in self.rows),
         )
         return rows, stated
