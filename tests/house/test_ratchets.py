@@ -11,13 +11,13 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_007_178,
+    "tokens": 1_007_185,
     "tokens a line": 10.58,
     "files": 873,
     "dict[str, Any]": 509,
-    "lines of tests": 99_551,
+    "lines of tests": 99_554,
     "tests of several deep modules": 160,
-    "words of docs": 158_127,
+    "words of docs": 157_582,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 83,

@@ -114,7 +114,9 @@ def done_block(module: str, name: str, size: float, seeds: range, revision: str)
     trace, least, biases = 0.0, 0.0, {}
     if switch is not None:
         bare = worlds.seen(seeds[0], switch, size, noise_free=True)
-        trace, least, biases = trace_of(bare), LEAST_TRACE, worst_bias(bare, _right(module, seeds[0]))
+        bare_right = worlds.seen(seeds[0], None, 0.0, noise_free=True)
+        biases = worst_bias(bare, _right(module, seeds[0]))
+        trace, least = trace_of(bare, bare_right), LEAST_TRACE
     block = Block(
         worlds.SYSTEM, name, size, seeds.start, seeds.stop - 1, revision, round(trace, 1), round(least, 1),
         round(max(biases.values(), default=0.0), 2), *(counted[kind] for kind in CLASSES), campaigns,

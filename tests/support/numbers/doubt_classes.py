@@ -89,14 +89,17 @@ def off_by(entry: Any, truth: float) -> float:
     return error / expanded if expanded else math.inf if error else 0.0
 
 
-def is_visible(noise_free: Seen) -> bool:
+def is_visible(noise_free: Seen, right: Seen) -> bool:
     """Return whether a violation leaves a trace that could be seen."""
-    return trace_of(noise_free) >= LEAST_TRACE
+    return trace_of(noise_free, right) >= LEAST_TRACE
 
 
-def trace_of(noise_free: Seen) -> float:
-    """Return the norm of what a violation puts into the whitened residuals, repeats and checks included."""
-    return math.sqrt(noise_free.chi2)
+def trace_of(noise_free: Seen, right: Seen) -> float:
+    """Return the norm of what a violation puts into the whitened residuals, repeats and checks included.
+
+    ``right``: without violation and noise, where steps of readings and approximations of the fit are left over.
+    """
+    return math.sqrt(max(noise_free.chi2 - right.chi2, 0.0))
 
 
 def worst_bias(noise_free: Seen, right: Seen) -> dict[str, float]:
@@ -136,7 +139,7 @@ def classes(worlds: Any, switch: Switch, size: float, seeds: range) -> Counter[s
 
 def is_hidden(worlds: Any, switch: Switch, size: float) -> bool:
     """Return whether no analysis could see it: without noise it leaves nothing in residuals and repeats."""
-    return not is_visible(worlds.seen(0, switch, size, noise_free=True))
+    return not is_visible(worlds.seen(0, switch, size, noise_free=True), worlds.seen(0, None, 0.0, noise_free=True))
 
 
 def codes_of(seen: Seen) -> set[str]:

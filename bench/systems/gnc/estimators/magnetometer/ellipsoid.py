@@ -94,8 +94,9 @@ def fit_ellipsoid(
     _require_coverage(coverage)
     quadric = fit_quadric(field[kept], np.searchsorted(kept, np.asarray(begins, np.intp)).tolist(), noise)
     worst_std = _worst_std(quadric)
-    slope = linalg.block_diag(np.eye(3), _derivative(quadric.shape, norm))
-    std = np.sqrt(np.einsum("rp,pq,rq->r", slope, quadric.covariance, slope))[3:]
+    of_root = _derivative(quadric.shape, norm)
+    std = np.sqrt(np.einsum("rp,pq,rq->r", of_root, quadric.covariance[3:, 3:], of_root))
+    slope = linalg.block_diag(np.eye(3), of_root)
     dof = quadric.uncertainty.dof(slope)
     return EllipsoidFit(
         hard_iron=quadric.centre,
@@ -119,8 +120,9 @@ def _norm(shape: Floats, norm: float | None) -> float:
 
 def _root(shape: Floats, norm: float | None) -> Floats:
     """Symmetric soft iron of the surface |shape v| = 1."""
-    values, vectors = np.linalg.eigh(shape.T @ shape)
-    return np.asarray((vectors * (np.sqrt(values) * _norm(shape, norm))) @ vectors.T)
+    scaled = shape * _norm(shape, norm)
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)
 
 
 def _derivative(shape: Floats, norm: float | None) -> Floats:
