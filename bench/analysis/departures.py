@@ -32,6 +32,9 @@ _NOT_MISSED = 1e3  # noncentrality: seen by any search
 _SAME = 1e-4  # columns that differ by less are one
 
 
+OF_TIME = ("step", "step_in_a_visit", "visit", "drift", "warm_up", "cycle")
+
+
 @dataclass(frozen=True)
 class Departure:
     """Something that could be true instead of the model, in a size of 1 ``unit``.
@@ -55,6 +58,11 @@ class Departure:
     own: float = 0.0
     whole: Floats | None = None
     beside: Floats | None = None
+
+    @property
+    def is_of_time(self) -> bool:
+        """Whether it comes, goes or changes while the readings are taken."""
+        return self.shape in OF_TIME
 
     @property
     def family(self) -> str:

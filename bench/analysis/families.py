@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.analysis.departures import Departure, Search, Unseen
+from bench.analysis.departures import OF_TIME, Departure, Search, Unseen
 from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
 from bench.analysis.estimates import Estimate
 from bench.analysis.figures import Table
@@ -45,7 +45,7 @@ class Searched:
 
     @property
     def evidence(self) -> list[Evidence]:
-        """What the search says against the estimates, one entry for each thing."""
+        """Say what the search has against the estimates, one entry for each thing."""
         found, stated, evidence = self.found, self.stated, []
         for finding in found.findings:
             moved = (finding.moves > LEAST_MOVE) & found.doubted
@@ -56,12 +56,11 @@ class Searched:
                     "departs",
                     what=named,
                     size=f"{finding.size:+.3g} {finding.departure.unit}",
-                    move=float(finding.moves.max()),
+                    move=(move := float(finding.moves.max())),
                     others=say("departs.others", others=say.listed(alike[:_NAMED], "departs.either")) if alike else "",
                     advice=self.advice(finding.departure),
                 )
                 entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
-                move = float(finding.moves.max())
                 evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, move, entries=entries))
         several = [entry for entry, rests in zip(stated, found.together, strict=True) if rests]
         if several:
@@ -160,8 +159,7 @@ class Labels:
 
 
 _UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
-_OF_TIME = ("step", "step_in_a_visit", "visit", "drift", "warm_up", "cycle")
-_GENERAL = (*_OF_TIME, "at", "power", "size", "constant", "exchanged", "tail")
+_GENERAL = (*OF_TIME, "at", "power", "size", "constant", "exchanged", "tail")
 _NAMED = 2  # of the other explanations
 _DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take

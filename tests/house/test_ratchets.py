@@ -11,7 +11,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_007_185,
+    "tokens": 1_007_183,
     "tokens a line": 10.58,
     "files": 873,
     "dict[str, Any]": 509,

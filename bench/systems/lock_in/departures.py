@@ -26,7 +26,6 @@ _EACH = 40  # turnarounds of one sense and phase, at least, from which their sca
 # to 130 deg) what is left goes with even harmonics of the phase at the turnaround, other ones at maxima and at minima,
 # up to 0.17 of the largest jump squared; 0.4 to 2 % of its power are none of these.
 _HARMONICS, _FIRST_ORDER = (2, 4, 6), 0.2
-_OF_TIME = ("step", "visit", "drift", "warm_up", "cycle")
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ def constants_depart(laser: LaserResult, share: float) -> tuple[Searched | None,
         return None, None
     rows = _residuals(turns, stated)
     found = search(rows, departures_of(_labels(turns)), share)
-    changes = [one.departure.effect for one in found.findings if one.departure.shape in _OF_TIME]
+    changes = [one.departure.effect for one in found.findings if one.departure.is_of_time]
     searched = Searched(found, stated, turns.words, lambda _: say("departs.advice"))
     return searched, _changing(turns, rows, np.hstack(changes)) if changes else None
 

@@ -161,12 +161,13 @@ def _without_odd_level(
     level_A = group.closed.level_A
     if probability_of(fit) >= NO_CHANCE:
         return group, meter
-    found = [one for one in np.unique(level_A[(level_A > 0) & (level_A < level_A.max())]) if fits_without(one)]
-    if len(found) != 1:
+    between_A = np.unique(level_A[(level_A > 0) & (level_A < level_A.max())])
+    odd_A = [level for level in between_A if fits_without(level)]
+    if len(odd_A) != 1:
         return group, meter
-    for row in np.flatnonzero(level_A == found[0])[::-1]:
+    for row in np.flatnonzero(level_A == odd_A[0])[::-1]:
         group = group.without(int(row), ODD)
-    return group, meter.take(level_A != found[0])
+    return group, meter.take(level_A != odd_A[0])
 
 
 def analyse(material: Material, method: str = "joint") -> Analysis:
