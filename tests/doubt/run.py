@@ -74,11 +74,13 @@ def doing(tasks: Sequence[Task], revision: str) -> Iterator[tuple[Block, list[Bi
 def told(block: Block) -> str:
     """Return one line of a block."""
     what = f"{block.switch} {block.size:g}" if block.switch else "right worlds"
-    trace = f"; trace {block.trace:g} of {block.least:g}" if block.switch else f"; {block.campaigns} campaigns doubted"
+    more = f"; {block.campaigns} campaigns doubted"
+    if block.switch:
+        more = f", {block.visible} of them to be seen; trace {block.trace:g}"
     return (
         f"{block.system}, {what}, seeds {block.first} to {block.last}: {block.right} right, {block.wide} wide, "
         f"{block.missed} missed, {block.doubted} doubted, {block.refused} refused, "
-        f"{block.confidently_wrong} confidently wrong{trace}; {block.cpu_s:.1f} s"
+        f"{block.confidently_wrong} confidently wrong{more}; {block.cpu_s:.1f} s"
     )
 
 

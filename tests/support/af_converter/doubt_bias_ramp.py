@@ -158,13 +158,12 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     try:
         analysis = analyse(material)
     except FitError:
-        return Seen([], [], np.inf, 1, _PROMISED)
+        return Seen([], [], np.inf, _PROMISED)
     document = build_results("doubt", analysis, {"records": len(ramp.start_s)}, PROVENANCE)
     pairs = [(entry, _truth(entry, ramp)) for entry in estimates_of(document)]
     known = [(entry, truth) for entry, truth in pairs if truth is not None]
     chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
-    dof = sum(group["dof"] for group in analysis.groups)
-    return Seen([entry for entry, _ in known], [truth for _, truth in known], chi2, dof, _PROMISED)
+    return Seen([entry for entry, _ in known], [truth for _, truth in known], chi2, _PROMISED)
 
 
 def _ramp(seed: int, world: World, *, noise_free: bool) -> sim.Ramp:

@@ -26,6 +26,7 @@ QUANTITIES = ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc0", "dsf_n_tc1", "dsf_
               "dsf_p_tc2")  # fmt: skip
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 TAIL_s = 45.0
+_NOT_SEEN = "not_seen"  # the table of the report that computes what a campaign cannot show
 SEEN = 7.5  # of |P d|: a threshold of about 4.5 and a power of 99.9 %
 BETWEEN_ppm = 1.0  # standard, of a counter from visit to visit: what the plan declares, its curve beyond a parabola too
 QUIET = sim.Switches(gain=False, calibrator_errors=False, noise=False, quantised=False)
@@ -189,11 +190,11 @@ def drawn_world(number: int) -> Switch:
     value = _LABELS[label][rng.integers(len(_LABELS[label]))]
     where = Drawn(what, label, value, shape, *rng.uniform(size=2))
     sizes = tuple(float(_WHAT[what] * 10.0**power) for power in (0, 1, 2))
-    return Switch(f"{number}: {what}, {label}, {shape}", lambda size: Departed(size, what, where), sizes)
+    return Switch(f"{number}: {what}, {label}, {shape}", lambda size: Departed(size, what, where), sizes, _NOT_SEEN)
 
 
 def _of_table(name: str, what: str, where: Where, sizes: tuple[float, ...]) -> Switch:
-    return Switch(name, lambda size: Departed(size, what, where), sizes)
+    return Switch(name, lambda size: Departed(size, what, where), sizes, _NOT_SEEN)
 
 
 SWITCHES = (*(_of_table(*row) for row in TABLE), *map(drawn_world, range(30)))
@@ -233,7 +234,6 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
         wanted,
         [truth_of(entry, campaign, world) for entry in wanted],
         trace**2,
-        1,
         len(QUANTITIES[:3]) * 5 * len(KINDS),
     )
 

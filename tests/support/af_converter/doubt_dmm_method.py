@@ -105,11 +105,10 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     document = build_results("doubt", analysis, {"records": len(campaign.rows)}, PROVENANCE)
     wanted = [entry for entry in estimates_of(document) if entry.quantity in QUANTITIES]
     chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
-    dof = sum(group["dof"] for group in analysis.groups)
     for entry in analysis.estimates:
         if entry.quantity == "repeat_shift":
-            chi2, dof = chi2 + (entry.value / entry.std_uncertainty) ** 2, dof + 1
-    return Seen(wanted, [campaign.truth(entry) for entry in wanted], chi2, dof, 3 * len(campaign.units))
+            chi2 += (entry.value / entry.std_uncertainty) ** 2
+    return Seen(wanted, [campaign.truth(entry) for entry in wanted], chi2, 3 * len(campaign.units))
 
 
 def analysed(seed: int, world: Wrong, *, noise_free: bool = False) -> tuple[Any, sim.SimulatedCampaign]:

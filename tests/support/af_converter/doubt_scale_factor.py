@@ -150,8 +150,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
     drifts = [entry for entry in analysis.estimates if entry.quantity in ("dsf_n_drift", "dsf_p_drift")]
     chi2 += sum((entry.value / entry.std_uncertainty) ** 2 for entry in drifts)
-    dof = sum(group["dof"] for group in analysis.groups) + len(drifts)
-    return Seen(wanted, [campaign.truth(entry) for entry in wanted], chi2, dof, _promised(campaign))
+    return Seen(wanted, [campaign.truth(entry) for entry in wanted], chi2, _promised(campaign))
 
 
 def _promised(campaign: Any) -> int:

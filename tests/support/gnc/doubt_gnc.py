@@ -322,9 +322,9 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
         fitted |= {place_of(entry): entry.value for entry in analysis.estimates}
         document = build_results("doubt", analysis, {"records": len(bench.rows)}, PROVENANCE)
         entries += [entry for entry in estimates_of(document) if entry.quantity in quantities]
-    chi2, dof = trace(bench, fitted)
+    chi2 = trace(bench, fitted)
     promised = OF_TRIADS + OF_FIELD * form.magnetic
-    return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, dof, promised)
+    return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, promised)
 
 
 def place_of(entry: Any) -> tuple[Any, ...]:
@@ -361,13 +361,13 @@ def truths(unit: imu.Unit) -> dict[str, Any]:
     return found
 
 
-def trace(bench: Bench, values: Mapping[tuple[Any, ...], Any]) -> tuple[float, int]:
-    """Return chi-square and degrees of freedom of what the estimates leave over, in the noise of the right world.
+def trace(bench: Bench, values: Mapping[tuple[Any, ...], Any]) -> float:
+    """Return the chi-square of what the estimates leave over, in the noise of the right world.
 
     Of each record: the means of its halves (of positions), the integrals of its rest and of its movement (of turns),
     the size of the corrected field in each of 40 parts, and the sample that is furthest from its neighbours.
     """
-    chi2, dof = 0.0, 0
+    chi2 = 0.0
     for row, (kind, stated) in zip(bench.rows, bench.stated, strict=True):
         left = left_over(kind, row.samples.scaled(kind), stated, values, row.window.conditions["item"])
         if left is None:
@@ -375,10 +375,9 @@ def trace(bench: Bench, values: Mapping[tuple[Any, ...], Any]) -> tuple[float, i
         sigma, parts = SIGMA[kind], 40 if kind == "mag" else 2
         for part in np.array_split(left, parts):
             chi2 += float(np.sum(part.sum(axis=0) ** 2)) / len(part) / sigma**2
-            dof += left.shape[1]
         spike = np.abs(left[1:-1] - (left[2:] + left[:-2]) / 2.0).max(axis=0) / sigma / 1.5**0.5
         chi2 += float(np.sum(spike**2)) * (bench.noisy is False)
-    return chi2, max(dof - 33, 1)
+    return chi2
 
 
 def left_over(kind: str, output: Any, stated: Any, values: Mapping[tuple[Any, ...], Any], item: str) -> Any:

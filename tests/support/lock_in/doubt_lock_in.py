@@ -209,10 +209,10 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     document = build_results("doubt", analysis, {"records": 1}, PROVENANCE)
     pairs = [(entry, campaign.truths.get(_key(entry))) for entry in estimates_of(document)]
     pairs = [(entry, truth) for entry, truth in pairs if truth is not None and entry.quantity in QUANTITIES]
-    chi2, dof = _trace(campaign) if noise_free else (0.0, 0)
+    chi2 = _trace(campaign) if noise_free else 0.0
     of_one = [{"conditions": {"method": _key(entry)[1]}} for entry, _ in pairs]  # one record: no other place
     entries = [entry.model_copy(update=place) for (entry, _), place in zip(pairs, of_one, strict=True)]
-    return Seen(entries, [float(truth) for _, truth in pairs], chi2, dof, _PROMISED)
+    return Seen(entries, [float(truth) for _, truth in pairs], chi2, _PROMISED)
 
 
 def _key(entry: Any) -> tuple[str, str]:
@@ -224,7 +224,7 @@ def _result(campaign: Simulated) -> LaserResult:
     return laser_result(record)
 
 
-def _trace(campaign: Simulated) -> tuple[float, int]:
+def _trace(campaign: Simulated) -> float:
     """Steps that the crossings show behind the global fit, the increments behind it, and the dither's sensor, each by
     the scatter of a right world.
     """
@@ -232,7 +232,7 @@ def _trace(campaign: Simulated) -> tuple[float, int]:
     step_std, increment_std = _typical()
     dither = _result(campaign).counted_dither_deg_s / 100.0 - 1.0
     chi2 = np.sum((steps / step_std) ** 2) + np.sum((increments / increment_std) ** 2) + (dither / _SENSOR) ** 2
-    return float(chi2), steps.size + increments.size + 1
+    return float(chi2)
 
 
 def _left(result: LaserResult) -> tuple[Array, Array]:

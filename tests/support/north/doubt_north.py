@@ -251,11 +251,10 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     try:
         analysis = analyse(material)
     except FitError:  # refused as a whole
-        return Seen([], [], 0.0, 1, _promised())
+        return Seen([], [], 0.0, _promised())
     document = build_results("doubt", analysis, {"records": len(material.rows)}, PROVENANCE)
     wanted = [entry for entry in estimates_of(document) if entry.quantity in JUDGED and _by_a_sound_formula(entry)]
-    chi2, dof = _left(material)
-    return Seen(wanted, [_truth(entry, world) for entry in wanted], chi2, dof, _promised())
+    return Seen(wanted, [_truth(entry, world) for entry in wanted], _left(material), _promised())
 
 
 def _by_a_sound_formula(entry: Any) -> bool:
@@ -346,8 +345,8 @@ def _bare(world: type[World], size: float) -> dict[tuple[str, float, str], float
     }
 
 
-def _left(material: Material) -> tuple[float, int]:
-    """Chi-square and degrees of freedom of residuals, repeats and known azimuths by the noise of the right world."""
+def _left(material: Material) -> float:
+    """Chi-square of residuals, repeats and known azimuths by the noise of the right world."""
     solution = solve(north_sets(material), site_of(material.campaign))
     one_deg = float(np.rad2deg(NOISE_V * np.sqrt(2.0 / (4.0 * FS_Hz * RECORD_s))))
     apart = solution.by_method["least_squares"].azimuth_deg - solution.by_method["likelihood"].azimuth_deg
@@ -368,4 +367,4 @@ def _left(material: Material) -> tuple[float, int]:
     ]  # fmt: skip
     whitened = np.concatenate([np.asarray(part, float) for part in parts])
     of_samples = sum((float(one.noise_V) / NOISE_V) ** 2 * int(one.samples) for one in raw)
-    return float(np.sum(whitened**2) + of_samples), whitened.size + sum(int(one.samples) for one in raw)
+    return float(np.sum(whitened**2) + of_samples)

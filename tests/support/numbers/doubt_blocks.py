@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, Protocol
 
 from block_rows import ROOT
-from doubt_classes import CLASSES, LEAST_TRACE, Seen, Switch, sorted_classes, trace_of, worst_bias
+from doubt_classes import CLASSES, LEAST_TRACE, WRONG, Seen, Switch, sorted_classes, trace_of, worst_bias
 
 ROWS = ROOT / "tests" / "doubt" / "rows.csv"
 BIASES = ROOT / "tests" / "doubt" / "biases.csv"
@@ -30,10 +30,10 @@ class Worlds(Protocol):
 
 @dataclass(frozen=True)
 class Block:
-    """Row of a block; ``switch``: "" for right worlds. ``trace``, ``least``: of the noise-free run (``doubt_classes``).
+    """Row of a block; ``switch``: "" for right worlds. ``trace``: of the noise-free run of the first seed.
 
-    ``bias``: of the estimate that is most off in it, in expanded uncertainties. ``campaigns``: those with any estimate
-    that is not sound.
+    ``bias``: of the estimate that is most off in it, in expanded uncertainties. ``visible``: confidently wrong ones of
+    seeds whose own trace could be seen. ``campaigns``: those with any estimate that is not sound.
     """
 
     system: str
@@ -43,7 +43,6 @@ class Block:
     last: int
     revision: str
     trace: float
-    least: float
     bias: float
     right: int
     wide: int
@@ -51,6 +50,7 @@ class Block:
     doubted: int
     refused: int
     confidently_wrong: int
+    visible: int
     campaigns: int
     cpu_s: float
 
@@ -60,9 +60,9 @@ class Block:
         return range(self.first, self.last + 1)
 
     @property
-    def visible(self) -> bool:
-        """Whether the violation leaves a trace that could be seen."""
-        return self.trace >= self.least
+    def hidden(self) -> bool:
+        """Whether the violation leaves no trace that could be seen."""
+        return self.trace < LEAST_TRACE
 
 
 @dataclass(frozen=True)
@@ -105,21 +105,27 @@ def done_block(module: str, name: str, size: float, seeds: range, revision: str)
     begun_s = time.process_time()
     worlds = _worlds(module)
     switch = next((switch for switch in worlds.SWITCHES if switch.name == name), None)
-    counted, campaigns = Counter[str](), 0
+    counted, campaigns, visible = Counter[str](), 0, 0
     for seed in seeds:
         right = _right(module, seed)
         wrong = right if switch is None else worlds.seen(seed, switch, size)
-        counted += sorted_classes(wrong, right)
+        here = sorted_classes(wrong, right)
+        counted += here
+        if switch and here[WRONG] and _trace(worlds, seed, switch, size) >= LEAST_TRACE:
+            visible += here[WRONG]
         campaigns += any(entry.quality != "sound" for entry in wrong.entries)
-    trace, least, biases = 0.0, 0.0, {}
+    trace, biases = 0.0, {}
     if switch is not None:
-        bare = worlds.seen(seeds[0], switch, size, noise_free=True)
-        bare_right = worlds.seen(seeds[0], None, 0.0, noise_free=True)
-        biases = worst_bias(bare, _right(module, seeds[0]))
-        trace, least = trace_of(bare, bare_right), LEAST_TRACE
+        biases = worst_bias(worlds.seen(seeds[0], switch, size, noise_free=True), _right(module, seeds[0]))
+        trace = _trace(worlds, seeds[0], switch, size)
     block = Block(
-        worlds.SYSTEM, name, size, seeds.start, seeds.stop - 1, revision, round(trace, 1), round(least, 1),
-        round(max(biases.values(), default=0.0), 2), *(counted[kind] for kind in CLASSES), campaigns,
+        worlds.SYSTEM, name, size, seeds.start, seeds.stop - 1, revision, round(trace, 1),
+        round(max(biases.values(), default=0.0), 2), *(counted[kind] for kind in CLASSES), visible, campaigns,
         round(time.process_time() - begun_s, 1),
     )  # fmt: skip
     return block, [Bias(worlds.SYSTEM, name, size, revision, key, round(value, 2)) for key, value in biases.items()]
+
+
+def _trace(worlds: Worlds, seed: int, switch: Switch, size: float) -> float:
+    bare = worlds.seen(seed, switch, size, noise_free=True)
+    return trace_of(bare, worlds.seen(seed, None, 0.0, noise_free=True))

@@ -12,6 +12,7 @@ from typing import Any
 RIGHT, WIDE, MISSED, DOUBTED, REFUSED, WRONG = "right", "wide", "missed", "doubted", "refused", "confidently_wrong"
 CLASSES = (RIGHT, WIDE, MISSED, DOUBTED, REFUSED, WRONG)
 _MISSED, _WRONG = 1.0, 1.5  # expanded uncertainties off
+_MOVED = 1.0  # of them, by the violation: less is the chance of the seed
 LEAST_TRACE = 8.0  # threshold of a thousand columns that differ at one campaign in 500, 4.9, and 3: power 99.9 %
 _WIDER = 1.2  # than in the right world: the product was told
 
@@ -31,14 +32,13 @@ class Switch:
 
 @dataclass(frozen=True)
 class Seen:
-    """Estimates as results.json states them, (n,), their truths; chi-square and degrees of freedom of all residuals and
-    repeats; how many estimates the campaign promises.
+    """Estimates as results.json states them, (n,), their truths; chi-square of all residuals and repeats; how many
+    estimates the campaign promises.
     """
 
     entries: Sequence[Any]
     truths: Sequence[float]
     chi2: float
-    dof: int
     promised: int
 
 
@@ -73,11 +73,19 @@ def class_of(entry: Any, truth: float, before: Any, truth_before: float) -> str:
         return DOUBTED if entry.quality == "doubtful" else REFUSED
     off = off_by(entry, truth)
     if off > _WRONG:
-        return MISSED if before is not None and off_by(before, truth_before) > _WRONG else WRONG
+        return WRONG if before is None or _is_moved(entry, truth, before, truth_before) else MISSED
     if off > _MISSED:
         return MISSED
     told = before is not None and entry.expanded_uncertainty > _WIDER * (before.expanded_uncertainty or math.inf)
     return WIDE if told else RIGHT
+
+
+def _is_moved(entry: Any, truth: float, before: Any, truth_before: float) -> bool:
+    """Return whether the violation put an estimate off, and not the chance of the seed."""
+    if before.value is None:
+        return True
+    moved = abs(entry.value - truth - before.value + truth_before) > _MOVED * entry.expanded_uncertainty
+    return moved and off_by(before, truth_before) <= _WRONG
 
 
 def off_by(entry: Any, truth: float) -> float:

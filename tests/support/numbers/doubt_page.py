@@ -31,11 +31,10 @@ def faults_of(rows: Sequence[Block], assumptions: Mapping[str, str]) -> list[str
     """Return what must not be, a sentence each; ``assumptions``: what names a switch where no data can show it."""
     faults = []
     for row in _summed(rows):
-        if row.confidently_wrong and (row.visible or not assumptions.get(row.switch)):
-            why = "it could have been seen" if row.visible else "no assumption names it"
-            faults.append(
-                f"{row.system}, {row.switch} {row.size:g}: {row.confidently_wrong} confidently wrong, and {why}"
-            )
+        unnamed = 0 if assumptions.get(row.switch) else row.confidently_wrong - row.visible
+        for count, why in (row.visible, "it could have been seen"), (unnamed, "no assumption names it"):
+            if count:
+                faults.append(f"{row.system}, {row.switch} {row.size:g}: {count} confidently wrong, and {why}")
         if not row.switch and row.campaigns > MOST_DOUBTED * len(row.seeds):
             faults.append(f"{row.system}: {row.campaigns} of {len(row.seeds)} right campaigns are doubted")
     return faults
@@ -50,9 +49,9 @@ def _summed(rows: Sequence[Block]) -> list[Block]:
 
 
 def _sum(group: Sequence[Block]) -> Block:
-    counts = {name: sum(getattr(row, name) for row in group) for name in (*_COUNTS, "campaigns")}
+    counts = {name: sum(getattr(row, name) for row in group) for name in (*_COUNTS, "visible", "campaigns")}
     seeds = sum(len(row.seeds) for row in group)
-    largest = {name: max(getattr(row, name) for row in group) for name in ("trace", "least", "bias")}
+    largest = {name: max(getattr(row, name) for row in group) for name in ("trace", "bias")}
     first = group[0]
     cpu_s = sum(row.cpu_s for row in group)
     return Block(first.system, first.switch, first.size, 0, seeds - 1, first.revision, **largest, **counts, cpu_s=cpu_s)
@@ -67,7 +66,7 @@ def _table(rows: Sequence[Block], biases: Sequence[Bias]) -> list[str]:
             told = f"{row.campaigns} of {len(row.seeds)} campaigns doubted"
             lines.append(f"| *right worlds* | | | | {' | '.join(counts)} | {told} |")
             continue
-        hidden = "" if row.visible else " (hidden)"
+        hidden = " (hidden)" if row.hidden else ""
         of_it = [bias for bias in biases if (bias.system, bias.switch, bias.size) == (row.system, row.switch, row.size)]
         most = max(of_it, key=lambda bias: bias.worst, default=None)
         cells = [row.switch, f"{row.size:g}", f"{row.trace:g}{hidden}", f"{row.bias:g}", *counts]

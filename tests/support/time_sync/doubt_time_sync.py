@@ -114,8 +114,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     document = build_results("doubt", analysis, {"records": 1}, PROVENANCE)
     wanted = [entry for entry in estimates_of(document) if entry.quantity in JUDGED]
     (fit,) = analysis.groups
-    chi2, dof = fit["reduced_chi2"] * fit["dof"], fit["dof"]
-    return Seen(wanted, [truth_of(entry) for entry in wanted], chi2, dof, 6)
+    chi2 = fit["reduced_chi2"] * fit["dof"]
+    return Seen(wanted, [truth_of(entry) for entry in wanted], chi2, 6)
 
 
 def truth_of(entry: Any) -> float:

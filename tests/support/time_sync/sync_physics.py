@@ -258,7 +258,7 @@ class Recording:
         return np.rint((own_s + noise_s) * 1e7).astype(np.uint64) + np.uint64(self.first_tick)
 
     def _arrived(self, columns: dict[str, Array], first: int, due_s: Array, rng: np.random.Generator) -> Samples:
-        late_s = rng.exponential(JITTER_s, due_s.size) * (1.0 if self.noise else 1e-3)
+        late_s = rng.exponential(JITTER_s, due_s.size)
         ns = np.rint((np.maximum.accumulate(due_s + late_s) + 300.0) * 1e9).astype(np.int64)
         ns = -(-ns // self.poll_ns) * self.poll_ns
         kept = rng.random(due_s.size) >= self.loss

@@ -176,7 +176,7 @@ def seen(points: list[sim.Point], seed: int, world: Any) -> Seen:
     campaign = simulate_plan(seed, points, world=world)
     document = build_results("doubt", analysed(campaign), {"records": len(campaign.rows)}, wrong.PROVENANCE)
     entries = judged_entries(estimates_of(document))
-    return Seen(entries, [campaign.truth(entry) for entry in entries], 0.0, 1, wrong._promised(campaign))
+    return Seen(entries, [campaign.truth(entry) for entry in entries], 0.0, wrong._promised(campaign))
 
 
 @pytest.mark.parametrize(("world", "told"), [(wrong.CalibratorStep(1e-5), True), (wrong.CalibratorDrift(1e-5), False)])
