@@ -79,11 +79,12 @@ class Residuals:
     ``readings`` (r,). ``white`` (n,): residuals in units of their noise; ``design`` (n, p): derivatives of the model in
     the same units; errors of standards and other priors are rows of their own. ``whiten``: columns (r, c) of readings
     to (n, c). ``scatter`` (n, s): what repeats scatter by beyond their noise, each column at the largest that is right;
-    by how much they do is not known. ``noise_dof``: degrees of freedom of the estimate of the noise. ``operator``
-    (k, r): what an estimate gains per unit of each reading. ``expanded``, ``noise`` (k,): its expanded uncertainty, and
-    the part of it that the noise makes. ``on_curve`` (k,): coefficients of curves, which carry what these leave over.
-    ``rest``: chi-square and degrees of freedom of what no departure enters, beside the rows. ``shift``: what an effect
-    on the readings, (r,), moves the estimates by, (k,), where that is known beyond the operator.
+    by how much they do is not known. ``noise_dof``: degrees of freedom of the estimate of the noise, 0 where it is the
+    root mean square of what the fit leaves. ``operator`` (k, r): what an estimate gains per unit of each reading.
+    ``expanded``, ``noise`` (k,): its expanded uncertainty, and the part of it that the noise makes. ``on_curve`` (k,):
+    coefficients of curves, which carry what these leave over. ``rest``: chi-square and degrees of freedom of what no
+    departure enters, beside the rows. ``shift``: what an effect on the readings, (r,), moves the estimates by, (k,),
+    where that is known beyond the operator.
     """
 
     readings: Floats
@@ -188,7 +189,8 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
         departing |= _touched(departures[best]) & (not findings[-1].is_own)
         left.take_out(best)
     parts = [(chi2 / dof, chi2, dof) for chi2, dof in (left.chi2(), rows.rest) if dof]
-    odd = [part for part in parts if f_tail(part[0], part[2], rows.noise_dof) * len(parts) <= FALSE_DOUBT * share / 2.0]
+    noise_dof, least = rows.noise_dof or math.inf, FALSE_DOUBT * share / 2.0 / max(len(parts), 1)
+    odd = [part for part in parts if f_tail(part[0], part[2], noise_dof) <= least]
     ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
     excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
@@ -335,7 +337,11 @@ class _Left:
             gain, size = _two_by_two(square, dot, np.where(pair, mixed, 0.0), self.first, self.second)
             alone, better = max(alone, base), base + gain > best
             best, sizes = np.where(better, base + gain, best), np.where(better[:, None], size, sizes)
-        return np.where(self.visible, best - alone, 0.0), sizes
+        gain = np.where(self.visible, best - alone, 0.0)
+        if self.noise_dof:
+            return gain, sizes
+        left = np.maximum(self.error @ self.error - gain, _SEEN)
+        return gain * np.maximum(self.dof - self.count, 0) / left, sizes
 
     def bounds(self, chance: float) -> Floats:
         """Return what chance takes off twice the log-likelihood with a probability, at most, (d,).
@@ -347,7 +353,8 @@ class _Left:
 
         known = special.chdtri(self.count, chance)
         if math.isfinite(self.noise_dof):
-            known = special.fdtri(self.count, self.noise_dof, 1.0 - chance) * self.count
+            dof = self.noise_dof or np.maximum(self.dof - self.count, 1)
+            known = special.fdtri(self.count, dof, 1.0 - chance) * self.count
         free = np.maximum(len(self.variance) - self.count, 1)
         ratio = special.fdtri(self.count, free, 1.0 - chance) * self.count / free
         held = (np.sum(self.of_scatter**2, axis=0) > _SEEN * self.square)[self.first]
@@ -358,7 +365,9 @@ class _Left:
         found: set[bytes] = set()
         for at in np.flatnonzero(self.square > 0.0):
             column = self.columns[:, at]
-            levels = np.round(column / (column[np.argmax(np.abs(column))] * 10.0 * _SAME)).astype(np.int16)
+            size = np.abs(column)
+            largest = column[np.argmax(size > (1.0 - _SAME) * size.max())]
+            levels = np.round(column / (largest * 10.0 * _SAME)).astype(np.int16)
             found.add(levels.tobytes())
         return len(found)
 

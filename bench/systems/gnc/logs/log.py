@@ -2,23 +2,19 @@
 
 What an imported log of an inertial unit says against the numbers that are found in it.
 
-Each sensor moves as its noise makes it, answers mainly to its own axis, and the rests of a log fit one ellipsoid that
-stays where it is. Source: docs/decisions/0025-doubt.md.
+Each sensor moves as its noise makes it and answers mainly to its own axis. Source: docs/decisions/0025-doubt.md.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bench.analysis import Document, Estimate, Evidence, Floats, Material
-from bench.maths.tests import SMALLEST, f_tail, of_many, t_both
-from bench.maths.verdict import coverage_factor
+from bench.maths.tests import SMALLEST
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.multi_position import NormFit
 from bench.systems.gnc.estimators.sample_checks import frozen_runs
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES
@@ -154,63 +150,3 @@ def own_axes(prefix: str, fit: TriadFit) -> list[Evidence]:
     return [
         Evidence("implausible_axis", text, worst, 0.0, quantities=(f"{prefix}_matrix", f"{prefix}_bias"), refuses=True)
     ]
-
-
-def of_rests(fit: NormFit, mean: Floats, time_s: Floats) -> list[Evidence]:
-    """Return what could be true instead of one ellipsoid that stays: zeros that drift, sensors that bend, a bad rest.
-
-    Args:   fit: of the rests.   mean: (n, 3) reading of each.   time_s: (n,) middle of each.
-    Source: F test of columns added in first order (Draper and Smith, Applied Regression Analysis, section 6.1);
-            largest studentised residual, Boole's bound (Cook and Weisberg, Residuals and Influence, 2.2.2).
-    """
-    jacobian = fit.jacobian(mean)
-    by_axis = jacobian[:, 6:]  # change of the length with the zero of each sensor
-    height = (mean - fit.zero) * fit.matrix.diagonal() / fit.gravity
-    since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), SMALLEST)
-    rivals = (
-        ("zeros_drift", by_axis * since[:, None]),
-        ("sensors_bend", by_axis * height**3),
-    )
-    found = [_rival(code, fit, jacobian, columns) for code, columns in rivals]
-    return [seen for seen in (*found, _odd_rest(fit, jacobian)) if seen is not None]
-
-
-def _rival(code: str, fit: NormFit, jacobian: Floats, columns: Floats) -> Evidence | None:
-    """Return how odd the lengths are if nothing of a rival is in them, and what it would move."""
-    both = np.column_stack([jacobian, columns])
-    scale = np.linalg.norm(both, axis=0)
-    dof = len(fit.residual) - both.shape[1]
-    if dof < 1 or np.linalg.matrix_rank(both / scale) < both.shape[1]:
-        return None
-    solution = np.linalg.lstsq(both / scale, fit.residual, rcond=None)[0]
-    left = float(np.sum((fit.residual - (both / scale) @ solution) ** 2))
-    gained = max(float(np.sum(fit.residual**2)) - left, 0.0)
-    ratio = gained / columns.shape[1] / max(left / dof, SMALLEST)
-    probability = f_tail(ratio, columns.shape[1], dof)
-    move = float(np.max(np.abs(solution[:9] / scale[:9]) / _expanded(fit)))
-    remains = math.sqrt(left / len(fit.residual))
-    text = say("evidence.rival", what=say(f"rival.{code}"), rms=fit.residual_rms, left=remains, move=move)
-    return Evidence(code, text, ratio, probability, move)
-
-
-def _odd_rest(fit: NormFit, jacobian: Floats) -> Evidence | None:
-    """Return how odd the rest is that fits worst, and what leaving it out would move."""
-    count, dof = len(fit.residual), fit.dof - 1
-    if dof < 1:
-        return None
-    base = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
-    free = np.maximum(1.0 - np.sum(base**2, axis=1), SMALLEST)
-    total = float(np.sum(fit.residual**2))
-    without = np.maximum((total - fit.residual**2 / free) / dof, SMALLEST)
-    score = np.abs(fit.residual) / np.sqrt(without * free)
-    worst = int(np.argmax(score))
-    probability = of_many(t_both(float(score[worst]), dof), count)
-    step = np.linalg.pinv(jacobian)[:, worst] * fit.residual[worst] / free[worst]
-    move = float(np.max(np.abs(step) / _expanded(fit)))
-    off, times = float(fit.residual[worst]), float(score[worst])
-    text = say("evidence.odd_rest", rest=worst + 1, count=count, off=off, times=times, move=move)
-    return Evidence("odd_rest", text, float(score[worst]), probability, move)
-
-
-def _expanded(fit: NormFit) -> Floats:
-    return coverage_factor(fit.dof) * np.maximum(np.sqrt(fit.covariance.diagonal()), SMALLEST)

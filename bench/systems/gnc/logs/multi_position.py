@@ -5,31 +5,42 @@ Source: Tedaldi, Pretto and Menegatti, ICRA 2014; ``estimators.static_intervals`
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Estimate,
     Estimates,
     Figure,
+    Labels,
     Material,
+    Residuals,
+    Searched,
     Table,
     check_method,
     curve,
+    departures_of,
     estimate,
+    evidence_of,
+    search,
+    unseen_tables,
     value_and_uncertainty,
 )
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
-from bench.systems.gnc.logs.log import ImuLog, imu_log, of_rests, stuck_sensors
+from bench.systems.gnc.logs.log import ImuLog, imu_log, stuck_sensors
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("norm",)
+_ELEMENTS = tuple(zip(*np.triu_indices(3), strict=True))  # of the matrix, as the covariance has them
 INITIAL_s = 30.0  # of rest at the begin of a log; the public method asks for 30 s to 50 s
 
 
@@ -44,20 +55,77 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     means = rests.means(log.accel)
     gravity, unit = _gravity(log)
     fit = fit_multi_position(means, gravity)
-    middle_s = (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
+    estimates = _estimates(fit, unit, log, _held_out(means, gravity))
+    searches = [search_of_rests(fit, means, _middle_s(rests, log), estimates)]
     return Analysis(
         campaign="imu_multi_position",
         method=method,
         uut=material.campaign["uut"],
-        estimates=_estimates(fit, unit, log, _held_out(means, gravity)),
+        estimates=estimates,
         notes=_notes(log, rests),
-        tables=[_table(fit, unit), _rest_table(rests, log)],
+        tables=[_table(fit, unit), _rest_table(rests, log), *unseen_tables(searches)],
         figures=[_residual_figure(fit, unit), _rest_figure(rests, log)],
         evidence=[
             *stuck_sensors({"accelerometer": [log.accel]}, {"accelerometer": ()}),
-            *of_rests(fit, means, middle_s),
+            *evidence_of(searches),
         ],
     )
+
+
+def _middle_s(rests: StaticIntervals, log: ImuLog) -> Floats:
+    return np.asarray((rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz))
+
+
+def search_of_rests(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimates) -> Searched:
+    """Return what the lengths of the rests say against one ellipsoid that stays; their noise is what it leaves over.
+
+    Args:   means: (n, 3) reading of each rest.   middle_s: (n,).   entries: that follow from the ellipsoid are judged.
+    Source: docs/decisions/0052-departures.md.
+    """
+    jacobian, sigma = fit.jacobian(means), fit.residual_rms * math.sqrt(len(means) / fit.dof)
+    stated = [entry for entry in entries if entry.quantity in ("accel_sensitivity", "accel_zero", "accel_matrix")]
+    operator = np.array([_gradient(fit, entry) for entry in stated]) @ -np.linalg.pinv(jacobian)
+    expanded = np.array([entry.expanded_uncertainty for entry in stated])
+    rows = Residuals(
+        readings=fit.residual + fit.gravity,
+        white=fit.residual / sigma,
+        design=jacobian / sigma,
+        whiten=lambda columns: columns / sigma,
+        operator=operator,
+        expanded=expanded,
+        noise=expanded,
+        noise_dof=0.0,
+    )
+    along = (means - fit.zero) * fit.matrix.diagonal() / fit.gravity
+    number = np.arange(len(means))
+    unit = next(entry.unit for entry in stated if entry.quantity == "accel_zero")
+    labels = Labels(
+        kinds={"rest": number + 1},
+        hours=middle_s / 3600.0,
+        visit=number,
+        carriers={f"zero {axis}": (unit, -jacobian[:, 6 + k]) for k, axis in enumerate(AXES)},
+        scales={f"along {axis}": (along[:, k], (3,)) for k, axis in enumerate(AXES)},
+        steps_within=False,
+    )
+    return Searched(search(rows, departures_of(labels)), stated, _words)
+
+
+def _gradient(fit: NormFit, entry: Estimate) -> Floats:
+    """Return what an estimate gains per unit of each parameter of the covariance, (9,)."""
+    one, place = np.zeros(9), entry.conditions
+    if entry.quantity == "accel_zero":
+        one[6 + AXES.index(place["axis"])] = 1.0
+    elif entry.quantity == "accel_sensitivity":
+        k = AXES.index(place["axis"])
+        one[_ELEMENTS.index((k, k))] = -(fit.counts_per_unit[k] ** 2)
+    else:
+        one[_ELEMENTS.index((AXES.index(place["row"]), AXES.index(place["column"])))] = 1.0
+    return one
+
+
+def _words(label: str, value: Any) -> str:
+    """Return how a person names a label."""
+    return say(f"departs.of.{label}" if value is None else f"departs.{label}", value=value)
 
 
 def _gravity(log: ImuLog) -> tuple[float, str]:
@@ -88,7 +156,7 @@ def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> 
         entries.append(estimate("accel_sensitivity", f"{read}/({unit})", value, std, place, **common))
         entries.append(estimate("accel_zero", read, fit.zero[k], fit.zero_std[k], place, **common))
     elements = fit.covariance.diagonal()[:6] ** 0.5
-    for (row, column), std in zip(zip(*np.triu_indices(3), strict=True), elements, strict=True):
+    for (row, column), std in zip(_ELEMENTS, elements, strict=True):
         place = {"kind": "accelerometer", "row": AXES[row], "column": AXES[column]}
         entries.append(estimate("accel_matrix", f"{unit}/{read}", fit.matrix[row, column], std, place, **common))
     place = {"kind": "accelerometer"}
@@ -149,7 +217,6 @@ def _residual_figure(fit: NormFit, unit: str) -> Figure:
 
 def _rest_figure(rests: StaticIntervals, log: ImuLog) -> Figure:
     """Return the readings of the rests against the middle of each."""
-    middle_s = (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
     means = rests.means(log.accel)
-    parts = [curve(axis, middle_s, means[:, k], "points") for k, axis in enumerate(AXES)]
+    parts = [curve(axis, _middle_s(rests, log), means[:, k], "points") for k, axis in enumerate(AXES)]
     return Figure(say("rests.means"), "", say("time"), say("rests.y"), parts)
