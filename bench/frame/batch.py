@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -184,29 +183,16 @@ class JoinedBatch(MessageBatch):
         return np.concatenate(columns)
 
 
-class Arrivals(NamedTuple):
-    """Chunks that are not decided to their end: stream offset behind each one, receive stamp in ns."""
-
-    ends: array[int]
-    stamps: array[int]
-
-
 class FrameBatch(NamedTuple):
     """The yield of one feed: accepted frames by message, offsets of rejected candidates, bytes now behind us.
 
     ``position``: stream offset up to which every byte is decided. A rejected candidate is a full sync pattern, with
     all bytes of its frame there, whose check (or length, or type) fails and that lies inside no accepted frame.
-    An engine that knows the arrivals gives the messages stamps and counters, and says here what they reveal:
-    ``bad_t_ns``, stamps of the rejected candidates (None: it does not know), and lost, repeated and suspect frames.
     """
 
     messages: Mapping[str, MessageBatch]
     bad_offset: NDArray[np.int64]
     position: int
-    bad_t_ns: NDArray[np.int64] | None = None
-    lost: int = 0
-    duplicate: int = 0
-    suspect: int = 0
 
 
 @dataclass
@@ -219,74 +205,3 @@ class FrameCounts:
     skipped_bytes: int = 0
     other: int = 0
     by_message: dict[str, int] = field(default_factory=dict)
-
-
-def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
-    """Raw values of a field: (n,) or (n, count), native byte order; bytes give (n, count) uint8.
-
-    Args: rows: (n, body) uint8, any strides between rows; at least one byte stands before the field (the sync).
-    """
-    count = len(rows)
-    width = np.dtype(item.dtype).itemsize
-    if item.kind == "b":
-        return rows[:, item.offset : item.offset + item.length].copy()
-    elements = 1 if item.count is None else item.count
-    if item.packed or item.step:
-        column = _scattered(rows, item, elements)
-    elif item.size == width:
-        column = _natural(rows, item, elements)
-    elif elements == 1 and item.offset + item.size - width >= 0 and item.big:
-        column = _overlapped(rows, item, width)
-    else:
-        column = _padded(rows, item, elements, width)
-    return column.reshape(count) if item.count is None else column
-
-
-def _natural(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
-    packed = np.ascontiguousarray(rows[:, item.offset : item.offset + item.length])
-    wire = np.dtype(item.dtype).newbyteorder(">" if item.big else "<")
-    values = packed.view(wire) if item.size > 1 or item.kind == "i" else packed
-    return values.astype(item.dtype, copy=False).reshape(len(rows), elements)
-
-
-def _overlapped(rows: NDArray[np.uint8], item: Field, width: int) -> NDArray[Any]:
-    """A big-endian u24/u40.. read as a wider integer that begins in the byte before it; the surplus is masked off."""
-    start = item.offset + item.size - width
-    packed = np.ascontiguousarray(rows[:, start : start + width])
-    wide = packed.view(f">u{width}").astype(f"u{width}")
-    if item.kind == "u":
-        return np.asarray(wide & wide.dtype.type((1 << (8 * item.size)) - 1))
-    return _sign(wide, item.size, width)
-
-
-def _scattered(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
-    """Elements that are no whole bytes or lie apart: the bytes that hold one, shifted to its lowest bit."""
-    column = np.empty((len(rows), elements), np.uint64)
-    at, odd = np.array([item.place(element) for element in range(elements)]).T
-    for begin in np.unique(odd).tolist():
-        alike = np.flatnonzero(odd == begin)
-        size = -(-(begin + item.width) // 8)
-        value = np.zeros((len(rows), len(alike)), np.uint64)
-        for index in range(size):
-            value = value << np.uint64(8) | rows[:, at[alike] + (index if item.big else size - 1 - index)]
-        column[:, alike] = value >> np.uint64(8 * size - begin - item.width if item.big else begin)
-    if item.kind == "f":
-        return column.astype(f"u{item.size}").view(item.dtype)
-    unused = np.uint64(64 - item.width)
-    column <<= unused
-    signed = column.view(np.int64) if item.kind == "i" else column
-    return (signed >> signed.dtype.type(unused)).astype(item.dtype)
-
-
-def _padded(rows: NDArray[np.uint8], item: Field, elements: int, width: int) -> NDArray[Any]:
-    block = rows[:, item.offset : item.offset + item.length].reshape(len(rows), elements, item.size)
-    wide = np.zeros((len(rows), elements, width), np.uint8)
-    wide[:, :, : item.size] = block[:, :, ::-1] if item.big else block
-    values = wide.view(f"<u{width}").astype(f"u{width}", copy=False).reshape(len(rows), elements)
-    return _sign(values, item.size, width) if item.kind == "i" else values
-
-
-def _sign(values: NDArray[Any], size: int, width: int) -> NDArray[Any]:
-    """Return two's complement of ``size`` bytes in a wider word: shift up, back down with the sign."""
-    shift = 8 * (width - size)
-    return np.asarray((values << values.dtype.type(shift)).view(f"i{width}") >> shift)

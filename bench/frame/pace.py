@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import floor, log10
 
-from bench.frame.best import Engine
-from bench.frame.definition import FrameDefinition
-from bench.frame.kernel_engine import KernelDecoder
+from bench.frame.definition import Engine, FrameDefinition
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.model.clock import NS, Clock
 
@@ -25,7 +23,7 @@ class Pace:
     checked: bool
 
     def __str__(self) -> str:
-        engine = {"kernel": "by the compiled kernel", "numpy": "by numpy", "reference": "one by one"}[self.engine]
+        engine = {"numpy": "by numpy", "reference": "one by one"}[self.engine]
         if self.rate_Hz is None:
             fast = f"more than {_power(self.frames_per_s)} frames/s"
         elif self.frames_per_s < self.rate_Hz:
@@ -44,9 +42,7 @@ def pace_of(definition: FrameDefinition, clock: Clock) -> Pace:
     begin = clock.now_ns()
     decoder.feed(stream)
     frames_per_s = len(frames) * NS / max(1, clock.now_ns() - begin)
-    engine: Engine = "reference"
-    if isinstance(decoder, KernelDecoder | NumpyDecoder):
-        engine = "kernel" if isinstance(decoder, KernelDecoder) else "numpy"
+    engine: Engine = "numpy" if isinstance(decoder, NumpyDecoder) else "reference"
     return Pace(definition.name, engine, frames_per_s, definition.rate_Hz, definition.layout.check.size > 0)
 
 

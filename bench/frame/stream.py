@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import Arrivals, FrameBatch, MessageBatch
-from bench.frame.best import Engine
+from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.counter import CounterUnwrapper
-from bench.frame.definition import FrameDefinition
+from bench.frame.definition import Engine, FrameDefinition
 from bench.frame.layout import Field
 from bench.frame.signals import MEAN_S, Signal
 from bench.model.clock import NS
@@ -67,10 +66,10 @@ class LinkDecoder:
     Only the stamps of the chunks count, so the same chunks give the same frames later, however they are flushed.
     """
 
-    def __init__(self, definition: FrameDefinition, engine: Engine | None = None) -> None:
+    def __init__(self, definition: FrameDefinition, engine: Engine = "numpy") -> None:
         self.definition = definition
-        self._arrivals = Arrivals(array("q"), array("q"))
-        self._decoder = definition.decoder(engine, self._arrivals)
+        self._ends, self._stamps = array("q"), array("q")  # of chunks that are not decided: offset behind, stamp
+        self._decoder = definition.decoder(engine)
         silence_s = definition.layout.silence_s
         self._silence_ns = None if silence_s is None else round(silence_s * NS)
         self._heard_ns: int | None = None  # stamp of the last chunk that held bytes
@@ -156,50 +155,39 @@ class LinkDecoder:
         return groups if groups and not group else [*groups, (group, None)]
 
     def _fed(self, chunks: list[_Chunk]) -> FrameBatch:
-        ends, stamps = self._arrivals
         for stamp, chunk in chunks:
             self._taken += len(chunk)
-            ends.append(self._taken)
-            stamps.append(stamp)
+            self._ends.append(self._taken)
+            self._stamps.append(stamp)
         return self._decoder.feed(chunks[0][1] if len(chunks) == 1 else b"".join([chunk for _, chunk in chunks]))
 
     def _accounted(self, found: FrameBatch) -> LinkBatch:
-        """Have frames with stamps and counters, and let go of the chunks behind."""
-        ends, stamps = self._arrivals
-        if found.bad_t_ns is None:
-            found = self._told(found)
-        messages, bad_offset, position, bad_t_ns, lost, duplicate, suspect = found
-        assert bad_t_ns is not None
+        """Give frames their stamps and counters, count what these reveal, let go of the chunks behind."""
+        messages, bad_offset, position = found
+        for batch in messages.values():
+            batch.t_ns = self._stamps_of(batch)
+        lost, duplicate = self._count(messages)
+        bad_t_ns = bad_offset
+        if len(bad_offset):
+            bad_t_ns = np.array(self._stamps)[np.searchsorted(self._ends, bad_offset, side="right")]
         self._lost += lost
         self._duplicate += duplicate
-        self._suspect += suspect
+        self._suspect += sum(int(np.count_nonzero(batch.suspect)) for batch in messages.values())
         self._decided = position
-        decided = bisect_right(ends, position)
-        del ends[:decided], stamps[:decided]
+        decided = bisect_right(self._ends, position)
+        del self._ends[:decided], self._stamps[:decided]
         return LinkBatch(messages, bad_offset, bad_t_ns, lost, duplicate)
-
-    def _told(self, found: FrameBatch) -> FrameBatch:
-        """Give frames their stamps and counters, and tell what these reveal."""
-        ends, stamps = self._arrivals
-        for batch in found.messages.values():
-            batch.t_ns = self._stamps_of(batch)
-        lost, duplicate = self._count(found.messages)
-        suspect = sum(int(np.count_nonzero(batch.suspect)) for batch in found.messages.values())
-        bad_t_ns = found.bad_offset
-        if len(bad_t_ns):
-            bad_t_ns = np.array(stamps)[np.searchsorted(ends, found.bad_offset, side="right")]
-        return FrameBatch(*found[:3], bad_t_ns, lost, duplicate, suspect)
 
     def _stamps_of(self, batch: MessageBatch) -> NDArray[np.int64]:
         """Stamp of the chunk with the last byte of each frame; few chunks, many frames: count frames per chunk."""
         if not len(batch):
             return np.empty(0, np.int64)
-        ends, first, last = self._arrivals.ends, 0, 0
+        ends, first, last = self._ends, 0, 0
         if len(ends) > 1:
             first, last = bisect_left(ends, self._end_of(batch, 0)), bisect_left(ends, self._end_of(batch, -1))
         if first == last:
             stamps = np.empty(len(batch), np.int64)
-            stamps.fill(self._arrivals.stamps[first])
+            stamps.fill(self._stamps[first])
             return stamps
         behind = batch.offset + batch.message.length
         if batch.ends is not None:
@@ -209,7 +197,7 @@ class LinkDecoder:
             behind = batch.offset + batch.message.body + self.definition.layout.tail + extra
         complete = np.searchsorted(behind, ends[first : last + 1], side="right")
         complete[1:] -= complete[:-1].copy()
-        return np.repeat(np.array(self._arrivals.stamps[first : last + 1]), complete)
+        return np.repeat(np.array(self._stamps[first : last + 1]), complete)
 
     def _end_of(self, batch: MessageBatch, index: int) -> int:
         """Return the stream offset behind one frame."""

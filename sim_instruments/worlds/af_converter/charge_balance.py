@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import best_engine, kernel_quanta
 from sim_instruments.arrays import Int64
 
 Pulses = NDArray[np.integer]
@@ -71,8 +70,6 @@ class ChargeBalance:
         """``advance`` with a charge of ``steady`` (C,) and ``noise`` (C, n), which is nowhere larger than the other."""
         self._require_room(int(clocks.sum()))
         falling = steady < 0
-        if self._pulse_type is np.uint16 and best_engine() == "kernel":
-            return self._one_way_by_kernel(steady, noise, clocks, falling)
         sign = np.where(falling, -1, 1).astype(np.int32)
         size = np.asarray(noise * sign[:, None] + np.abs(steady)[:, None])
         size *= clocks
@@ -107,18 +104,6 @@ class ChargeBalance:
         pulses = np.diff(total.astype(self._pulse_type), axis=1)  # what an unsigned type loses of a total, it gets back
         p_pulses = pulses * falling[:, None]
         return pulses - p_pulses, p_pulses
-
-    def _one_way_by_kernel(
-        self, steady: Int64, noise: NDArray[np.int32], clocks: Int64, falling: NDArray[np.bool_]
-    ) -> tuple[Pulses, Pulses]:
-        """``_one_way`` of counts of 16 bits, in one pass."""
-        sign = np.where(falling, -1, 1)
-        quantum = np.where(falling, self._q_p, self._q_n)
-        ahead = quantum - 1 - self._threshold
-        start = sign * self.residue + ahead
-        n_pulses, p_pulses, rest = kernel_quanta(noise, clocks, sign, sign * steady, quantum, start)
-        self.residue = sign * (rest - ahead)
-        return n_pulses, p_pulses
 
     def _any_way(self, steps: Int64) -> tuple[Pulses, Pulses]:
         n_pulses, p_pulses = (np.empty(steps.shape, self._pulse_type) for _ in range(2))
