@@ -287,13 +287,14 @@ class NumpyDecoder:
 
     def _rows(self, stream: bytes, buffer: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64],
               message: Message) -> tuple[NDArray[np.uint8], list[bytes] | None]:  # fmt: skip
-        tail, bounds = self._layout.tail, zip(starts.tolist(), lengths.tolist(), strict=True)
+        tail = self._layout.tail
+        if not message.parts and message.rest is None:
+            return rows_of(buffer, starts, message), None
+        bounds = zip(starts.tolist(), lengths.tolist(), strict=True)
         if message.parts:
             return rows_of_parts(message, (stream[start : start + length] for start, length in bounds), tail)
-        rows = rows_of(buffer, starts, message)
-        if message.rest is None:
-            return rows, None
-        return rows, [stream[start + message.body : start + length - tail] for start, length in bounds]
+        rest = [stream[start + message.body : start + length - tail] for start, length in bounds]
+        return rows_of(buffer, starts, message), rest
 
 
 def _leading(good: NDArray[np.bool_]) -> int:
