@@ -100,7 +100,9 @@ class CounterUnwrapper:
         first = np.concatenate((_START, changed)) if t_ns[0] != self._t_ns else changed
         if not len(first):
             return 1.0
-        before = np.concatenate(([self._t_ns], t_ns))[first]
+        before = t_ns[first - 1]
+        if first[0] == 0:
+            before[0] = self._t_ns
         frames = np.concatenate((first[1:], [count])) - first
         late = (t_ns[first] - before) * per_ns - (frames - 1)
         if late.max() < 1.5:
