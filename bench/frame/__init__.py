@@ -3,10 +3,9 @@
 from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.capture import Counted, decode_capture
 from bench.frame.commands import CommandLayout
-from bench.frame.definition import Engine, FrameDefinition, load_frame, parse_frame
+from bench.frame.definition import Engine, FrameDefinition, Pace, load_frame, pace_of, parse_frame
 from bench.frame.explain import LOOKED_AT_BYTES, Guess, LineGuess, draft, guesses, line_guess
 from bench.frame.layout import Message
-from bench.frame.pace import Pace, pace_of
 from bench.frame.signals import (
     BENCH,
     BENCH_FIELDS,
@@ -18,12 +17,16 @@ from bench.frame.signals import (
     blocks,
     columns,
     expand,
+    means,
     of_message,
     rate_of,
+    rates_among,
+    rates_Hz,
     signal_of,
+    trailing_means,
 )
 from bench.frame.spec import FrameSpec
-from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder, means, rates_among, rates_Hz, trailing_means
+from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 from bench.frame.table import Tables, cells_of
 
 __all__ = [

@@ -1,18 +1,20 @@
-"""A frame definition ready for use: load it, prove it by its golden frames, decode and encode with it."""
+"""A frame definition ready for use: load it, prove it by its golden frames, decode and encode with it, time that."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
+from math import floor, log10
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts
+from bench.frame.batch import FrameBatch, FrameCounts, extract_column
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import require_fast_crc
@@ -21,12 +23,13 @@ from bench.frame.golden import check_golden, wire_of
 from bench.frame.layout import Layout, Message
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import one_by_one
-from bench.frame.rows import extract_column
 from bench.frame.spec import FrameSpec
+from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 from bench.model.yamlio import Document, load_yaml, parse_yaml
 
 Engine = Literal["numpy", "reference"]
+_STREAM_BYTES = 1 << 16
 
 
 class Decoder(Protocol):
@@ -116,3 +119,42 @@ def load_frame(path: Path) -> FrameDefinition:
 def parse_frame(text: str, name: str) -> FrameDefinition:
     """Like ``load_frame`` for a text; ``name`` stands for the file in messages. The same text is compiled once."""
     return FrameDefinition(parse_yaml(text, name, FrameSpec))
+
+
+@dataclass(frozen=True)
+class Pace:
+    """The engine, frames per second of it, and the rate of the frames (None if the definition states none)."""
+
+    frame: str
+    engine: Engine
+    frames_per_s: float
+    rate_Hz: float | None
+    checked: bool
+
+    def __str__(self) -> str:
+        engine = {"numpy": "by numpy", "reference": "one by one"}[self.engine]
+        if self.rate_Hz is None:
+            fast = f"more than {_power(self.frames_per_s)} frames/s"
+        elif self.frames_per_s < self.rate_Hz:
+            fast = f"only {self.frames_per_s:.3g} frames/s, too slow for its {self.rate_Hz:g} Hz"
+        else:
+            fast = f"more than {_power(self.frames_per_s / self.rate_Hz)} times its {self.rate_Hz:g} Hz"
+        return f"{self.frame} {engine}, {fast}{'' if self.checked else '; no check: a damaged frame counts as good'}"
+
+
+def pace_of(definition: FrameDefinition, clock: Clock) -> Pace:
+    """Decode the golden frames of a definition for some milliseconds."""
+    frames = definition.golden * max(1, _STREAM_BYTES // sum(map(len, definition.golden)))
+    stream = b"".join(frames)
+    definition.decoder().feed(stream)  # tables are made at the first call
+    decoder = definition.decoder()
+    begin = clock.now_ns()
+    decoder.feed(stream)
+    frames_per_s = len(frames) * NS / max(1, clock.now_ns() - begin)
+    engine: Engine = "numpy" if isinstance(decoder, NumpyDecoder) else "reference"
+    return Pace(definition.name, engine, frames_per_s, definition.rate_Hz, definition.layout.check.size > 0)
+
+
+def _power(value: float) -> str:
+    """Return the power of ten below a value: more digits would be those of the moment."""
+    return f"{10 ** max(0, floor(log10(value))):,}"

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.frame.batch import seal, store_column
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.packets import ESCAPES, written_line
 from bench.frame.parts import packed
-from bench.frame.rows import seal, store_column
 from bench.model.errors import InputError
 
 _WHERE = "frame encoder"

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column
 from bench.frame.layout import Layout, Message, Span
 from bench.frame.parts import rows_of_parts, unpacked, wire_length
-from bench.frame.rows import are_right, extract_column
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
 _WRONG = 0  # length or type makes no sense

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from record_sample import frame
 
 from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, load_frame, parse_frame
-from bench.frame.counter import CounterUnwrapper, Unwrapped
+from bench.frame.stream import CounterUnwrapper, Unwrapped
 
 WRAP = 65536
 SECOND = 1_000_000_000
