@@ -189,15 +189,16 @@ class Crc:
 
     def _linear(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         odd, table = rows.shape[1] % 2, self._table16
-        words = rows[:, odd:].view("<u2")  # read where they stand, a column at a time: faster than from a copy
+        words = np.ascontiguousarray(rows[:, odd:].view("<u2").T)
         state = np.zeros(len(rows), self._dtype)
         if odd:
             state = table.take(rows[:, 0].astype(np.uint16) << 8)
-        for index in range(words.shape[1]):
+        for word in words:
+            word ^= state.astype(np.uint16, copy=False)
             if self._register == 16:
-                state = table.take(state ^ words[:, index], mode="wrap")
+                table.take(word, mode="clip", out=state)
             else:
-                state = (state >> 16) ^ table.take(state.astype(np.uint16) ^ words[:, index], mode="wrap")
+                state = (state >> 16) ^ table.take(word, mode="clip")
         return state
 
     def _finish(self, state: NDArray[Any]) -> NDArray[Any]:
