@@ -35,7 +35,6 @@ class Found(NamedTuple):
 
 
 _NONE = np.empty(0, np.int64)
-_NOTHING = Found(_NONE, _NONE, _NONE, _NONE, 0)
 
 
 class Alike(NamedTuple):
@@ -218,7 +217,7 @@ class NumpyDecoder:
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
         buffer = np.frombuffer(stream, np.uint8)
         window = max(_WINDOW_BYTES, 4 * self._layout.max_length)
-        found = [_NOTHING]
+        found: list[Found] = []
         at, waiting = 0, False
         while at < len(buffer) and not waiting:
             if self._alike is not None:
@@ -259,16 +258,13 @@ class NumpyDecoder:
         return all(rest[place] == byte for place, byte in alike.head.items() if place < len(rest))
 
     def _batch(self, stream: bytes, buffer: NDArray[np.uint8], found: list[Found], consumed: int) -> FrameBatch:
-        start, length = np.concatenate([part.start for part in found]), np.concatenate([part.length for part in found])
-        kind, bad = np.concatenate([part.message for part in found]), np.concatenate([part.bad for part in found])
+        start, length, kind, bad, _ = found[0] if len(found) == 1 else _joined(found)
         numbers = np.bincount(kind, minlength=len(self._layout.kinds)).tolist()
         messages = {}
         for index, message in enumerate(self._layout.messages):
             number = numbers[index]
-            starts, lengths = start, length
-            if number < len(start):
-                mine = np.flatnonzero(kind == index) if number else _NONE
-                starts, lengths = start[mine], length[mine]
+            mine = slice(number) if number in (0, len(start)) else np.flatnonzero(kind == index)
+            starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
             if message.parts:
@@ -294,6 +290,17 @@ class NumpyDecoder:
             return rows_of_parts(message, (stream[start : start + length] for start, length in bounds), tail)
         rest = [stream[start + message.body : start + length - tail] for start, length in bounds]
         return rows_of(buffer, starts, message), rest
+
+
+def _joined(found: list[Found]) -> Found:
+    """Return what was found in parts of a stream that follow each other, as one."""
+    return Found(
+        np.concatenate([_NONE, *(part.start for part in found)]),
+        np.concatenate([_NONE, *(part.length for part in found)]),
+        np.concatenate([_NONE, *(part.message for part in found)]),
+        np.concatenate([_NONE, *(part.bad for part in found)]),
+        found[-1].position if found else 0,
+    )
 
 
 def _leading(good: NDArray[np.bool_]) -> int:

@@ -10,6 +10,7 @@ from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -154,11 +155,12 @@ class LinkDecoder:
         return groups if groups and not group else [*groups, (group, None)]
 
     def _fed(self, chunks: list[_Chunk]) -> FrameBatch:
-        for stamp, chunk in chunks:
-            self._taken += len(chunk)
-            self._ends.append(self._taken)
-            self._stamps.append(stamp)
-        return self._decoder.feed(chunks[0][1] if len(chunks) == 1 else b"".join([chunk for _, chunk in chunks]))
+        pieces = [chunk for _, chunk in chunks]
+        ends = list(accumulate(map(len, pieces), initial=self._taken))
+        self._taken = ends[-1]
+        self._ends.extend(ends[1:])
+        self._stamps.extend([stamp for stamp, _ in chunks])
+        return self._decoder.feed(pieces[0] if len(pieces) == 1 else b"".join(pieces))
 
     def _accounted(self, found: FrameBatch) -> LinkBatch:
         """Give frames their stamps and counters, count what these reveal, let go of the chunks behind."""

@@ -168,6 +168,26 @@ def test_engines_agree_beyond_one_block_and_one_window(share: float) -> None:
     assert everything(definition, "numpy", [stream[:300_001], stream[300_001:]]) == due
 
 
+@pytest.mark.parametrize("share", [0.0, 0.002])
+def test_engines_agree_on_long_runs_of_one_message_of_several(share: float) -> None:
+    """Housekeeping with an answer in between now and then, cut behind frames and inside them, between all chunks."""
+    generator = np.random.default_rng(78)
+    definition = frame("ngu_b")
+    parts = []
+    for number in range(1500):
+        message = definition.message("answer" if generator.random() < 0.004 else "housekeeping")
+        values = random_values(definition.layout, message, generator)
+        values |= {"counter": number % 65536} if message.counter else {}
+        parts.append(bytearray(definition.encode_one(values, message.name)))
+        if generator.random() < share:
+            parts[-1] = damage(DAMAGE[generator.integers(len(DAMAGE))], parts[-1], definition.layout.pattern, generator)
+    stream = b"".join(parts)
+    due = everything(definition, "reference", [stream])
+    assert due[0].frames > 1400
+    for size in (28, 280, 1000, len(stream)):
+        assert everything(definition, "numpy", [stream[at : at + size] for at in range(0, len(stream), size)]) == due
+
+
 def test_a_valid_frame_that_overlaps_another_by_one_byte_is_not_taken() -> None:
     """The last check byte of the first frame is the first sync byte of the second."""
     definition = frame("ngu_b")
