@@ -149,15 +149,6 @@ def reflect(value: int, width: int) -> int:
     return int(f"{value:0{width}b}"[::-1], 2)
 
 
-def register_steps(model: CrcModel, register: int) -> list[int]:
-    """Return what each of the 256 bytes leaves of a register of zero; see the head of this file."""
-    if model.refin:
-        return [_reflected_entry(byte, reflect(model.poly, model.width)) for byte in range(256)]
-    poly = model.poly << (register - model.width)
-    entries = (_plain_entry(byte, poly, register) for byte in range(256))
-    return [int.from_bytes(entry.to_bytes(register // 8, "big"), "little") for entry in entries]
-
-
 class Crc:
     """A CRC of width 1 to 64 by its parameters.
 
@@ -193,12 +184,14 @@ class Crc:
         state = np.zeros(len(rows), self._dtype)
         if odd:
             state = table.take(rows[:, 0].astype(np.uint16) << 8)
-        for word in words:
-            word ^= state.astype(np.uint16, copy=False)
-            if self._register == 16:
+        if self._register == 16:
+            for word in words:
+                word ^= state
                 table.take(word, mode="clip", out=state)
-            else:
-                state = (state >> 16) ^ table.take(word, mode="clip")
+            return state
+        for word in words:
+            word ^= state.astype(np.uint16)
+            state = (state >> 16) ^ table.take(word, mode="clip")
         return state
 
     def _finish(self, state: NDArray[Any]) -> NDArray[Any]:
@@ -224,7 +217,13 @@ class Crc:
 
     @cached_property
     def _table8(self) -> list[int]:
-        return register_steps(self.model, self._register)
+        """What each of the 256 bytes leaves of a register of zero; see the head of this file."""
+        model, register = self.model, self._register
+        if model.refin:
+            return [_reflected_entry(byte, reflect(model.poly, model.width)) for byte in range(256)]
+        poly = model.poly << (register - model.width)
+        entries = (_plain_entry(byte, poly, register) for byte in range(256))
+        return [int.from_bytes(entry.to_bytes(register // 8, "big"), "little") for entry in entries]
 
     def _single(self) -> Callable[[bytes], int]:
         model = self.model
