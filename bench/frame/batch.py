@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -336,7 +337,12 @@ def seal(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> None:
 def _stored(layout: Layout, length: int) -> Field:
     """Return where the check stands in a frame of that length."""
     at = length - layout.tail if layout.check_field is None else layout.check_field.offset
-    return Field("check", "u", layout.check.size, None, at, layout.stored_big)
+    return _check_at(layout.check.size, at, layout.stored_big)
+
+
+@lru_cache(maxsize=512)
+def _check_at(size: int, at: int, big: bool) -> Field:
+    return Field("check", "u", size, None, at, big)
 
 
 def _computed(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[Any]:

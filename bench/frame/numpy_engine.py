@@ -199,7 +199,12 @@ class NumpyDecoder:
             self._alike = Alike(0, layout.messages[0].length, dict(enumerate(layout.pattern, layout.sync_at)))
         self._tail = b""
         self._position = 0
-        self.counts = FrameCounts()
+        self.counts = FrameCounts(by_message={message.name: 0 for message in layout.messages})
+        self._none = [
+            MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [],
+                         extract_column)
+            for message in layout.messages
+        ]  # fmt: skip
 
     def feed(self, chunk: bytes) -> FrameBatch:
         """Decode what can be decided; the undecided tail waits for the next feed."""
@@ -263,14 +268,17 @@ class NumpyDecoder:
         messages = {}
         for index, message in enumerate(self._layout.messages):
             number = numbers[index]
-            mine = slice(number) if number in (0, len(start)) else np.flatnonzero(kind == index)
+            if not number:
+                messages[message.name] = self._none[index]
+                continue
+            mine = slice(number) if number == len(start) else np.flatnonzero(kind == index)
             starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
             if message.parts:
                 messages[message.name].ends = starts + lengths + self._position
             self.counts.frames += number
-            self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + number
+            self.counts.by_message[message.name] += number
         if self._layout.unlisted is not None:
             self.counts.other += numbers[-1]
         self.counts.bad += len(bad)

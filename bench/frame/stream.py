@@ -181,13 +181,13 @@ class LinkDecoder:
 
     def _stamps_of(self, batch: MessageBatch) -> NDArray[np.int64]:
         """Stamp of the chunk with the last byte of each frame; few chunks, many frames: count frames per chunk."""
-        if not len(batch):
+        if not len(batch.offset):
             return np.empty(0, np.int64)
         ends, first, last = self._ends, 0, 0
         if len(ends) > 1:
             first, last = bisect_left(ends, self._end_of(batch, 0)), bisect_left(ends, self._end_of(batch, -1))
         if first == last:
-            stamps = np.empty(len(batch), np.int64)
+            stamps = np.empty(len(batch.offset), np.int64)
             stamps.fill(self._stamps[first])
             return stamps
         behind = batch.offset + batch.message.length
@@ -213,7 +213,7 @@ class LinkDecoder:
         lost = duplicate = 0
         counting = []
         for batch in messages.values():
-            if batch.message.counter is not None and len(batch):
+            if batch.message.counter is not None and len(batch.offset):
                 counting.append(batch)
             elif batch.message.counter is not None:
                 batch.counter = np.empty(0, np.int64)
