@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: demo test manuals mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure figures ways validate bench lint wheel lock
 
-demo: $(VENV)/.kernel
+demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
 	@echo "Report: $$(ls -t $(OUT)/*/report.html | head -n 1)"
 
@@ -105,7 +105,7 @@ structure:
 	$(PYTHON) tests/house/structure.py $(TREE)
 
 # Figures of weight, beside the last row of benchmarks/record.md; tests/house/test_ratchets.py holds them down.
-figures: $(VENV)/.kernel
+figures: $(VENV)/.run
 	$(PY) tests/house/figures.py
 
 # The files that a frame and a step pass (docs/architecture.md).
@@ -137,7 +137,6 @@ lock: $(PY)
 	$(COMPILE) --output-file requirements/build.txt requirements/build.in
 	$(COMPILE) --output-file requirements/broker.txt requirements/broker.in
 	$(COMPILE) $(RUN) --output-file requirements/run.txt pyproject.toml
-	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra fast --output-file requirements/fast.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra dev --output-file requirements/dev.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt --constraint requirements/dev.txt $(RUN) --extra docs --output-file requirements/docs.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra benchmark --output-file requirements/benchmark.txt pyproject.toml
@@ -156,13 +155,7 @@ $(VENV)/.run: requirements/run.txt pyproject.toml | $(VENV)/.build
 	$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# The compiler, and what it makes of the kernel, in the user's cache; without it numpy decodes, and a run says so.
-$(VENV)/.kernel: requirements/fast.txt $(wildcard bench/frame/kernel/*.py) $(VENV)/.run
-	-$(PIP_INSTALL) --require-hashes -r requirements/fast.txt
-	-$(PY) -m bench.frame.kernel
-	@touch $@
-
-$(VENV)/.dev: requirements/dev.txt $(VENV)/.kernel
+$(VENV)/.dev: requirements/dev.txt $(VENV)/.run
 	$(PIP_INSTALL) --require-hashes -r requirements/dev.txt
 	@touch $@
 
@@ -175,7 +168,7 @@ $(VENV)/.docs: requirements/docs.txt $(VENV)/.dev
 	$(PIP_INSTALL) --require-hashes -r requirements/docs.txt
 	@touch $@
 
-$(VENV)/.benchmark: requirements/benchmark.txt $(VENV)/.kernel
+$(VENV)/.benchmark: requirements/benchmark.txt $(VENV)/.run
 	$(PIP_INSTALL) --require-hashes -r requirements/benchmark.txt
 	@touch $@
 

@@ -16,8 +16,7 @@ from time import process_time
 import crcmod
 import numpy as np
 
-from bench.frame import Engine, FrameDefinition, LinkDecoder, best_engine, load_frame
-from bench.frame.encode import encode_rows
+from bench.frame import FrameDefinition, LinkDecoder, load_frame
 
 FRAMES = Path(__file__).resolve().parent.parent / "frames"
 SEED = 20240501
@@ -40,9 +39,9 @@ def columns(count: int) -> dict[str, np.ndarray]:
     }
 
 
-def vectorised(definition: FrameDefinition, chunks: list[bytes], engine: Engine | None = None) -> int:
+def vectorised(definition: FrameDefinition, chunks: list[bytes]) -> int:
     """The product's own way: LinkDecoder, chunk by chunk as received, every field extracted."""
-    link = LinkDecoder(definition, engine)
+    link = LinkDecoder(definition)
     found = 0
     for stamp, chunk in enumerate(chunks):
         link.push(stamp * 10_000_000 * len(chunk) // LENGTH, chunk)
@@ -65,16 +64,13 @@ def copy_cost_ns() -> float:
     return cost_ns(lambda: len(source) // LENGTH if np.copyto(target, source) is None else 0, len(source) // LENGTH, 5)
 
 
-def encoded(definition: FrameDefinition, content: dict[str, np.ndarray], size: int, compiled: bool) -> int:
-    """Frames made in blocks of ``size``, by the best encoder or by numpy's."""
+def encoded(definition: FrameDefinition, content: dict[str, np.ndarray], size: int) -> int:
+    """Frames made in blocks of ``size``."""
     count = len(content["counter"])
     made = 0
     for at in range(0, count, size):
         part = {name: column[at : at + size] for name, column in content.items()}
-        number = len(part["counter"])
-        message = definition.message()
-        rows = definition.encode(part, number) if compiled else encode_rows(definition.layout, message, part, number)
-        made += len(rows)
+        made += len(definition.encode(part, len(part["counter"])))
     return made
 
 
@@ -183,19 +179,16 @@ def main() -> None:
         ("memcpy in buffers of 64 MiB", copy_cost_ns()),
         ("find + crcmod + struct loop", cost_ns(lambda: peer_loop(few), 20_000)),
     ]
-    engines: tuple[Engine, ...] = ("numpy", "kernel") if best_engine() == "kernel" else ("numpy",)
-    for engine in engines:
-        for name, part, size, frames in (
-            ("2 MB blocks, all fields", stream, BLOCK_BYTES, count),
-            ("1 % of the frames damaged", hurt, BLOCK_BYTES, good),
-            ("1000 frames per feed", few, 1000 * LENGTH, 20_000),
-            ("100 frames per feed", few, 100 * LENGTH, 20_000),
-        ):
-            chunks = chunked(part, size)
-            rows.append((f"{engine}, {name}", cost_ns(partial(vectorised, definition, chunks, engine), frames, 5)))
-        for size, part in ((100, some), (20_000, content)):
-            made = partial(encoded, definition, part, size, engine == "kernel")
-            rows.append((f"{engine}, encoder, {size} frames per call", cost_ns(made, len(part["counter"]))))
+    for name, part, size, frames in (
+        ("2 MB blocks, all fields", stream, BLOCK_BYTES, count),
+        ("1 % of the frames damaged", hurt, BLOCK_BYTES, good),
+        ("1000 frames per feed", few, 1000 * LENGTH, 20_000),
+        ("100 frames per feed", few, 100 * LENGTH, 20_000),
+    ):
+        rows.append((name, cost_ns(partial(vectorised, definition, chunked(part, size)), frames, 5)))
+    for size, part in ((100, some), (20_000, content)):
+        made = partial(encoded, definition, part, size)
+        rows.append((f"encoder, {size} frames per call", cost_ns(made, len(part["counter"]))))
     try:
         rows.append(("construct", cost_ns(lambda: construct_loop(few[: 2000 * LENGTH]), 2000, 1)))
     except ImportError:

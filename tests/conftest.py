@@ -48,16 +48,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def _own_cache() -> tempfile.TemporaryDirectory[str]:
-    """Make a cache for all tests, in which no results are kept: one test must not see those of another.
-
-    Machine code of the user's is used, not made again.
-    """
-    kernels = list(cache_folder().glob("kernel-*"))
+    """Make a cache for all tests, in which no results are kept: one test must not see those of another."""
     folder = tempfile.TemporaryDirectory(prefix="bench-tests-")
     os.environ["XDG_CACHE_HOME"] = folder.name
     cache_folder().mkdir()
-    for kernel in kernels:
-        (cache_folder() / kernel.name).symlink_to(kernel)
     (cache_folder() / "results").write_text("not a folder, so nothing can be kept in it")
     return folder
 

@@ -1,14 +1,11 @@
 """Floor 1: frame definitions to decoders and encoders; checks; resynchronisation; counters of a link."""
 
 from bench.frame.batch import FrameBatch, MessageBatch
-from bench.frame.best import Engine, best_engine, why_no_kernel
 from bench.frame.capture import Counted, decode_capture
 from bench.frame.commands import CommandLayout
-from bench.frame.definition import FrameDefinition, load_frame, parse_frame
+from bench.frame.definition import Engine, FrameDefinition, Pace, load_frame, pace_of, parse_frame
 from bench.frame.explain import LOOKED_AT_BYTES, Guess, LineGuess, draft, guesses, line_guess
-from bench.frame.kernel_engine import kernel_quanta
 from bench.frame.layout import Message
-from bench.frame.pace import Pace, pace_of
 from bench.frame.signals import (
     BENCH,
     BENCH_FIELDS,
@@ -20,12 +17,16 @@ from bench.frame.signals import (
     blocks,
     columns,
     expand,
+    means,
     of_message,
     rate_of,
+    rates_among,
+    rates_Hz,
     signal_of,
+    trailing_means,
 )
 from bench.frame.spec import FrameSpec
-from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder, means, rates_among, rates_Hz, trailing_means
+from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 from bench.frame.table import Tables, cells_of
 
 __all__ = [
@@ -52,7 +53,6 @@ __all__ = [
     "Signal",
     "Tables",
     "all_signals",
-    "best_engine",
     "blocks",
     "cells_of",
     "columns",
@@ -60,7 +60,6 @@ __all__ = [
     "draft",
     "expand",
     "guesses",
-    "kernel_quanta",
     "line_guess",
     "load_frame",
     "means",
@@ -72,5 +71,4 @@ __all__ = [
     "rates_among",
     "signal_of",
     "trailing_means",
-    "why_no_kernel",
 ]

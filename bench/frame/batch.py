@@ -1,16 +1,19 @@
-"""Decoded frames as columns: fields are cut out of the frame bytes only when somebody asks for them."""
+"""Rows of frame bytes: fields and checks read and written; decoded frames as columns, cut when somebody asks for them.
+
+A field is read and written where it stands, as numbers at a stride or as bytes in one piece, never byte by byte.
+"""
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.layout import Field, Message
+from bench.frame.layout import Field, Layout, Message
 from bench.model.errors import InputError
 
 Extract = Callable[[NDArray[np.uint8], Field], NDArray[Any]]
@@ -184,29 +187,16 @@ class JoinedBatch(MessageBatch):
         return np.concatenate(columns)
 
 
-class Arrivals(NamedTuple):
-    """Chunks that are not decided to their end: stream offset behind each one, receive stamp in ns."""
-
-    ends: array[int]
-    stamps: array[int]
-
-
 class FrameBatch(NamedTuple):
     """The yield of one feed: accepted frames by message, offsets of rejected candidates, bytes now behind us.
 
     ``position``: stream offset up to which every byte is decided. A rejected candidate is a full sync pattern, with
     all bytes of its frame there, whose check (or length, or type) fails and that lies inside no accepted frame.
-    An engine that knows the arrivals gives the messages stamps and counters, and says here what they reveal:
-    ``bad_t_ns``, stamps of the rejected candidates (None: it does not know), and lost, repeated and suspect frames.
     """
 
     messages: Mapping[str, MessageBatch]
     bad_offset: NDArray[np.int64]
     position: int
-    bad_t_ns: NDArray[np.int64] | None = None
-    lost: int = 0
-    duplicate: int = 0
-    suspect: int = 0
 
 
 @dataclass
@@ -226,34 +216,54 @@ def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
 
     Args: rows: (n, body) uint8, any strides between rows; at least one byte stands before the field (the sync).
     """
-    count = len(rows)
-    width = np.dtype(item.dtype).itemsize
     if item.kind == "b":
         return rows[:, item.offset : item.offset + item.length].copy()
     elements = 1 if item.count is None else item.count
     if item.packed or item.step:
         column = _scattered(rows, item, elements)
-    elif item.size == width:
+    elif item.size == np.dtype(item.dtype).itemsize:
         column = _natural(rows, item, elements)
-    elif elements == 1 and item.offset + item.size - width >= 0 and item.big:
-        column = _overlapped(rows, item, width)
+    elif elements == 1 and item.offset + item.size - np.dtype(item.dtype).itemsize >= 0 and item.big:
+        column = _overlapped(rows, item)
     else:
-        column = _padded(rows, item, elements, width)
-    return column.reshape(count) if item.count is None else column
+        column = _padded(rows, item, elements)
+    return column.reshape(len(rows)) if item.count is None else column
+
+
+def store_column(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> None:
+    """Write values of a field that fit it: (n, count), (1, count), or (n, 1) or (1, 1) where all elements are alike."""
+    elements = 1 if item.count is None else item.count
+    if values.shape[1] != elements:
+        values = np.broadcast_to(values, (len(values), elements))
+    if item.packed or item.step:
+        _store_bits(rows, item, values)
+        return
+    target = rows[:, item.offset : item.offset + item.length]
+    wire = np.ascontiguousarray(values, _wire(item))
+    width = wire.itemsize
+    if item.size == width:  # all elements in one piece
+        target.view(f"V{item.length}")[:] = wire.view(f"V{item.length}")
+        return
+    surplus = width - item.size if item.big else 0
+    packed = wire.view(np.uint8).reshape(*wire.shape, width)[..., surplus : surplus + item.size]
+    target.view(f"V{item.size}")[:] = packed.view(f"V{item.size}")[..., 0]
+
+
+def _wire(item: Field) -> np.dtype[Any]:
+    return np.dtype(item.dtype).newbyteorder(">" if item.big else "<")
 
 
 def _natural(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
-    packed = np.ascontiguousarray(rows[:, item.offset : item.offset + item.length])
-    wire = np.dtype(item.dtype).newbyteorder(">" if item.big else "<")
-    values = packed.view(wire) if item.size > 1 or item.kind == "i" else packed
-    return values.astype(item.dtype, copy=False).reshape(len(rows), elements)
+    place, wire = rows[:, item.offset : item.offset + item.length], _wire(item)
+    if elements > 1:
+        place = np.ascontiguousarray(place.view(f"V{item.length}"))
+    return place.view(wire).astype(item.dtype).reshape(len(rows), elements)
 
 
-def _overlapped(rows: NDArray[np.uint8], item: Field, width: int) -> NDArray[Any]:
+def _overlapped(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
     """A big-endian u24/u40.. read as a wider integer that begins in the byte before it; the surplus is masked off."""
-    start = item.offset + item.size - width
-    packed = np.ascontiguousarray(rows[:, start : start + width])
-    wide = packed.view(f">u{width}").astype(f"u{width}")
+    width = np.dtype(item.dtype).itemsize
+    wide = rows[:, item.offset + item.size - width : item.offset + item.size].view(f">u{width}").astype(f"u{width}")
     if item.kind == "u":
         return np.asarray(wide & wide.dtype.type((1 << (8 * item.size)) - 1))
     return _sign(wide, item.size, width)
@@ -278,7 +288,8 @@ def _scattered(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[A
     return (signed >> signed.dtype.type(unused)).astype(item.dtype)
 
 
-def _padded(rows: NDArray[np.uint8], item: Field, elements: int, width: int) -> NDArray[Any]:
+def _padded(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
+    width = np.dtype(item.dtype).itemsize
     block = rows[:, item.offset : item.offset + item.length].reshape(len(rows), elements, item.size)
     wide = np.zeros((len(rows), elements, width), np.uint8)
     wide[:, :, : item.size] = block[:, :, ::-1] if item.big else block
@@ -290,3 +301,56 @@ def _sign(values: NDArray[Any], size: int, width: int) -> NDArray[Any]:
     """Return two's complement of ``size`` bytes in a wider word: shift up, back down with the sign."""
     shift = 8 * (width - size)
     return np.asarray((values << values.dtype.type(shift)).view(f"i{width}") >> shift)
+
+
+def _store_bits(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> None:
+    """Set the bits of elements that are no whole bytes or lie apart; those of their neighbours stay."""
+    values = np.ascontiguousarray(values, item.dtype)
+    if item.kind == "f":
+        values = values.view(f"u{item.size}")
+    for element in range(values.shape[1]):
+        at, odd = item.place(element)
+        size = -(-(odd + item.width) // 8)
+        value = values[:, element].astype(np.uint64) & np.uint64((1 << item.width) - 1)
+        value <<= np.uint64(8 * size - odd - item.width if item.big else odd)
+        for index in range(size):
+            shift = 8 * (size - 1 - index if item.big else index)
+            rows[:, at + index] |= (value >> np.uint64(shift) & np.uint64(255)).astype(np.uint8)
+
+
+def are_right(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return for each frame (n, length) whether its check and its trailer are right, (n,)."""
+    right = _computed(layout, message, rows) == extract_column(rows, _stored(layout, rows.shape[1]))
+    if layout.trailer:
+        right &= (rows[:, -len(layout.trailer) :] == np.frombuffer(layout.trailer, np.uint8)).all(axis=1)
+    return np.asarray(right)
+
+
+def seal(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> None:
+    """Write the check and the trailer of frames (n, length) whose fields are there."""
+    if layout.trailer:
+        rows[:, -len(layout.trailer) :] = np.frombuffer(layout.trailer, np.uint8)
+    if layout.check.size:
+        store_column(rows, _stored(layout, rows.shape[1]), _computed(layout, message, rows)[:, np.newaxis])
+
+
+def _stored(layout: Layout, length: int) -> Field:
+    """Return where the check stands in a frame of that length."""
+    at = length - layout.tail if layout.check_field is None else layout.check_field.offset
+    return _check_at(layout.check.size, at, layout.stored_big)
+
+
+@lru_cache(maxsize=512)
+def _check_at(size: int, at: int, big: bool) -> Field:
+    return Field("check", "u", size, None, at, big)
+
+
+def _computed(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[Any]:
+    length = rows.shape[1]
+    stop = length - layout.tail if message.cover_stop is None else message.cover_stop
+    covered = rows[:, message.cover_start : stop]
+    held = None if layout.check_field is None else layout.check_field.offset - message.cover_start
+    if held is not None and 0 <= held < covered.shape[1]:
+        covered = covered.copy()
+        covered[:, held : held + layout.check.size] = 0
+    return layout.check.of_rows(covered)

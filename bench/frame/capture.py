@@ -8,8 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, BinaryIO
 
 from bench.frame.batch import MessageBatch
-from bench.frame.best import Engine
-from bench.frame.definition import FrameDefinition
+from bench.frame.definition import Engine, FrameDefinition
 from bench.frame.layout import Layout
 from bench.frame.packets import why_bad
 from bench.frame.refusal import Cause, Refusal
@@ -59,7 +58,7 @@ class Counted:
 
 
 def decode_capture(
-    definition: FrameDefinition, stream: BinaryIO, take: Take = lambda messages: None, engine: Engine | None = None
+    definition: FrameDefinition, stream: BinaryIO, take: Take = lambda messages: None, engine: Engine = "numpy"
 ) -> Counted:
     """Decode a capture to its end; without receive times a gap longer than a counter wrap looks shorter.
 

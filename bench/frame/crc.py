@@ -2,8 +2,8 @@
 
 A CRC is computed by crcmod (C) for a single frame, by 16-bit-step tables in numpy for a matrix of frames. Both work on
 a little-end register ``s`` with the step ``s = (s >> 8) ^ T8[(s ^ byte) & 0xff]``. A reflected CRC has that form by
-nature; the other kind is aligned to the left of a 16/32/64-bit register that is kept byte-swapped, so one kernel
-without branches serves every model. A CRC is affine in the message: the kernel starts from a zero register (leading
+nature; the other kind is aligned to the left of a 16/32/64-bit register that is kept byte-swapped, so one step
+without branches serves every model. A CRC is affine in the message: a matrix starts from a zero register (leading
 zero bytes change nothing, odd lengths are padded in front) and the CRC of as many zero bytes is added. Checksums have a
 plain loop for one message and a closed form for a matrix of messages; the two are tested against each other.
 """
@@ -25,7 +25,7 @@ from bench.frame.catalogue import CrcModel
 from bench.model.errors import InputError
 
 _BLOCK_ROWS = 4096  # words of a block stay in the second-level cache
-_SINGLE_ROWS = 60  # below this many rows a C call per row is faster than the vectorised kernel
+_SINGLE_ROWS = 80  # below this many rows a C call per row is faster
 _CRCMOD_WIDTHS = (8, 16, 24, 32, 64)
 
 
@@ -149,15 +149,6 @@ def reflect(value: int, width: int) -> int:
     return int(f"{value:0{width}b}"[::-1], 2)
 
 
-def register_steps(model: CrcModel, register: int) -> list[int]:
-    """Return what each of the 256 bytes leaves of a register of zero; see the head of this file."""
-    if model.refin:
-        return [_reflected_entry(byte, reflect(model.poly, model.width)) for byte in range(256)]
-    poly = model.poly << (register - model.width)
-    entries = (_plain_entry(byte, poly, register) for byte in range(256))
-    return [int.from_bytes(entry.to_bytes(register // 8, "big"), "little") for entry in entries]
-
-
 class Crc:
     """A CRC of width 1 to 64 by its parameters.
 
@@ -188,20 +179,20 @@ class Crc:
         return np.asarray(self._finish(out) ^ self._dtype.type(self._of_zeros(length)))
 
     def _linear(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        count, length = rows.shape
-        padded = np.zeros((count, length + length % 2), np.uint8)
-        padded[:, length % 2 :] = rows
-        words = np.ascontiguousarray(padded.view("<u2").T)
-        table = self._table16
+        odd, table = rows.shape[1] % 2, self._table16
+        words = np.ascontiguousarray(rows[:, odd:].view("<u2").T)
+        state = np.zeros(len(rows), self._dtype)
+        if odd:
+            state = table.take(rows[:, 0].astype(np.uint16) << 8)
         if self._register == 16:
-            state = np.zeros(count, np.uint16)
             for word in words:
-                state = table.take(state ^ word, mode="wrap")
+                word ^= state
+                table.take(word, mode="clip", out=state)
             return state
-        wide = np.zeros(count, self._dtype)
         for word in words:
-            wide = (wide >> 16) ^ table.take(wide.astype(np.uint16) ^ word, mode="wrap")
-        return wide
+            word ^= state.astype(np.uint16)
+            state = (state >> 16) ^ table.take(word, mode="clip")
+        return state
 
     def _finish(self, state: NDArray[Any]) -> NDArray[Any]:
         model = self.model
@@ -226,7 +217,13 @@ class Crc:
 
     @cached_property
     def _table8(self) -> list[int]:
-        return register_steps(self.model, self._register)
+        """What each of the 256 bytes leaves of a register of zero; see the head of this file."""
+        model, register = self.model, self._register
+        if model.refin:
+            return [_reflected_entry(byte, reflect(model.poly, model.width)) for byte in range(256)]
+        poly = model.poly << (register - model.width)
+        entries = (_plain_entry(byte, poly, register) for byte in range(256))
+        return [int.from_bytes(entry.to_bytes(register // 8, "big"), "little") for entry in entries]
 
     def _single(self) -> Callable[[bytes], int]:
         model = self.model

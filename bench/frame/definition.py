@@ -1,37 +1,39 @@
-"""A frame definition ready for use: load it, prove it by its golden frames, decode and encode with it."""
+"""A frame definition ready for use: load it, prove it by its golden frames, decode and encode with it, time that."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
+from functools import lru_cache
+from math import floor, log10
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import Arrivals, FrameBatch, FrameCounts, extract_column
-from bench.frame.best import Engine, Kernel, best_engine, kernel, why_no_kernel
+from bench.frame.batch import FrameBatch, FrameCounts, extract_column
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
 from bench.frame.golden import check_golden, wire_of
-from bench.frame.kernel.arrays import Arrays, arrays_of, what_is_not_held
-from bench.frame.kernel_encoder import KernelEncoder
-from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import Layout, Message
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import one_by_one
 from bench.frame.spec import FrameSpec
+from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 from bench.model.yamlio import Document, load_yaml, parse_yaml
 
+Engine = Literal["numpy", "reference"]
+_STREAM_BYTES = 1 << 16
+
 
 class Decoder(Protocol):
-    """The face of all engines; they give the same results on any input and any chunking."""
+    """The face of both engines; they give the same results on any input and any chunking."""
 
     counts: FrameCounts
 
@@ -70,7 +72,6 @@ class FrameDefinition:
         if self.commands:
             meaning["commands"] = canonical_commands(list(self.commands.values()))
         content = json.dumps(meaning, sort_keys=True, separators=(",", ":"))
-        self._encoders: dict[str, KernelEncoder] = {}
         self.sha256 = hashlib.sha256(content.encode()).hexdigest()
 
     def message(self, name: str = "frame") -> Message:
@@ -85,39 +86,12 @@ class FrameDefinition:
         """The command with that code, None if there is none."""
         return next((command for command in self.commands.values() if command.code == code), None)
 
-    @property
-    def why_no_kernel(self) -> str:
-        """Why the frames are not decoded by the compiled kernel, "" if they are."""
-        unknown = what_is_not_held(self.layout)
-        if not unknown:
-            return why_no_kernel()
-        instead = "one by one" if self._one_by_one else "by numpy"
-        return f"{self.name}: the compiled kernel does not know {unknown}: frames are decoded {instead}"
-
-    @property
-    def _one_by_one(self) -> bool:
-        return not self.layout.pattern or bool(self.layout.escape) or self.layout.lines is not None
-
-    def _kernel(self) -> Kernel | None:
-        return None if what_is_not_held(self.layout) else kernel()
-
-    @cached_property
-    def _arrays(self) -> Arrays:
-        return arrays_of(self.layout)
-
-    def decoder(self, engine: Engine | None = None, arrivals: Arrivals | None = None) -> Decoder:
-        """Return a fresh decoder at the start of a stream.
-
-        Args: engine: default: the best one there is; numpy instead of the kernel where there is no kernel.
-              arrivals: of the chunks that are fed; the kernel then stamps and counts the frames too.
-        """
-        engine = engine or best_engine()
-        compiled = self._kernel() if engine == "kernel" else None
-        if compiled is not None:
-            return KernelDecoder(self.layout, self._arrays, compiled.decode, arrivals)
+    def decoder(self, engine: Engine = "numpy") -> Decoder:
+        """Return a fresh decoder at the start of a stream."""
         if engine == "reference":
             return one_by_one(self.layout)
-        return one_by_one(self.layout, extract_column) if self._one_by_one else NumpyDecoder(self.layout)
+        by_packets = not self.layout.pattern or bool(self.layout.escape) or self.layout.lines is not None
+        return one_by_one(self.layout, extract_column) if by_packets else NumpyDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
         """Return frames of a message of fixed length, check included.
@@ -129,18 +103,7 @@ class FrameDefinition:
         Returns: (n, length) uint8.
         Raises: InputError B-FRAME-020 (missing, wrong shape), 021 (does not fit), 022 (unknown), 023 (no message).
         """
-        encoder = self._encoder(message)
-        rows = None if encoder is None or not n else encoder.rows(columns, n)
-        return encode_rows(self.layout, self.message(message), columns, n) if rows is None else rows
-
-    def _encoder(self, message: str) -> KernelEncoder | None:
-        """Return the compiled encoder of a message, None if there is none or its frames have no fixed length."""
-        encoder = self._encoders.get(message)
-        compiled = self._kernel() if encoder is None else None
-        if compiled is not None and self.message(message).length:
-            encoder = KernelEncoder(self.layout, self.message(message), self._arrays, compiled.encode)
-            self._encoders[message] = encoder
-        return encoder
+        return encode_rows(self.layout, self.message(message), columns, n)
 
     def encode_one(self, values: Mapping[str, Any], message: str = "frame") -> bytes:
         """One frame of any message, variable length included (its last field takes bytes); else like ``encode``."""
@@ -156,3 +119,42 @@ def load_frame(path: Path) -> FrameDefinition:
 def parse_frame(text: str, name: str) -> FrameDefinition:
     """Like ``load_frame`` for a text; ``name`` stands for the file in messages. The same text is compiled once."""
     return FrameDefinition(parse_yaml(text, name, FrameSpec))
+
+
+@dataclass(frozen=True)
+class Pace:
+    """The engine, frames per second of it, and the rate of the frames (None if the definition states none)."""
+
+    frame: str
+    engine: Engine
+    frames_per_s: float
+    rate_Hz: float | None
+    checked: bool
+
+    def __str__(self) -> str:
+        engine = {"numpy": "by numpy", "reference": "one by one"}[self.engine]
+        if self.rate_Hz is None:
+            fast = f"more than {_power(self.frames_per_s)} frames/s"
+        elif self.frames_per_s < self.rate_Hz:
+            fast = f"only {self.frames_per_s:.3g} frames/s, too slow for its {self.rate_Hz:g} Hz"
+        else:
+            fast = f"more than {_power(self.frames_per_s / self.rate_Hz)} times its {self.rate_Hz:g} Hz"
+        return f"{self.frame} {engine}, {fast}{'' if self.checked else '; no check: a damaged frame counts as good'}"
+
+
+def pace_of(definition: FrameDefinition, clock: Clock) -> Pace:
+    """Decode the golden frames of a definition for some milliseconds."""
+    frames = definition.golden * max(1, _STREAM_BYTES // sum(map(len, definition.golden)))
+    stream = b"".join(frames)
+    definition.decoder().feed(stream)  # tables are made at the first call
+    decoder = definition.decoder()
+    begin = clock.now_ns()
+    decoder.feed(stream)
+    frames_per_s = len(frames) * NS / max(1, clock.now_ns() - begin)
+    engine: Engine = "numpy" if isinstance(decoder, NumpyDecoder) else "reference"
+    return Pace(definition.name, engine, frames_per_s, definition.rate_Hz, definition.layout.check.size > 0)
+
+
+def _power(value: float) -> str:
+    """Return the power of ten below a value: more digits would be those of the moment."""
+    return f"{10 ** max(0, floor(log10(value))):,}"

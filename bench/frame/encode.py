@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.frame.batch import seal, store_column
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.packets import ESCAPES, written_line
 from bench.frame.parts import packed
-from bench.frame.seal import seal
 from bench.model.errors import InputError
 
 _WHERE = "frame encoder"
@@ -173,19 +173,18 @@ def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
 
 
 def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: int) -> None:
-    target = rows[:, item.offset : item.offset + item.length]
     values = values_of(item, given)
     if isinstance(values, bytes):
-        target[:] = np.frombuffer(values, np.uint8)
+        rows[:, item.offset : item.offset + item.length] = np.frombuffer(values, np.uint8)
         return
     elements = 1 if item.count is None else item.count
     shaped = values if item.count is not None else values[..., np.newaxis]
-    try:
-        full = np.broadcast_to(shaped, (count, elements))
-    except ValueError:
+    shaped = shaped.reshape((1,) * (2 - shaped.ndim) + shaped.shape)
+    if shaped.ndim != 2 or shaped.shape[0] not in (1, count) or shaped.shape[1] not in (1, elements):
         text = f"{item.name!r} has the shape {values.shape}, due is {(count, elements)}"
-        raise InputError("B-FRAME-020", text, where=_WHERE) from None
-    _store(target, _checked(full, values, item), item)
+        raise InputError("B-FRAME-020", text, where=_WHERE)
+    _check_values(values, item)
+    store_column(rows, item, shaped)
 
 
 def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
@@ -202,10 +201,10 @@ def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
     return whole
 
 
-def _checked(full: NDArray[Any], values: NDArray[Any], item: Field) -> NDArray[Any]:
-    """Return the values in the memory type of the field; never wrapped, never clipped."""
+def _check_values(values: NDArray[Any], item: Field) -> None:
+    """Refuse values that a field would wrap or clip."""
     if item.kind == "f":
-        return full.astype(item.dtype, copy=False)
+        return
     bits = item.width
     low, high = (0, (1 << bits) - 1) if item.kind in "ub" else (-(1 << (bits - 1)), (1 << (bits - 1)) - 1)
     if values.dtype.kind == "f" and values.size and (values != np.rint(values)).any():
@@ -213,35 +212,8 @@ def _checked(full: NDArray[Any], values: NDArray[Any], item: Field) -> NDArray[A
     fits = np.can_cast(values.dtype, item.dtype) and 8 * np.dtype(item.dtype).itemsize == bits
     if not fits and values.size and (values.min() < low or values.max() > high):
         raise _out_of_range(item.name, values, low, high)
-    return full.astype(item.dtype, copy=False)
 
 
 def _out_of_range(name: str, values: NDArray[Any], low: int, high: int) -> InputError:
     text = f"{name!r} reaches from {values.min()} to {values.max()}, the limits are {low} and {high}"
     return InputError("B-FRAME-021", text, where=_WHERE)
-
-
-def _store(target: NDArray[np.uint8], values: NDArray[Any], item: Field) -> None:
-    count, elements = values.shape
-    if item.packed or item.step:
-        _store_bits(target, values, item)
-        return
-    width = values.dtype.itemsize
-    wire = np.ascontiguousarray(values, values.dtype.newbyteorder(">" if item.big else "<"))
-    packed = wire.view(np.uint8).reshape(count, elements, width)
-    cut = packed[:, :, width - item.size :] if item.big else packed[:, :, : item.size]
-    target[:] = cut.reshape(count, elements * item.size)
-
-
-def _store_bits(target: NDArray[np.uint8], values: NDArray[Any], item: Field) -> None:
-    """Set the bits of elements that are no whole bytes or lie apart; those of their neighbours stay."""
-    if item.kind == "f":
-        values = np.ascontiguousarray(values).view(f"u{item.size}")
-    for element in range(values.shape[1]):
-        at, odd = item.place(element)
-        size = -(-(odd + item.width) // 8)
-        value = values[:, element].astype(np.uint64) & np.uint64((1 << item.width) - 1)
-        value <<= np.uint64(8 * size - odd - item.width if item.big else odd)
-        for index in range(size):
-            shift = 8 * (size - 1 - index if item.big else index)
-            target[:, at - item.offset + index] |= (value >> np.uint64(shift) & np.uint64(255)).astype(np.uint8)

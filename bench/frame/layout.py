@@ -55,7 +55,7 @@ class Field:
     step: int = 0
     given: str = ""
 
-    @property
+    @cached_property
     def length(self) -> int:
         """Bytes on the wire, those that it shares with its neighbours included; 0 for "rest"."""
         elements = 1 if self.count is None else self.count
@@ -63,7 +63,7 @@ class Field:
             return (elements - 1) * self.step + -(-((self.packed or (0, 0))[0] + self.width) // 8)
         return self.size * elements if self.packed is None else -(-(self.packed[0] + self.packed[1] * elements) // 8)
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Bits of an element."""
         return 8 * self.size if self.packed is None else self.packed[1]
@@ -225,12 +225,12 @@ class Layout:
     lines: LinesSpec | None = None
     sync_at: int = 0
 
-    @property
+    @cached_property
     def tail(self) -> int:
         """Bytes behind the fields: the check, if no field holds it, and the trailer."""
         return (self.check.size if self.check_field is None else 0) + len(self.trailer)
 
-    @property
+    @cached_property
     def kinds(self) -> tuple[Message, ...]:
         """All that a frame may be: the messages, and last what is not listed, if that is counted."""
         return self.messages if self.unlisted is None else (*self.messages, self.unlisted)

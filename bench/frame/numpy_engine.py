@@ -1,41 +1,48 @@
 """The vectorised engine: same offsets, counts and fields as the reference engine, on any damage and any chunking.
 
-Two ways through a block: the lattice (rows on the stride of a fixed length, all with sync and check right), and behind
-any damage the scan (all sync candidates of a window, their checks in bulk, then first come first served).
+Two ways through a block: the lattice (rows on the stride of frames that are all of one message and length, each with
+its check right), and behind anything else the scan (all sync candidates of a window, their checks in bulk, then first
+come first served).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, extract_column
-from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column
+from bench.frame.layout import Layout, Message, Span
 from bench.frame.parts import rows_of_parts, unpacked, wire_length
-from bench.frame.seal import are_right
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
 _WRONG = 0  # length or type makes no sense
 _BLOCK_ROWS = 4096
-_NONE = np.empty(0, np.int64)
 _WINDOW_BYTES = 1 << 18
 _GATHERED_BYTES = 1 << 24  # of candidates that are checked at once
-Run = tuple[int, int]  # first byte, number of rows
 
 
-@dataclass(frozen=True)
-class Found:
-    """Result of a scan: accepted frames in order, rejected candidates, first undecided byte. All in buffer offsets."""
+class Found(NamedTuple):
+    """Accepted frames in order, rejected candidates, first undecided byte. All in buffer offsets."""
 
     start: NDArray[np.int64]
     length: NDArray[np.int64]
     message: NDArray[np.int64]
     bad: NDArray[np.int64]
     position: int
+
+
+_NONE = np.empty(0, np.int64)
+
+
+class Alike(NamedTuple):
+    """Number of a message and length of frames of it, and by their places the bytes that say so."""
+
+    message: int
+    length: int
+    head: dict[int, int]
 
 
 class Scanner:
@@ -66,6 +73,17 @@ class Scanner:
         rejected = _outside(rejected[rejected < position], accepted, length[taken])
         return Found(accepted + at, length[taken], message[taken], rejected + at, at + position)
 
+    def alike(self, buffer: NDArray[np.uint8], found: Found) -> Alike | None:
+        """Return what frames have in common if those of a scan are of one message and length; None if they are not."""
+        layout, start, length, message = self._layout, found.start, found.length, found.message
+        if (length != length[0]).any() or (message != message[0]).any() or layout.kinds[message[0]].parts:
+            return None
+        places = list(range(layout.sync_at, self._sync_end))
+        for item in (layout.length_field, layout.type_field):
+            places += [] if item is None else range(item.offset, item.offset + item.length)
+        first = int(start[0])
+        return Alike(int(message[0]), int(length[0]), {place: int(buffer[first + place]) for place in places})
+
     def _measure(self, window: NDArray[np.uint8], at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         layout = self._layout
         length = np.full(len(at), layout.messages[0].length, np.int64)
@@ -81,7 +99,7 @@ class Scanner:
         head = head.astype(np.uint8, copy=False)
         kind = np.zeros(len(head), np.int64)
         if layout.type_field is not None:
-            value = part_of(_unsigned(head, layout.type_field), layout.type_bits)
+            value = part_of(extract_column(head, layout.type_field), layout.type_bits)
             kind = np.full(len(head), -1 if layout.unlisted is None else len(layout.messages), np.int64)
             for index, item in enumerate(layout.messages):
                 kind[value == item.type_value] = index
@@ -89,7 +107,7 @@ class Scanner:
         fixed = np.array([item.length for item in layout.kinds])[kind]
         size = fixed.copy()
         if layout.length_field is not None:
-            stated = part_of(_unsigned(head, layout.length_field), layout.length_bits)
+            stated = part_of(extract_column(head, layout.length_field).astype(np.int64), layout.length_bits)
             size = stated * layout.length_times + layout.length_plus
             size[(size < body) | (size > layout.max_length) | ((fixed > 0) & (size != fixed))] = _WRONG
         size[kind < 0] = _WRONG
@@ -138,14 +156,6 @@ def part_of(value: Any, bits: Span | None) -> Any:
     return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
 
 
-def _unsigned(head: NDArray[np.uint8], item: Field) -> NDArray[np.int64]:
-    value = np.zeros(len(head), np.int64)
-    for index in range(item.length):
-        value = value << 8 | head[:, item.offset + (index if item.big else item.length - 1 - index)]
-    low = 0 if item.packed is None else 8 * item.length - sum(item.packed) if item.big else item.packed[0]
-    return value >> low & (1 << item.width) - 1
-
-
 def _serve(at: NDArray[np.int64], length: NDArray[np.int64], waiting: NDArray[np.bool_], events: NDArray[np.int64],
            last: int) -> tuple[NDArray[np.int64], int]:  # fmt: skip
     """First come, first served: accepted candidates, and the position where the search must wait for more bytes.
@@ -184,10 +194,17 @@ class NumpyDecoder:
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
         self._scanner = Scanner(layout)
+        self._alike: Alike | None = None  # while nothing is damaged
+        if layout.fixed:
+            self._alike = Alike(0, layout.messages[0].length, dict(enumerate(layout.pattern, layout.sync_at)))
         self._tail = b""
         self._position = 0
-        self._damaged = False
-        self.counts = FrameCounts()
+        self.counts = FrameCounts(by_message={message.name: 0 for message in layout.messages})
+        self._none = [
+            MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [],
+                         extract_column)
+            for message in layout.messages
+        ]  # fmt: skip
 
     def feed(self, chunk: bytes) -> FrameBatch:
         """Decode what can be decided; the undecided tail waits for the next feed."""
@@ -204,59 +221,68 @@ class NumpyDecoder:
 
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
         buffer = np.frombuffer(stream, np.uint8)
-        layout = self._layout
-        window = max(_WINDOW_BYTES, 4 * layout.max_length)
-        found: list[Run | Found] = []
-        bad: list[NDArray[np.int64]] = []
+        window = max(_WINDOW_BYTES, 4 * self._layout.max_length)
+        found: list[Found] = []
         at, waiting = 0, False
         while at < len(buffer) and not waiting:
-            if layout.fixed and not self._damaged:
-                good, rows = self._lattice(buffer, at)
-                if good:
-                    found.append((at, good))
-                    at += good * layout.messages[0].length
-                if rows and good == rows:
+            if self._alike is not None:
+                run, rows = self._lattice(buffer, at, self._alike)
+                found.append(run)
+                at = run.position
+                if rows and len(run.start) == rows:
                     continue
+                if not (rows or final or at < before) and self._begins(buffer[at:], self._alike):
+                    break
             stop = min(len(buffer), at + window)
             part = self._scanner.scan(buffer, at, stop, final and stop == len(buffer), before - at)
-            self._damaged = len(part.bad) > 0
+            if len(part.bad):
+                self._alike = None
+            elif len(part.start):
+                self._alike = self._scanner.alike(buffer, part)
             found.append(part)
-            bad.append(part.bad)
             waiting = stop == len(buffer)
             at = part.position
-        return self._batch(stream, buffer, found, np.concatenate([_NONE, *bad]), at)
+        return self._batch(stream, buffer, found, at)
 
-    def _lattice(self, buffer: NDArray[np.uint8], at: int) -> Run:
-        """Return number of good rows from ``at`` on before the first bad one, and number of rows looked at."""
-        message = self._layout.messages[0]
-        rows = min((len(buffer) - at) // message.length, _BLOCK_ROWS)
-        block = buffer[at : at + rows * message.length].reshape(rows, message.length)
-        pattern = self._layout.pattern
+    def _lattice(self, buffer: NDArray[np.uint8], at: int, alike: Alike) -> tuple[Found, int]:
+        """Return the good rows from ``at`` on before the first bad one, and number of rows looked at."""
+        number, length, head = alike
+        rows = min((len(buffer) - at) // length, _BLOCK_ROWS)
+        block = buffer[at : at + rows * length].reshape(rows, length)
         good = np.ones(rows, np.bool_)
-        for index, byte in enumerate(pattern, self._layout.sync_at):
-            good &= block[:, index] == byte
-        leading = _leading(good)
-        return _leading(are_right(self._layout, message, block[:leading])), rows
+        for place, byte in head.items():
+            good &= block[:, place] == byte
+        good = are_right(self._layout, self._layout.kinds[number], block[: _leading(good)])
+        count = _leading(good)
+        stop = at + count * length
+        starts = np.arange(at, stop, length)
+        return Found(starts, np.full(count, length), np.full(count, number), _NONE, stop), rows
 
-    def _batch(self, stream: bytes, buffer: NDArray[np.uint8], found: list[Run | Found], bad: NDArray[np.int64],
-               consumed: int) -> FrameBatch:  # fmt: skip
+    def _begins(self, rest: NDArray[np.uint8], alike: Alike) -> bool:
+        """Return whether the bytes may be the beginning of one more frame of the same kind."""
+        return all(rest[place] == byte for place, byte in alike.head.items() if place < len(rest))
+
+    def _batch(self, stream: bytes, buffer: NDArray[np.uint8], found: list[Found], consumed: int) -> FrameBatch:
+        start, length, kind, bad, _ = found[0] if len(found) == 1 else _joined(found)
+        numbers = np.bincount(kind, minlength=len(self._layout.kinds)).tolist()
         messages = {}
-        accepted = 0
         for index, message in enumerate(self._layout.messages):
-            starts, lengths = _starts(found, index, message.length)
+            number = numbers[index]
+            if not number:
+                messages[message.name] = self._none[index]
+                continue
+            mine = slice(number) if number == len(start) else np.flatnonzero(kind == index)
+            starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
             if message.parts:
                 messages[message.name].ends = starts + lengths + self._position
-            self.counts.frames += len(starts)
-            self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + len(starts)
-            accepted += int(lengths.sum())
+            self.counts.frames += number
+            self.counts.by_message[message.name] += number
         if self._layout.unlisted is not None:
-            _, lengths = _starts(found, len(self._layout.messages), 0)
-            self.counts.other += len(lengths)
-            accepted += int(lengths.sum())
+            self.counts.other += numbers[-1]
         self.counts.bad += len(bad)
-        self.counts.skipped_bytes += consumed - accepted
+        self.counts.skipped_bytes += consumed - int(length.sum())
         bad = bad + self._position
         self._tail = stream[consumed:]
         self._position += consumed
@@ -264,13 +290,25 @@ class NumpyDecoder:
 
     def _rows(self, stream: bytes, buffer: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64],
               message: Message) -> tuple[NDArray[np.uint8], list[bytes] | None]:  # fmt: skip
-        tail, bounds = self._layout.tail, zip(starts.tolist(), lengths.tolist(), strict=True)
+        tail = self._layout.tail
+        if not message.parts and message.rest is None:
+            return rows_of(buffer, starts, message), None
+        bounds = zip(starts.tolist(), lengths.tolist(), strict=True)
         if message.parts:
             return rows_of_parts(message, (stream[start : start + length] for start, length in bounds), tail)
-        rows = rows_of(buffer, starts, message)
-        if message.rest is None:
-            return rows, None
-        return rows, [stream[start + message.body : start + length - tail] for start, length in bounds]
+        rest = [stream[start + message.body : start + length - tail] for start, length in bounds]
+        return rows_of(buffer, starts, message), rest
+
+
+def _joined(found: list[Found]) -> Found:
+    """Return what was found in parts of a stream that follow each other, as one."""
+    return Found(
+        np.concatenate([_NONE, *(part.start for part in found)]),
+        np.concatenate([_NONE, *(part.length for part in found)]),
+        np.concatenate([_NONE, *(part.message for part in found)]),
+        np.concatenate([_NONE, *(part.bad for part in found)]),
+        found[-1].position if found else 0,
+    )
 
 
 def _leading(good: NDArray[np.bool_]) -> int:
@@ -279,31 +317,12 @@ def _leading(good: NDArray[np.bool_]) -> int:
     return len(good) if not len(good) or good[first] else first
 
 
-def _starts(found: list[Run | Found], index: int, length: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Starts and lengths of the accepted frames of one message, in stream order."""
-    starts: list[NDArray[np.int64]] = []
-    lengths: list[NDArray[np.int64]] = []
-    for part in found:
-        if isinstance(part, Found):
-            mine = part.message == index
-            starts.append(part.start[mine])
-            lengths.append(part.length[mine])
-        else:
-            first, rows = part
-            starts.append(np.arange(first, first + rows * length, length, dtype=np.int64))
-            lengths.append(np.full(rows, length, np.int64))
-    if len(starts) == 1:
-        return starts[0], lengths[0]
-    return np.concatenate([_NONE, *starts]), np.concatenate([_NONE, *lengths])
-
-
 def rows_of(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
     """Return frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
     if not len(starts):
         return np.empty((0, message.body), np.uint8)
     first, last = int(starts[0]), int(starts[-1])
     if message.length and last - first == (len(starts) - 1) * message.length:
-        return np.lib.stride_tricks.as_strided(
-            buffer[first:], (len(starts), message.body), (message.length, 1), writeable=False
-        )
+        frames = buffer[first : first + len(starts) * message.length].reshape(len(starts), message.length)
+        return frames[:, : message.body]
     return sliding_window_view(buffer, message.body)[starts]

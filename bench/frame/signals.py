@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from bench.frame.batch import MessageBatch
 from bench.frame.definition import FrameDefinition
 from bench.frame.layout import Field, Message
+from bench.model.clock import NS
 from bench.model.errors import InputError
 
 BENCH = "bench"
@@ -28,7 +29,8 @@ _FLOAT_DECIMALS = 4
 _MOST_DECIMALS = 9
 _NAME = re.compile(r"([a-z0-9_]+)\.([a-z0-9_]+)(?:-([a-z0-9_]+))?(?:\[(\d{1,4})(?:\.\.(\d{1,4}))?\])?(/s)?")
 RATE = "/s"  # behind the name of a count: its rate
-MEAN_S = 1.0
+Array = NDArray[np.float64]
+MEAN_S = 1.0  # a mean that lacks half of its frames or more is NaN: a gap
 _LEAST_FRAMES = 10  # in MEAN_S: of fewer a mean says no more than the frames themselves
 
 
@@ -120,6 +122,42 @@ def columns(signals: Iterable[Signal], link: str, batch: MessageBatch) -> NDArra
     for block in blocks(chosen):
         found[:, block.places] = block.in_unit(block.values(batch), batch.message)
     return found
+
+
+def means(sums: Array, counts: NDArray[np.intp], rate_Hz: Array | float) -> Array:
+    """Return sums over ``MEAN_S`` as means, (m, k); NaN where not more than half of the frames came.
+
+    Args: sums: (m, k).   counts: of the frames in each sum, (m, k) or (m, 1).   rate_Hz: of the frames, (k,) or one.
+    """
+    enough = counts * 2 > np.asarray(rate_Hz) * MEAN_S
+    found: Array = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=enough)
+    return found
+
+
+def trailing_means(t_ns: NDArray[np.int64], signals: Sequence[Signal], values: Array) -> Array:
+    """Return values of frames with those of rates replaced by their mean over ``MEAN_S`` up to each frame, (n, k).
+
+    Args: t_ns: of the frames, (n,), never falling.   signals: (k,).   values: as ``columns`` gives them, (n, k).
+    """
+    places = rates_among(signals)
+    if not len(places) or not len(t_ns):
+        return values
+    first = np.searchsorted(t_ns, t_ns - round(MEAN_S * NS), side="right")
+    total = np.concatenate((np.zeros((1, len(places))), np.cumsum(values[:, places], axis=0)))
+    sums = total[1:] - total[first]
+    found = values.copy()
+    found[:, places] = means(sums, (np.arange(1, len(t_ns) + 1) - first)[:, None], rates_Hz(signals)[places])
+    return found
+
+
+def rates_among(signals: Sequence[Signal]) -> NDArray[np.intp]:
+    """Return places of the rates among signals."""
+    return np.flatnonzero(rates_Hz(signals))
+
+
+def rates_Hz(signals: Sequence[Signal]) -> Array:
+    """Return ``rate_Hz`` of each signal, (k,)."""
+    return np.array([signal.rate_Hz for signal in signals], np.float64)
 
 
 class Columns(Protocol):

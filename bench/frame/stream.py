@@ -1,6 +1,6 @@
 """One link: queued chunks in, frames with receive stamps and unwrapped counters out.
 
-Rates of what frames count: the mean over ``MEAN_S``. A mean that lacks half of its frames or more is NaN: a gap.
+Counters are without wrap, and tell lost and repeated frames.
 """
 
 from __future__ import annotations
@@ -10,21 +10,20 @@ from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import Arrivals, FrameBatch, MessageBatch
-from bench.frame.best import Engine
-from bench.frame.counter import CounterUnwrapper
-from bench.frame.definition import FrameDefinition
+from bench.frame.batch import FrameBatch, MessageBatch
+from bench.frame.definition import Engine, FrameDefinition
 from bench.frame.layout import Field
-from bench.frame.signals import MEAN_S, Signal
 from bench.model.clock import NS
 
 _Chunk = tuple[int, bytes]  # receive stamp in ns, bytes
-Array = NDArray[np.float64]
+_START = np.zeros(1, np.int64)
+REPEAT_REACH = 64  # frames; a serial line repeats at most the tail of a buffer
 
 
 @dataclass(frozen=True)
@@ -67,10 +66,10 @@ class LinkDecoder:
     Only the stamps of the chunks count, so the same chunks give the same frames later, however they are flushed.
     """
 
-    def __init__(self, definition: FrameDefinition, engine: Engine | None = None) -> None:
+    def __init__(self, definition: FrameDefinition, engine: Engine = "numpy") -> None:
         self.definition = definition
-        self._arrivals = Arrivals(array("q"), array("q"))
-        self._decoder = definition.decoder(engine, self._arrivals)
+        self._ends, self._stamps = array("q"), array("q")  # of chunks that are not decided: offset behind, stamp
+        self._decoder = definition.decoder(engine)
         silence_s = definition.layout.silence_s
         self._silence_ns = None if silence_s is None else round(silence_s * NS)
         self._heard_ns: int | None = None  # stamp of the last chunk that held bytes
@@ -156,50 +155,40 @@ class LinkDecoder:
         return groups if groups and not group else [*groups, (group, None)]
 
     def _fed(self, chunks: list[_Chunk]) -> FrameBatch:
-        ends, stamps = self._arrivals
-        for stamp, chunk in chunks:
-            self._taken += len(chunk)
-            ends.append(self._taken)
-            stamps.append(stamp)
-        return self._decoder.feed(chunks[0][1] if len(chunks) == 1 else b"".join([chunk for _, chunk in chunks]))
+        pieces = [chunk for _, chunk in chunks]
+        ends = list(accumulate(map(len, pieces), initial=self._taken))
+        self._taken = ends[-1]
+        self._ends.extend(ends[1:])
+        self._stamps.extend([stamp for stamp, _ in chunks])
+        return self._decoder.feed(pieces[0] if len(pieces) == 1 else b"".join(pieces))
 
     def _accounted(self, found: FrameBatch) -> LinkBatch:
-        """Have frames with stamps and counters, and let go of the chunks behind."""
-        ends, stamps = self._arrivals
-        if found.bad_t_ns is None:
-            found = self._told(found)
-        messages, bad_offset, position, bad_t_ns, lost, duplicate, suspect = found
-        assert bad_t_ns is not None
+        """Give frames their stamps and counters, count what these reveal, let go of the chunks behind."""
+        messages, bad_offset, position = found
+        for batch in messages.values():
+            batch.t_ns = self._stamps_of(batch)
+        lost, duplicate = self._count(messages)
+        bad_t_ns = bad_offset
+        if len(bad_offset):
+            bad_t_ns = np.array(self._stamps)[np.searchsorted(self._ends, bad_offset, side="right")]
         self._lost += lost
         self._duplicate += duplicate
-        self._suspect += suspect
+        self._suspect += sum(int(np.count_nonzero(batch.suspect)) for batch in messages.values())
         self._decided = position
-        decided = bisect_right(ends, position)
-        del ends[:decided], stamps[:decided]
+        decided = bisect_right(self._ends, position)
+        del self._ends[:decided], self._stamps[:decided]
         return LinkBatch(messages, bad_offset, bad_t_ns, lost, duplicate)
-
-    def _told(self, found: FrameBatch) -> FrameBatch:
-        """Give frames their stamps and counters, and tell what these reveal."""
-        ends, stamps = self._arrivals
-        for batch in found.messages.values():
-            batch.t_ns = self._stamps_of(batch)
-        lost, duplicate = self._count(found.messages)
-        suspect = sum(int(np.count_nonzero(batch.suspect)) for batch in found.messages.values())
-        bad_t_ns = found.bad_offset
-        if len(bad_t_ns):
-            bad_t_ns = np.array(stamps)[np.searchsorted(ends, found.bad_offset, side="right")]
-        return FrameBatch(*found[:3], bad_t_ns, lost, duplicate, suspect)
 
     def _stamps_of(self, batch: MessageBatch) -> NDArray[np.int64]:
         """Stamp of the chunk with the last byte of each frame; few chunks, many frames: count frames per chunk."""
-        if not len(batch):
+        if not len(batch.offset):
             return np.empty(0, np.int64)
-        ends, first, last = self._arrivals.ends, 0, 0
+        ends, first, last = self._ends, 0, 0
         if len(ends) > 1:
             first, last = bisect_left(ends, self._end_of(batch, 0)), bisect_left(ends, self._end_of(batch, -1))
         if first == last:
-            stamps = np.empty(len(batch), np.int64)
-            stamps.fill(self._arrivals.stamps[first])
+            stamps = np.empty(len(batch.offset), np.int64)
+            stamps.fill(self._stamps[first])
             return stamps
         behind = batch.offset + batch.message.length
         if batch.ends is not None:
@@ -209,7 +198,7 @@ class LinkDecoder:
             behind = batch.offset + batch.message.body + self.definition.layout.tail + extra
         complete = np.searchsorted(behind, ends[first : last + 1], side="right")
         complete[1:] -= complete[:-1].copy()
-        return np.repeat(np.array(self._arrivals.stamps[first : last + 1]), complete)
+        return np.repeat(np.array(self._stamps[first : last + 1]), complete)
 
     def _end_of(self, batch: MessageBatch, index: int) -> int:
         """Return the stream offset behind one frame."""
@@ -224,7 +213,7 @@ class LinkDecoder:
         lost = duplicate = 0
         counting = []
         for batch in messages.values():
-            if batch.message.counter is not None and len(batch):
+            if batch.message.counter is not None and len(batch.offset):
                 counting.append(batch)
             elif batch.message.counter is not None:
                 batch.counter = np.empty(0, np.int64)
@@ -286,37 +275,140 @@ def _joined(parts: list[LinkBatch]) -> LinkBatch:
     )
 
 
-def means(sums: Array, counts: NDArray[np.intp], rate_Hz: Array | float) -> Array:
-    """Return sums over ``MEAN_S`` as means, (m, k); NaN where not more than half of the frames came.
+class Unwrapped(NamedTuple):
+    """Counters (n,) int64 without wrap, suspect marks (n,) bool, numbers of lost, repeated and suspect frames."""
 
-    Args: sums: (m, k).   counts: of the frames in each sum, (m, k) or (m, 1).   rate_Hz: of the frames, (k,) or one.
+    counter: NDArray[np.int64]
+    suspect: NDArray[np.bool_]
+    lost: int
+    duplicate: int
+    doubtful: int = 0
+
+
+class CounterUnwrapper:
+    """Follows one counter of ``wrap`` values through a stream.
+
+    A step is the one, modulo the wrap, that is nearest to what the receive times and the rate predict; so gaps longer
+    than a wrap are resolved. A step back by at most 64 is a repeated frame. A step that is a quarter of a wrap away
+    from the prediction, or further back, is implausible: that frame is suspect and carries the last counter. If the
+    next frame goes on from it, the unit has restarted its counter: counting goes on as the time predicts.
     """
-    enough = counts * 2 > np.asarray(rate_Hz) * MEAN_S
-    found: Array = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=enough)
-    return found
 
+    def __init__(self, wrap: int, rate_Hz: float | None) -> None:
+        self._wrap = wrap
+        self._rate_Hz = rate_Hz
+        self._reach = min(REPEAT_REACH, wrap // 4)
+        self._started = False
+        self._raw = 0  # counter as sent of the last trusted frame
+        self._last = 0  # its unwrapped counter
+        self._highest = 0
+        self._t_ns = 0
+        self._rejected: int | None = None  # counter as sent of a suspect frame, if that was the last one
+        self._missed = 0.0  # frames that time has predicted since the last trusted one
 
-def trailing_means(t_ns: NDArray[np.int64], signals: Sequence[Signal], values: Array) -> Array:
-    """Return values of frames with those of rates replaced by their mean over ``MEAN_S`` up to each frame, (n, k).
+    def feed(self, raw: NDArray[np.int64], t_ns: NDArray[np.int64] | None) -> Unwrapped:
+        """Unwrap the counters of the next frames.
 
-    Args: t_ns: of the frames, (n,), never falling.   signals: (k,).   values: as ``columns`` gives them, (n, k).
-    """
-    places = rates_among(signals)
-    if not len(places) or not len(t_ns):
-        return values
-    first = np.searchsorted(t_ns, t_ns - round(MEAN_S * NS), side="right")
-    total = np.concatenate((np.zeros((1, len(places))), np.cumsum(values[:, places], axis=0)))
-    sums = total[1:] - total[first]
-    found = values.copy()
-    found[:, places] = means(sums, (np.arange(1, len(t_ns) + 1) - first)[:, None], rates_Hz(signals)[places])
-    return found
+        Args: raw: (n,) counters as sent; t_ns: (n,) receive stamps of their chunks, or None without times.
+        """
+        if not len(raw):
+            return Unwrapped(np.empty(0, np.int64), np.empty(0, np.bool_), 0, 0)
+        if not self._started:
+            self._started = True
+            self._raw = self._last = self._highest = int(raw[0]) - 1
+            self._t_ns = int(t_ns[0]) if t_ns is not None else 0
+        expected = self._expected(len(raw), t_ns)
+        if t_ns is not None:
+            self._t_ns = int(t_ns[-1])
+        step = np.empty(len(raw), np.int64)
+        step[0] = raw[0] - self._raw
+        np.subtract(raw[1:], raw[:-1], out=step[1:])
+        step &= self._wrap - 1
+        if isinstance(expected, float) and self._steady and (step == 1).all():
+            return self._advance(len(raw), int(raw[-1]))
+        step = self._resolve(step, expected)
+        if self._rejected is None and not self._implausible(step, expected).any():
+            counter = self._last + np.cumsum(step)
+            suspect = np.zeros(len(raw), np.bool_)
+            self._raw, self._last = int(raw[-1]), int(counter[-1])
+        else:
+            counter, suspect = self._one_by_one(raw, expected)
+        return self._account(counter, suspect)
 
+    @property
+    def _steady(self) -> bool:
+        return self._rejected is None and self._last == self._highest
 
-def rates_among(signals: Sequence[Signal]) -> NDArray[np.intp]:
-    """Return places of the rates among signals."""
-    return np.flatnonzero(rates_Hz(signals))
+    def _advance(self, count: int, raw: int) -> Unwrapped:
+        """Return nothing lost, nothing repeated."""
+        counter = np.arange(self._last + 1, self._last + 1 + count, dtype=np.int64)
+        self._raw, self._last = raw, self._last + count
+        self._highest = self._last
+        return Unwrapped(counter, np.zeros(count, np.bool_), 0, 0)
 
+    def _expected(self, count: int, t_ns: NDArray[np.int64] | None) -> NDArray[np.float64] | float:
+        """Predicted step of each frame: 1 inside a chunk; at its start the time since the last one, less its frames.
 
-def rates_Hz(signals: Sequence[Signal]) -> Array:
-    """Return ``rate_Hz`` of each signal, (k,)."""
-    return np.array([signal.rate_Hz for signal in signals], np.float64)
+        A plain 1.0 means 1 for all.
+        """
+        if t_ns is None or self._rate_Hz is None:
+            return 1.0
+        per_ns = self._rate_Hz / NS
+        if t_ns[0] == t_ns[-1]:  # one chunk
+            behind_ns = int(t_ns[0]) - self._t_ns
+            late_one = behind_ns * per_ns - (count - 1) if behind_ns else 0.0
+            return 1.0 if late_one < 1.5 else np.concatenate(([late_one], np.ones(count - 1)))
+        changed = np.flatnonzero(t_ns[1:] != t_ns[:-1]) + 1
+        first = np.concatenate((_START, changed)) if t_ns[0] != self._t_ns else changed
+        if not len(first):
+            return 1.0
+        before = t_ns[first - 1]
+        if first[0] == 0:
+            before[0] = self._t_ns
+        frames = np.concatenate((first[1:], [count])) - first
+        late = (t_ns[first] - before) * per_ns - (frames - 1)
+        if late.max() < 1.5:
+            return 1.0
+        expected = np.ones(count)
+        expected[first] = np.where(late < 1.5, 1.0, late)  # the same for a chunk whatever else is in the batch
+        return expected
+
+    def _resolve(self, step: NDArray[np.int64], expected: NDArray[np.float64] | float) -> NDArray[np.int64]:
+        turns = np.rint((expected - step) / self._wrap)
+        return step + self._wrap * turns.astype(np.int64)
+
+    def _implausible(self, step: NDArray[np.int64], expected: NDArray[np.float64] | float) -> NDArray[np.bool_]:
+        return np.asarray((step < -self._reach) | (step - expected > self._wrap / 4))
+
+    def _one_by_one(
+        self, raw: NDArray[np.int64], expected: NDArray[np.float64] | float
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        counter = np.empty(len(raw), np.int64)
+        suspect = np.zeros(len(raw), np.bool_)
+        highest = self._highest
+        due_each = np.broadcast_to(expected, len(raw)).tolist()
+        for index, (value, due) in enumerate(zip(raw.tolist(), due_each, strict=True)):
+            due += self._missed
+            forward = (value - self._raw) % self._wrap
+            step = forward + self._wrap * round((due - forward) / self._wrap)
+            if -self._reach <= step <= due + self._wrap / 4:
+                self._last += step
+            elif self._rejected is not None and 0 < (value - self._rejected) % self._wrap <= self._reach:
+                self._last = highest + max(1, round(due))
+            else:
+                suspect[index], counter[index] = True, self._last
+                self._rejected, self._missed = value, due
+                continue
+            self._raw, self._rejected, self._missed = value, None, 0.0
+            counter[index] = self._last
+            highest = max(highest, self._last)
+        return counter, suspect
+
+    def _account(self, counter: NDArray[np.int64], suspect: NDArray[np.bool_]) -> Unwrapped:
+        trusted = counter if not suspect.any() else counter[~suspect]
+        highest = np.maximum.accumulate(np.concatenate(([self._highest], trusted)))
+        steps = highest[1:] - highest[:-1]
+        new = steps > 0
+        self._highest = int(highest[-1])
+        return Unwrapped(counter, suspect, int(steps.sum() - new.sum()), int(len(trusted) - new.sum()),
+                         len(counter) - len(trusted))  # fmt: skip

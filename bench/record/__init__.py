@@ -9,9 +9,8 @@ from bench.record.layout import Message, canonical_json
 from bench.record.packed import PackedList, PackedRows
 from bench.record.reader import ChunkPlace, SegmentChunks, SessionReader
 from bench.record.recover import Survey, recover_session, resume_session
-from bench.record.samples import Samples
+from bench.record.samples import Samples, SignalValues
 from bench.record.scan import Damage
-from bench.record.signals import SignalValues
 from bench.record.trend import BenchRows, TrendWriter
 from bench.record.trend_reader import Part, TrendReader, TrendWindow, joined
 from bench.record.trend_rows import (

@@ -19,8 +19,7 @@ from bench.model.events import Event, Reading
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record.pulses import implausible, pulse_timing
-from bench.record.samples import BesideKeeper, SampleKeeper, Samples
-from bench.record.signals import SignalKeeper, SignalValues
+from bench.record.samples import BesideKeeper, SampleKeeper, Samples, SignalKeeper, SignalValues
 
 Rows = slice | NDArray[np.int64]
 UNIT_TEMPERATURE = "unit_temperature_degC"

@@ -324,8 +324,6 @@ class _Run:
     def _readers(self) -> dict[str, LinkReader]:
         readers: dict[str, LinkReader] = {}
         counted = {link: of for link, of in _counted_by(self.plan).items() if link in self.bench.links}
-        for slow in dict.fromkeys(frame.why_no_kernel for frame in self.frames.values() if frame.why_no_kernel):
-            self.observers.message(slow)
         for link in sorted(counted, key=lambda name: name == counted[name]):
             cutter = self.cutters[counted[link]]
             feed = cutter.feed if link == counted[link] else partial(cutter.feed_context, link=link)

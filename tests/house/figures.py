@@ -79,7 +79,7 @@ def last_row() -> dict[str, str]:
 
 def main(words: list[str]) -> None:
     """Print the figures."""
-    figures = counted() | {name: figure for name, figure in walked().items() if name != "kernel"}
+    figures = counted() | walked()
     texts = {name: f"{figure:,}" if figure >= 1000 else f"{figure:g}" for name, figure in figures.items()}
     before = last_row()
     if words == ["--row"]:

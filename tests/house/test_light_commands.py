@@ -25,7 +25,7 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.St
         status = ended.code
 print(json.dumps([int(status), sorted(sys.modules)]))
 """
-OF_FITS = {"scipy", "matplotlib", "bokeh", "sqlalchemy", "starlette", "uvicorn", "textual", "jinja2", "GTC", "numba"}
+OF_FITS = {"scipy", "matplotlib", "bokeh", "sqlalchemy", "starlette", "uvicorn", "textual", "jinja2", "GTC"}
 OF_FILES = {"numpy", "yaml", "pyvisa", "lz4"}
 ROOMS = ("bench.analysis", "bench.session", "bench.report", "bench.run", "bench.store")
 

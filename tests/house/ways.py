@@ -27,7 +27,6 @@ from bench.session import finish
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = f"{ROOT}/bench/"
 SEQUENCE = "scale_factor_wall"
-KERNEL = "bench/frame/kernel_engine.py"  # on the way of a frame where there is a compiler
 FRAME = [(LinkReader, name) for name in ("receive", "receive_parts", "record", "decode")]
 FRAME += [(finish, name) for name in ("analyse_view", "results_json", "write_file")]
 STEP = [(command, "checked_plan"), (Sequencer, "_execute")]
@@ -137,7 +136,7 @@ def main(words: list[str]) -> None:
     """Print the files of both ways and the figures, with ``--json`` the figures alone."""
     ways = walked()
     if words == ["--json"]:
-        sys.stdout.write(json.dumps(ways.figures() | {"kernel": KERNEL in ways.frame.files}) + "\n")
+        sys.stdout.write(json.dumps(ways.figures()) + "\n")
         return
     names = {"a frame, from bytes to results.json": ways.frame, "a step, from YAML to the journal": ways.step}
     for name, way in names.items():

@@ -1,4 +1,4 @@
-"""Campaigns that go another way: held up at random instants, on the wall clock, without the kernel; a replay agrees."""
+"""Campaigns that go another way: held up at random instants, on the wall clock; a replay agrees."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, Rehearsal, SOAK_s, rehearsed, tiny_plan
-from soak_campaign import soak_plan, watchers
+from rehearsal import ROOT, SOAK_s, rehearsed, tiny_plan
 
 from bench.commands.run import view_of
-from bench.frame import best, why_no_kernel
 from bench.model.clock import WallClock
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.replay import replay_rows
@@ -24,7 +22,6 @@ from bench.run.stop import Wish
 from bench.session.view import KEPT_EVENTS, analyse_view
 
 COVERAGE = 5.0  # standard deviations of a difference
-SLOW = "there is no kernel today"
 WALL = """\
 sequence: wall
 station: af_bench_sim
@@ -159,22 +156,3 @@ def test_a_run_under_the_wall_clock_replays_row_by_row(tmp_path: Path) -> None:
     print(f"timed waits ended {run.outcome.lateness_ms} ms late (median, 99 %, worst)")
     assert [(row.frames, row.lost, row.bad, row.quality) for row in run.outcome.rows] == [(100, 0, 0, 0)] * 4
     check_replay(run)
-
-
-@pytest.mark.skipif(bool(why_no_kernel()), reason=why_no_kernel() or "the kernel is there")
-def test_a_session_does_not_depend_on_the_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run decodes with the kernel, or says once that it does not."""
-
-    def done(name: str) -> Rehearsal:
-        (tmp_path / name).mkdir()
-        plan = soak_plan(tmp_path / name)
-        return rehearsed(tmp_path / name / "out", plan, seed=5, beside=watchers(plan))
-
-    fast = done("kernel")
-    monkeypatch.setattr(best, "_loaded", lambda: (None, SLOW))
-    slow = done("numpy")
-    assert not any("kernel" in text for text in fast.watched.messages)
-    assert slow.watched.messages.count(SLOW) == 1
-    first, second = ((one.run.session_sha256, one.run.counts, repr(one.run.outcome.rows)) for one in (fast, slow))
-    assert first == second
-    assert fast.run.outcome.error is None

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import best_engine, kernel_quanta
 from sim_instruments.arrays import Int64
 
 Pulses = NDArray[np.integer]
@@ -62,21 +61,15 @@ class ChargeBalance:
         self._require_room(int(clocks.sum()))
         falling = np.asarray((charge <= 0).all(axis=1))
         one_way = (falling | np.asarray((charge >= 0).all(axis=1))).all()
-        if one_way:
-            np.negative(charge, out=charge, where=falling[:, None])
         charge *= clocks
         return self._one_way(charge, falling) if one_way else self._any_way(charge)
 
     def advance_one_way(self, steady: Int64, noise: NDArray[np.int32], clocks: Int64) -> tuple[Pulses, Pulses]:
         """``advance`` with a charge of ``steady`` (C,) and ``noise`` (C, n), which is nowhere larger than the other."""
         self._require_room(int(clocks.sum()))
-        falling = steady < 0
-        if self._pulse_type is np.uint16 and best_engine() == "kernel":
-            return self._one_way_by_kernel(steady, noise, clocks, falling)
-        sign = np.where(falling, -1, 1).astype(np.int32)
-        size = np.asarray(noise * sign[:, None] + np.abs(steady)[:, None])
-        size *= clocks
-        return self._one_way(size, falling)
+        charge = np.asarray(noise + steady[:, None])
+        charge *= clocks
+        return self._one_way(charge, steady < 0)
 
     def advance_once(self, charge: Int64, clocks: int) -> tuple[Int64, Int64]:
         """``advance`` for one stretch of time: ``charge`` (C,), N and P pulses (C,) each."""
@@ -92,32 +85,22 @@ class ChargeBalance:
             raise ValueError(f"{clocks} clocks in one call; at most {self._max_clocks} fit 64-bit charge")
 
     def _one_way(self, steps: Int64, falling: NDArray[np.bool_]) -> tuple[Pulses, Pulses]:
-        """Every row only rises, or only falls and is given with its sign turned; so its maximum is its last value."""
-        sign = np.where(falling, -1, 1)
-        quantum = np.where(falling, self._q_p, self._q_n)
-        ahead = quantum - 1 - self._threshold
-        steps[:, 0] += sign * self.residue + ahead
+        """Every row only rises or only falls, so its extreme is its last value; of one that falls all is negative."""
+        quantum = np.where(falling, -self._q_p, self._q_n)
+        ahead = quantum + np.where(falling, 1 + self._threshold, -1 - self._threshold)
+        steps[:, 0] += self.residue + ahead
         phi = np.cumsum(steps, axis=1, out=steps)
         total = np.zeros((len(steps), steps.shape[1] + 1), np.int64)
         for row, divisor in enumerate(quantum.tolist()):  # by a plain number: numpy divides by it much faster
             np.floor_divide(phi[row], divisor, out=total[row, 1:])
         if (total[:, 1] < 0).any():
             np.maximum(total, 0, out=total)
-        self.residue = sign * (phi[:, -1] - ahead - quantum * total[:, -1])
-        pulses = np.diff(total.astype(self._pulse_type), axis=1)  # what an unsigned type loses of a total, it gets back
-        p_pulses = pulses * falling[:, None]
-        return pulses - p_pulses, p_pulses
-
-    def _one_way_by_kernel(
-        self, steady: Int64, noise: NDArray[np.int32], clocks: Int64, falling: NDArray[np.bool_]
-    ) -> tuple[Pulses, Pulses]:
-        """``_one_way`` of counts of 16 bits, in one pass."""
-        sign = np.where(falling, -1, 1)
-        quantum = np.where(falling, self._q_p, self._q_n)
-        ahead = quantum - 1 - self._threshold
-        start = sign * self.residue + ahead
-        n_pulses, p_pulses, rest = kernel_quanta(noise, clocks, sign, sign * steady, quantum, start)
-        self.residue = sign * (rest - ahead)
+        self.residue = phi[:, -1] - ahead - quantum * total[:, -1]
+        counts = total.astype(self._pulse_type)  # what an unsigned type loses of a total, the differences get back
+        pulses = counts[:, 1:] - counts[:, :-1]
+        n_pulses, p_pulses = np.zeros_like(pulses), np.zeros_like(pulses)
+        for row, p_only in enumerate(falling.tolist()):
+            (p_pulses if p_only else n_pulses)[row] = pulses[row]
         return n_pulses, p_pulses
 
     def _any_way(self, steps: Int64) -> tuple[Pulses, Pulses]:

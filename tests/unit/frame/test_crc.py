@@ -36,7 +36,7 @@ def test_published_check_value_single_and_vectorised(name: str) -> None:
     model = CATALOGUE[name]
     crc = Crc(model)
     assert crc.of(CHECK_TEXT) == model.check
-    many = np.tile(np.frombuffer(CHECK_TEXT, np.uint8), (200, 1))  # 200 rows: the vectorised kernel
+    many = np.tile(np.frombuffer(CHECK_TEXT, np.uint8), (200, 1))  # 200 rows: by tables
     assert set(crc.of_rows(many).tolist()) == {model.check}
     assert crc.of_rows(many[:1]).tolist() == [model.check]
 

@@ -7,7 +7,7 @@ import struct
 import pytest
 from crccheck.crc import Crc8Smbus, Crc16Modbus, Crc16Xmodem, Crc32
 
-from bench.frame import FrameDefinition, LinkDecoder, pace_of, parse_frame, why_no_kernel
+from bench.frame import FrameDefinition, LinkDecoder, pace_of, parse_frame
 from bench.model.errors import InputError, InputErrors
 
 HEAD = "frame: sample\nendian: big\n"
@@ -59,7 +59,7 @@ def test_every_type_and_byte_order() -> None:
     text = sample(", ".join(fields), "[u8_big, end]", wire.hex(), expect="{u8_big: 200, f64_little: -0.1}")
     definition = parse_frame(text, "sample.yaml")
     frame = b"\xa5\x5a" + wire + bytes([Crc8Smbus.calc(wire)])
-    for engine in ("kernel", "numpy", "reference"):
+    for engine in ("numpy", "reference"):
         batch = definition.decoder(engine).feed(frame * 3).messages["frame"]  # type: ignore[arg-type]
         for kind, value in values.items():
             for order in ("big", "little"):
@@ -90,7 +90,7 @@ def test_constants_behind_the_sync_extend_the_pattern_and_others_mark_frames_sus
     odd = bytes.fromhex("0300080f")
     other = bytes.fromhex("040009ff")
     stream = b"".join(b"\xa5\x5a" + body + bytes([Crc8Smbus.calc(body)]) for body in (odd, other))
-    for engine in ("kernel", "numpy", "reference"):
+    for engine in ("numpy", "reference"):
         found = definition.decoder(engine).feed(stream)  # type: ignore[arg-type]
         assert found.messages["frame"].raw("value").tolist() == [8]
         assert found.messages["frame"].suspect.tolist() == [True]
@@ -209,7 +209,7 @@ def test_positions_and_all_mistakes_at_once() -> None:
     ]
 
 
-ENGINES = ("reference", "numpy", *(() if why_no_kernel() else ("kernel",)))
+ENGINES = ("reference", "numpy")
 
 
 def inside(body: bytes) -> bytes:

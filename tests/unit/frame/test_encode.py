@@ -273,3 +273,41 @@ def test_an_offset_is_taken_off_and_added_again_and_wide_integers_are_exact() ->
     wire = bytes.fromhex("9001") + ((1 << 64) - 1).to_bytes(8, "little")
     assert layout.encode({"t": "20 degC", "n": (1 << 64) - 1}) == wire
     assert layout.decode(wire) == {"t": 20.0, "n": (1 << 64) - 1}
+
+
+TYPES = """frame: types
+endian: big
+sync: [0xA5]
+fields:
+  - {name: narrow, type: u8}
+  - {name: odd, type: u24}
+  - {name: signed, type: i24, endian: little}
+  - {name: wide, type: u32, endian: little}
+  - {name: pair, type: u24, count: 2, endian: little}
+crc: {name: xor-8, over: [narrow, end]}
+golden: "a5 07 000000 000000 00000000 000000 000000 07"
+expect: {narrow: 7}
+"""
+
+
+@pytest.mark.parametrize("kind", ["u2", "i4", "i8", "u8", ">i4", "f8"])
+def test_values_of_every_type_are_written_as_by_hand_or_refused(kind: str) -> None:
+    """Both ends of what the fields hold and beyond, of one value for all frames and of one for each."""
+    definition, sizes = parse_frame(TYPES, "types.yaml"), {"narrow": 1, "odd": 3, "signed": 3, "wide": 4, "pair": 3}
+    for name, size in sizes.items():
+        low, high = (-(1 << 23), (1 << 23) - 1) if name == "signed" else (0, (1 << 8 * size) - 1)
+        order = "big" if name in ("narrow", "odd") else "little"
+        for value in {low, high, low - 1, high + 1, -1, 1 << 33}:
+            wanted = np.int64(value).astype(kind).item()
+            for shape in ((), (3,), (3, 2)) if name == "pair" else ((), (3,)):
+                if name == "pair" and shape == (3,):
+                    continue
+                columns: dict[str, Any] = dict.fromkeys(sizes, 0) | {name: np.full(shape, wanted, kind)}
+                if not low <= wanted <= high:
+                    with pytest.raises(InputError, match="B-FRAME-021"):
+                        definition.encode(columns, 3)
+                    continue
+                wire = int(wanted).to_bytes(size, order, signed=wanted < 0)  # type: ignore[arg-type]
+                body = b"".join((wire if one == name else bytes(n)) * (1 + (one == "pair")) for one, n in sizes.items())
+                check = bytes([int(np.bitwise_xor.reduce(np.frombuffer(body, np.uint8)))])
+                assert definition.encode(columns, 3).tobytes() == (b"\xa5" + body + check) * 3

@@ -33,9 +33,8 @@ from bench.record import (
     TrendRows,
     TrendWriter,
     sources_of,
-    stored,
 )
-from bench.record.packed import BLOCK
+from bench.record.packed import BLOCK, StoredColumns
 from bench.record.trend_rows import spread_ns
 from bench.replay.history import _with_gaps
 
@@ -205,7 +204,7 @@ def test_large_samples_are_read_when_they_are_asked_for() -> None:
     rows.update(given)
     for number, kept in rows.items():
         assert kept.samples is not None
-        assert isinstance(kept.samples.columns, stored.StoredColumns)
+        assert isinstance(kept.samples.columns, StoredColumns)
         assert kept.samples.columns["tick"] is not kept.samples.columns["tick"], "it was held in memory"
         same_samples(kept.samples, sampled(number))
         same_samples(kept.beside["egi"], sampled(number + 10))
