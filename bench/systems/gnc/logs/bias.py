@@ -31,6 +31,8 @@ from bench.analysis import (
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
+from bench.maths.samples import frozen_runs
+from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bias_stability import (
     AVERAGES,
@@ -39,8 +41,6 @@ from bench.systems.gnc.estimators.bias_stability import (
     bias_stability,
     on_the_counter,
 )
-from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
-from bench.systems.gnc.estimators.sample_checks import frozen_runs
 from bench.systems.gnc.wording import channel_name, kind_name, quantity_word, say
 
 METHODS: tuple[str, ...] = ("allan",)

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis import Document, Estimate, Evidence, Floats, Material
+from bench.maths.samples import frozen_runs
 from bench.maths.tests import SMALLEST, f_tail, of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.multi_position import NormFit
-from bench.systems.gnc.estimators.sample_checks import frozen_runs
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import channel_name, quantity_word, say

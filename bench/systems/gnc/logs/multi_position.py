@@ -20,13 +20,13 @@ from bench.analysis import (
     estimate,
     value_and_uncertainty,
 )
+from bench.maths.stamps import check_ticks
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
 from bench.systems.gnc.logs.log import ImuLog, imu_log, of_rests, stuck_sensors
-from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
+from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2, finding_text
 from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("norm",)
@@ -115,7 +115,7 @@ def _notes(log: ImuLog, rests: StaticIntervals) -> list[str]:
         sentences.append(say("log.gyros_left"))
     counter = np.arange(len(log.t_s), dtype=np.int64)
     faults = check_ticks(log.t_s, counter, 1.0 / log.rate_Hz).faults
-    sentences += [say("log.fault", text=sentence) for *_, sentence in faults]
+    sentences += [say("log.fault", text=finding_text(fault)) for fault in faults]
     if faults:
         sentences.append(say("log.not_timed"))
     return sentences

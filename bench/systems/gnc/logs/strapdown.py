@@ -29,6 +29,7 @@ from bench.analysis import (
     with_uncertainty,
     worded_table,
 )
+from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.between_rests import (
@@ -38,7 +39,6 @@ from bench.systems.gnc.estimators.between_rests import (
     fit_between_rests,
     turn_scale,
 )
-from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
 from bench.systems.gnc.estimators.rest_drift import (
     CLASSES,
