@@ -64,7 +64,18 @@ from bench.analysis.estimates import (
 )
 from bench.analysis.expected import judged_values
 from bench.analysis.families import Labels, Searched, Words, departures_of, evidence_of, unseen_tables
-from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series, worded_table
+from bench.analysis.figures import (
+    Figure,
+    Series,
+    Style,
+    Table,
+    band,
+    curve,
+    picture,
+    series,
+    worded_figure,
+    worded_table,
+)
 from bench.analysis.foreseen import foreseen_material
 from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
@@ -214,5 +225,6 @@ __all__ = [
     "weigh",
     "with_uncertainty",
     "without_check_standard",
+    "worded_figure",
     "worded_table",
 ]

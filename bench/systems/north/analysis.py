@@ -25,6 +25,7 @@ from bench.analysis import (
     stated_limits,
     unseen_tables,
 )
+from bench.maths.arrays import rms
 from bench.model.errors import FitError
 from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.departures import implausible, searches_of
@@ -111,7 +112,7 @@ def _waveform(solution: Solution) -> Estimates:
     samples = int(sum(int(waveform.samples) for waveform in raw))
     bound_std = math.sqrt(0.5 + 2.0 * float(np.mean((noise / amplitude) ** 2))) / math.sqrt(samples)
     bound_deg = float(np.sqrt(np.nanmean(solution.bound_deg**2)))
-    noise_V, about = float(np.sqrt(np.mean(noise**2))), {"source": "waveform"}
+    noise_V, about = rms(noise), {"source": "waveform"}
     scale_std_V = noise_V * math.sqrt(2.0 / samples)
     if len(raw) > 1:  # an amplitude that changes from set to set is known no better than it scatters
         scatter_V = float(np.std(amplitude, ddof=1)) / math.sqrt(len(raw))

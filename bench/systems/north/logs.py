@@ -32,6 +32,7 @@ from bench.analysis import (
     unseen_tables,
     value_and_uncertainty,
 )
+from bench.maths.arrays import rms
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
@@ -106,7 +107,7 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
     sense = _SENSES[str(material.campaign["turntable"])]
     found = eight_sample_north(*oriented(one, other, sense))
     mean = complex(np.mean(found.phasor))
-    noise = float(np.sqrt(np.mean(np.square(found.noise))))
+    noise = rms(found.noise)
     std_deg, dof = float(np.rad2deg(noise / (2.0 * abs(mean) * np.sqrt(sets)))), 4.0 * sets
     north_deg = float(heading_deg(np.rad2deg(np.angle(mean)), sense))
     each_deg = wrapped_deg(heading_deg(found.phi_deg, sense) - north_deg)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Series, Table, band, series, worded_table
+from bench.analysis import Figure, Floats, Series, Table, band, series, worded_figure, worded_table
 from bench.maths.budget import Component, combine_all
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.bias_ramp.estimates import DSF_STD, bias_parts, on_sensor, temperatures
@@ -224,9 +224,8 @@ def _width(channel: ChannelFit) -> Figure:
 def master_clock_figure(fit: OscillatorFit, unit_degC: Floats) -> Figure:
     """Error of the master oscillator over temperature: what the cubic leaves."""
     known = np.isfinite(fit.residual_ppm)
-    title, caption = say("oscillator.title"), say("oscillator.caption", rms=fit.rms_ppm)
     parts = [series(say("oscillator.windows"), unit_degC[known], fit.residual_ppm[known], "points")]
-    return Figure(title, caption, say("oscillator.x"), say("oscillator.y"), parts)
+    return worded_figure(say, "oscillator", ("oscillator.x", "oscillator.y"), parts, rms=fit.rms_ppm)
 
 
 def _points(label: str, x: Floats, y_A: Floats) -> Series:

@@ -328,7 +328,7 @@ def _agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campa
         return []
     largest = max(abs(row[-1]) for row in rows)
     headers = say.heads("agreement", *_HEADS)
-    return [Table(say("agreement.title"), say("agreement.caption", largest=largest), headers, rows)]
+    return [worded_table(say, "agreement", headers, rows, largest=largest)]
 
 
 def _difference_std_ppm(

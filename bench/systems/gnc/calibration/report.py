@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Table, curve, no_result, with_uncertainty
+from bench.analysis import Figure, Floats, Table, curve, no_result, with_uncertainty, worded_figure
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import UnitClock
@@ -213,8 +213,7 @@ def position_figure(calibration: Calibration) -> list[Figure]:
     places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
     series = [curve(axis, places, 1e6 * fit.residual[:, number], "points") for number, axis in enumerate(AXES)]
     order = ", ".join(calibration.sets.positions).replace("-", "−")
-    labels = say("positions.title"), say("positions.caption", order=order), say("positions.x"), say("positions.y")
-    return [Figure(*labels, series)]
+    return [worded_figure(say, "positions", ("positions.x", "positions.y"), series, order=order)]
 
 
 def rotation_figures(calibration: Calibration) -> list[Figure]:

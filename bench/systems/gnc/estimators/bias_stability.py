@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from bench.maths.arrays import Floats, Integers
+from bench.maths.arrays import Floats, Integers, rms
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
@@ -291,7 +291,7 @@ def bias_repeatability(
         value = math.sqrt(float(np.trace(covariance) - covariance.sum() / values.size) / dof)
     tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
     low, high = value * np.sqrt(dof / tails)
-    noise_std = float(np.sqrt(np.mean(np.square(stds))))
+    noise_std = rms(stds)
     return BiasRepeatability(value, float(low), float(high), dof, values, noise_std)
 
 

@@ -19,7 +19,10 @@ from bench.analysis import (
     curve,
     estimate,
     value_and_uncertainty,
+    worded_figure,
+    worded_table,
 )
+from bench.maths.arrays import rms
 from bench.maths.stamps import check_ticks
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
@@ -75,7 +78,7 @@ def _held_out(means: np.ndarray[Any, np.dtype[np.float64]], gravity: float) -> f
         except FitError:
             return None
         left.append(float(np.linalg.norm(fit.apply(means[out : out + 1]))) - gravity)
-    return float(np.sqrt(np.mean(np.square(left))))
+    return rms(left)
 
 
 def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> Estimates:
@@ -127,10 +130,12 @@ def _table(fit: NormFit, unit: str) -> Table:
         output = value_and_uncertainty(fit.counts_per_unit[k], factor * fit.counts_per_unit_std[k])
         zero = value_and_uncertainty(fit.zero[k], factor * fit.zero_std[k])
         rows.append([axis, *output, *zero, *(float(value) for value in fit.matrix[k])])
-    caption = say("poses.caption", rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification)
     heads = say.heads("poses", "output_wide", "zero", "zero_wide")
     headers = [say("matrix.head.axis"), say("poses.head.output", unit=unit), *heads, *(f"U {axis}" for axis in AXES)]
-    return Table(say("poses.title"), caption, headers, rows, lead=True)
+    return worded_table(
+        say, "poses", headers, rows, lead=True,
+        rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification,
+    )  # fmt: skip
 
 
 def _rest_table(rests: StaticIntervals, log: ImuLog) -> Table:
@@ -143,8 +148,7 @@ def _rest_table(rests: StaticIntervals, log: ImuLog) -> Table:
 def _residual_figure(fit: NormFit, unit: str) -> Figure:
     places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
     parts = [curve(say("length.series"), places, fit.residual, "points")]
-    labels = say("length.title"), say("length.caption"), say("length.x"), say("length.y", unit=unit)
-    return Figure(*labels, parts)
+    return worded_figure(say, "length", ("length.x", "length.y"), parts, unit=unit)
 
 
 def _rest_figure(rests: StaticIntervals, log: ImuLog) -> Figure:

@@ -20,6 +20,7 @@ from bench.analysis import (
     no_result,
     with_uncertainty,
 )
+from bench.maths.arrays import rms
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.report import UPS
@@ -161,8 +162,8 @@ def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[T
                 [axis, *(f"{value:.6f}" for value in fit.matrix[k]), with_uncertainty(fit.bias[k], reach[k])]
                 for k, axis in enumerate(AXES)
             ]
-            rms = float(np.sqrt(np.mean(fit.residual**2)))
-            caption = say("log.six.residual" if fit.residual_dof else "log.six.no_residual", rms=rms, unit=bias_unit)
+            key = "log.six.residual" if fit.residual_dof else "log.six.no_residual"
+            caption = say(key, rms=rms(fit.residual), unit=bias_unit)
             bias = say("matrix.head.bias", unit=bias_unit)
             headers = [say("matrix.head.axis"), *(f"K {axis}" for axis in AXES), bias]
             tables.append(Table(title, caption, headers, rows, lead=True))

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.arrays import Floats, Integers
+from bench.maths.arrays import Floats, Integers, rms
 from bench.maths.stamps import lower_hull, tag_noise_s
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.stamp_grid import Grid, expected_covariance, grid_line
@@ -187,7 +187,7 @@ def even_tags_s(device_s: Floats, counter: Integers) -> Floats:
     line = np.polynomial.polynomial.polyfit((at - middle) / half, device_s, 1)
     even_s = line[0] + line[1] * (at - middle) / half
     off_s = device_s - even_s
-    return even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else device_s
+    return even_s if rms(off_s) <= _EVEN_s else device_s
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Figure, Series, picture, series
+from bench.maths.arrays import rms
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.study.errors import augmented, unaugmented
 from bench.systems.time_sync.study.images import figures_of, image_group
@@ -103,7 +104,7 @@ def observability_figures(results: Results) -> list[Figure]:
         ]
         return [series(name, flight.t_s, values) for name, flight, values in parts]
 
-    whole = [float(np.sqrt(np.mean(flights[name].eigenvalue[:, at[name]] ** 2))) for name in _FLOWN]
+    whole = [rms(flights[name].eigenvalue[:, at[name]]) for name in _FLOWN]
     errors = f"Figure 15. Offset of {SHOWN_ms:g} ms, base noise; manoeuvres from 20 to 40 s. {_RMS}"
     eigen = (
         "Figure 16. Left: eigenvalue of the normalised covariance that belongs to the offset (position of 10 m at the "
