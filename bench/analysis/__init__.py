@@ -76,7 +76,6 @@ from bench.analysis.figures import (
     worded_figure,
     worded_table,
 )
-from bench.analysis.foreseen import foreseen_material
 from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
 from bench.analysis.numbers import (
@@ -101,7 +100,7 @@ from bench.analysis.results import (
     validate_results,
 )
 from bench.analysis.specification import Specification, outlived, outlived_text
-from bench.analysis.values import Value, place_of, placed, values_of
+from bench.analysis.values import Value, foreseen_material, place_of, placed, values_of
 from bench.maths.arrays import Floats
 
 __all__ = [

@@ -22,6 +22,7 @@ from bench.model.errors import FitError
 JITTER = 0.1  # of the interval between samples: a stamp further from its place is irregular
 RATE_OFF = 0.01  # rate beside the nominal one, relative: a crystal is off by 1e-4 at most
 CLOCKS_APART = 1e-3  # ratio of both clocks, relative
+_WRAP_us = 1 << 32
 _LEAST_s = 10.0  # a record shorter than this says nothing about a clock against the bench clock
 IRREGULAR, BACKWARDS, BURST, RATE, CLOCK = "irregular", "backwards", "burst", "rate", "clock"
 _CROWDED = 0.5  # of the mean interval: stamped closer than this, samples come in a burst
@@ -51,15 +52,14 @@ class TickFindings:
     faults: tuple[Finding, ...]
 
 
-def unwrapped_ticks_s(tick: Integers, bits: int = 32, tick_s: float = 1e-6) -> Floats:
-    """Seconds from a counter of fixed width that starts again at 0.
+def unwrapped_ticks_s(tick_us: Integers) -> Floats:
+    """Return seconds since the first sample from a 32-bit microsecond counter that starts again at 0.
 
-    Args:    tick: (n,), as transmitted.   bits: width.   tick_s: of one step.
-    Returns: (n,), seconds from the first; a step backwards of less than half the width stays one.
+    Args:    tick_us: (n,), as transmitted, in order of the samples, less than 35 minutes from one to the next.
+    Returns: (n,) s; a step backwards of less than that stays one.
     """
-    span = 1 << bits
-    steps = np.mod(np.diff(np.asarray(tick, np.int64)) + span // 2, span) - span // 2
-    return np.concatenate(([0.0], np.cumsum(steps) * tick_s))
+    steps = np.mod(np.diff(np.asarray(tick_us, np.int64)) + _WRAP_us // 2, _WRAP_us) - _WRAP_us // 2
+    return np.concatenate(([0.0], np.cumsum(steps * 1e-6)))
 
 
 def check_ticks(tick_s: Floats, counter: Integers, interval_s: float, received_s: Floats | None = None) -> TickFindings:

@@ -230,10 +230,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     of_attitudes = sphere.cloud([row.number for row in others], [row.begin_s + row.time_s for row in others])
     searches = searches_of(clouds, of_attitudes, shown_unit("gauss"))
     return Analysis(
-        campaign="magnetometer",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=[*estimates, *sphere.estimates],
+        "magnetometer",
+        method,
+        material.campaign["uut"],
+        [*estimates, *sphere.estimates],
         evidence=[
             *_evidence(turns),
             *sphere.evidence,

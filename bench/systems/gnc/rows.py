@@ -17,7 +17,7 @@ from bench.maths.samples import SATURATED, Finding, SampleChecks, bad_samples, b
 from bench.maths.stamps import TickFindings, check_ticks, unwrapped_ticks_s
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock
-from bench.systems.gnc.estimators.earth_rate import Pose, Site, tick_seconds
+from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.wording import channel_name, record_name, say
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class SampledRow:
     @property
     def time_s(self) -> Floats:
         """(n,) seconds since the first sample, by the unit's own clock."""
-        return tick_seconds(self.samples.columns["tick"].astype(np.int64))
+        return unwrapped_ticks_s(self.samples.columns["tick"])
 
     @property
     def rate_Hz(self) -> float:
@@ -280,7 +280,7 @@ def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], d
         limits={kind: min(limits.get(kind, math.inf), word) for kind, word in words.items()},
     )
     ticks = check_ticks(
-        unwrapped_ticks_s(samples.columns["tick"].astype("int64")),
+        row.time_s,
         samples.counter,
         1.0 / (due_Hz or max(1, round(row.rate_Hz))),
         samples.t_ns.astype(np.float64) * 1e-9,

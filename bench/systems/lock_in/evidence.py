@@ -26,7 +26,7 @@ from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE
 from bench.systems.lock_in.departures import Changing, constants_depart
-from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_output
+from bench.systems.lock_in.estimators.global_constants import NominalLaser, expected_output
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
 from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
 from bench.systems.lock_in.result import LaserResult, walk_dof, walk_std_deg_rth

@@ -29,7 +29,7 @@ from bench.maths.arrays import rms
 from bench.model.errors import FitError
 from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.departures import implausible, searches_of
-from bench.systems.north.estimators.eight_samples import IndexCalibration
+from bench.systems.north.estimators.phasors import IndexCalibration
 from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.report import north_notes, tables
 from bench.systems.north.sets import COSINE, SENSES, SINE, TEST, north_sets
@@ -143,10 +143,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     estimates = north_estimates(solution, method, accuracy, limit_deg)
     searches = list(searches_of(solution, estimates))
     return Analysis(
-        campaign="fog_north",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "fog_north",
+        method,
+        material.campaign["uut"],
+        estimates,
         evidence=[*implausible(solution), *evidence_of(searches)],
         notes=north_notes(solution, method, accuracy),
         missing=solution.missing,

@@ -5,7 +5,7 @@ lock-ins and index pulses: a log has no calibration at a known azimuth.
 
 What departs is looked for in parts of the log, each a set as those of a campaign.
 
-Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``.
+Source: ``estimators.likelihood``, ``estimators.phasors``; the convention is in ``estimators.phasors``.
 """
 
 from __future__ import annotations
@@ -37,9 +37,14 @@ from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
 from bench.systems.north.departures import searches_of
-from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
+from bench.systems.north.estimators.phasors import (
+    POSITIONS,
+    eight_sample_north,
+    heading_deg,
+    oriented,
+    wrapped_deg,
+)
 from bench.systems.north.sets import LOG, NorthSet
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, Azimuths, Site, Solution
 from bench.systems.north.wording import say, sense_name
@@ -186,10 +191,10 @@ def _analysis(
         rows.append([say(f"quantity.{entry.quantity}"), unit, *cells])
     headers = say.heads("", "quantity", "unit", "value", "expanded")
     return Analysis(
-        campaign="north_log",
-        method=METHODS[0],
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "north_log",
+        METHODS[0],
+        material.campaign["uut"],
+        entries,
         evidence=[*evidence, *evidence_of(searches)],
         notes=notes,
         tables=[Table(say("result.title"), say("log.caption"), headers, rows, lead=True), *unseen_tables(searches)],

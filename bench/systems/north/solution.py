@@ -16,9 +16,8 @@ import numpy as np
 from bench.analysis import Floats
 from bench.maths.arrays import Flags, Integers, rms
 from bench.maths.variances import of_variances
-from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north, time_to_accuracy_s
-from bench.systems.north.estimators.phasors import heading_deg, tilt_std_deg, wrapped_deg
+from bench.systems.north.estimators.phasors import IndexCalibration, heading_deg, tilt_std_deg, wrapped_deg
 from bench.systems.north.sets import SEARCH, TEST, NorthSet, Waveform, waveform_of
 
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"

@@ -13,15 +13,19 @@ from bench.analysis import Document, Floats
 from bench.maths.arrays import Flags, rms
 from bench.maths.tests import chi2_both, f_tail
 from bench.model.errors import FitError
-from bench.systems.north.estimators.eight_samples import (
+from bench.systems.north.estimators.formulas import literal_north, quadrant_north
+from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
+from bench.systems.north.estimators.phasors import (
     IndexCalibration,
     alternating,
     calibrate_index,
     eight_sample_north,
+    heading_deg,
+    oriented,
+    phase_deg,
+    tilt_correction_deg,
+    wrapped_deg,
 )
-from bench.systems.north.estimators.formulas import literal_north, quadrant_north
-from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, tilt_correction_deg, wrapped_deg
 from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet, far_samples, screen, waveform_of
 from bench.systems.north.solution import (
     LEAST_SQUARES,

@@ -13,10 +13,17 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.formulas import literal_north, propagated, quadrant_north
 from bench.systems.north.estimators.likelihood import likelihood_north
-from bench.systems.north.estimators.phasors import DOF, North, angle_deg, eight, lock_in_phasors, wrapped_deg
+from bench.systems.north.estimators.phasors import (
+    DOF,
+    North,
+    angle_deg,
+    eight,
+    eight_sample_north,
+    lock_in_phasors,
+    wrapped_deg,
+)
 
 SIGMA_V = 0.5**0.5
 TURNS = 20

@@ -188,10 +188,10 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     possible = [one for one in fits if not impossible[one.group.place]]
     searches = [searched_rows(possible, again, entries, constants, register)] if possible else []
     return Analysis(
-        campaign=constants.analysis,
-        method=method,
-        uut=constants.uut,
-        estimates=entries,
+        constants.analysis,
+        method,
+        constants.uut,
+        entries,
         evidence=[
             *chain.from_iterable(impossible.values()),
             *evidence_of(searches),

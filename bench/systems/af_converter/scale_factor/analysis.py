@@ -57,10 +57,10 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     heard, searched = judged(fitted, entries, constants, register, material)
     missing = missing_groups(chosen, {visit.group.place for visit in fitted.groups}, fitted.refused, constants)
     return Analysis(
-        campaign=constants.analysis,
-        method=method,
-        uut=constants.uut,
-        estimates=entries,
+        constants.analysis,
+        method,
+        constants.uut,
+        entries,
         evidence=heard,
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),

@@ -180,10 +180,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     entries = [entry for fit in fits for entry in _estimates(fit, columns, reference_degC)]
     searches = list(searches_of(fits, columns, blocks, entries, reference_degC))
     return Analysis(
-        campaign="temperature_ramp",
-        method=method,
-        uut=uut,
-        estimates=entries,
+        "temperature_ramp",
+        method,
+        uut,
+        entries,
         notes=_notes(columns, blocks, fits),
         missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),

@@ -18,8 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from bench.maths.arrays import Floats, Integers
-from bench.maths.stamps import lower_hull
-from bench.systems.gnc.estimators.earth_rate import tick_seconds
+from bench.maths.stamps import lower_hull, unwrapped_ticks_s
 
 UNKNOWN_STD = 5e-5 / math.sqrt(3.0)  # a common crystal is within 50 ppm
 _WRAP_S = (1 << 32) * 1e-6
@@ -68,7 +67,7 @@ def _stretches(records: Sequence[tuple[Integers, Floats]]) -> list[list[tuple[in
     """Place, stamps and receive times of records whose stamps follow on one another."""
     stretches: list[list[tuple[int, Floats, Floats]]] = []
     for place, (tick_us, received_s) in enumerate(records):
-        unit_s = tick_seconds(tick_us) + float(tick_us[0]) * 1e-6
+        unit_s = unwrapped_ticks_s(tick_us) + float(tick_us[0]) * 1e-6
         if stretches:
             last_unit_s, last_s = float(stretches[-1][-1][1][-1]), float(stretches[-1][-1][2][-1])
             between_s = float(received_s[0]) - last_s

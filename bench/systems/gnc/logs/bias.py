@@ -96,10 +96,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     sensors = [_resting(column, material.series[str(column["name"])], t_s, stamps) for column in columns]
     entries = [entry for sensor in sensors for entry in _estimates(sensor)]
     return Analysis(
-        campaign="bias_log",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "bias_log",
+        method,
+        material.campaign["uut"],
+        entries,
         evidence=[check for sensor in sensors for check in _evidence(sensor)],
         notes=_notes(sensors, stamps),
         tables=[_table(sensors, entries)],

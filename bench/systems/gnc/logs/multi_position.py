@@ -49,10 +49,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     fit = fit_multi_position(means, gravity)
     middle_s = (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
     return Analysis(
-        campaign="imu_multi_position",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=_estimates(fit, unit, log, _held_out(means, gravity)),
+        "imu_multi_position",
+        method,
+        material.campaign["uut"],
+        _estimates(fit, unit, log, _held_out(means, gravity)),
         notes=_notes(log, rests),
         tables=[_table(fit, unit), _rest_table(rests, log)],
         figures=[_residual_figure(fit, unit), _rest_figure(rests, log)],

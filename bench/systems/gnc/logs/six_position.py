@@ -59,10 +59,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     if gyro is not None:
         estimates += _estimates(gyro, "gyro", "gyro", "deg/s", log.gyro_unit)
     return Analysis(
-        campaign="imu_six_position",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "imu_six_position",
+        method,
+        material.campaign["uut"],
+        estimates,
         notes=[
             *no_result(missing),
             say("log.six_uncertainty"),

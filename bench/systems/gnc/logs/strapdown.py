@@ -285,10 +285,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     entries = estimates_of(result)
     stuck = stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]}, {"accelerometer": (), "gyro": ()})
     return Analysis(
-        campaign="imu_strapdown",
-        method=result.method,
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "imu_strapdown",
+        result.method,
+        material.campaign["uut"],
+        entries,
         notes=notes_of(result),
         missing=list(result.missing),
         tables=tables_of(result),

@@ -13,9 +13,17 @@ from north_simulation import single_north
 from scipy import optimize
 
 from bench.model.errors import FitError
-from bench.systems.north.estimators.eight_samples import IndexCalibration, calibrate_index, eight_sample_north
 from bench.systems.north.estimators.formulas import literal_north, quadrant_north
-from bench.systems.north.estimators.phasors import North, heading_deg, oriented, phase_deg, wrapped_deg
+from bench.systems.north.estimators.phasors import (
+    IndexCalibration,
+    North,
+    calibrate_index,
+    eight_sample_north,
+    heading_deg,
+    oriented,
+    phase_deg,
+    wrapped_deg,
+)
 
 EVERY = np.concatenate((np.arange(-179.5, 180.0, 0.5), [0.0, 90.0, 180.0, -90.0]))
 STEPS = np.arange(4) * 90.0

@@ -21,7 +21,6 @@ from bench.report.document import study_html
 from bench.systems.time_sync.estimators.sar.response import SEARCH_m
 from bench.systems.time_sync.study import study as published
 from bench.systems.time_sync.study.document import study_chapters, study_document, study_json
-from bench.systems.time_sync.study.flight import fly, headings, setup_of
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     BASE,
@@ -36,7 +35,16 @@ from bench.systems.time_sync.study.study import (
     StudyOptions,
     Task,
 )
-from bench.systems.time_sync.study.tasks import _focused, image_result, predicted_shift_m, run_task, scene_of
+from bench.systems.time_sync.study.tasks import (
+    _focused,
+    fly,
+    headings,
+    image_result,
+    predicted_shift_m,
+    run_task,
+    scene_of,
+    setup_of,
+)
 
 
 @pytest.mark.parametrize(
