@@ -279,13 +279,10 @@ class Ramps:
     def written(self, candidate: Candidate, length_s: float, name: str, heading: Sequence[str]) -> str:
         """Return the ramp as a sequence of this name. Raises: InputError B-DES-005."""
         duration_s, windows = self.duration_s(candidate, length_s), self._windows_of(candidate)
-        title = f"AF-converter bias and hysteresis over temperature as planned, {windows} windows of {length_s:g} s"
-        text = self._given.renamed(
-            name,
-            title=f"{title}, {duration_s / 3600.0:.1f} hours",
-            duration=f"{duration_s:.10g} s",
-            records=str(windows),
-        )
+        title = f"AF-converter bias and hysteresis over temperature as planned, {windows} windows"
+        heads = {"duration": f"{duration_s:.10g} s", "records": str(windows)}
+        title = f"{title} of {length_s:g} s, {duration_s / 3600.0:.1f} hours"
+        text = self._given.renamed(name, title=title, **heads)
         write_steps(text, self._template, candidate.rates, candidate.holds)
         return text.text(heading)
 
