@@ -59,7 +59,7 @@ def unwrapped_ticks_s(tick_us: Integers) -> Floats:
     Returns: (n,) s; a step backwards of less than that stays one.
     """
     steps = np.mod(np.diff(np.asarray(tick_us, np.int64)) + _WRAP_us // 2, _WRAP_us) - _WRAP_us // 2
-    return np.concatenate(([0.0], np.cumsum(steps * 1e-6)))
+    return np.concatenate(([0.0], np.cumsum(steps) * 1e-6))
 
 
 def check_ticks(tick_s: Floats, counter: Integers, interval_s: float, received_s: Floats | None = None) -> TickFindings:
