@@ -21,7 +21,7 @@ from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.wording import channel_name, record_name, say
 
 if TYPE_CHECKING:
-    from bench.record import RecordRow, Samples
+    from bench.record import Samples
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # the g of every unit here; gravity of the site is stated in m/s2
 AXES = ("x", "y", "z")
@@ -107,7 +107,7 @@ def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[Sampled
         elif CONTINUES in row.window.conditions:
             empty.append(say("missing.not_following", number=row.window.number, item=item))
         else:
-            sampled.append(_sampled(row, row.samples))
+            sampled.append(SampledRow(row.window.number, row.window.conditions, row.samples, row.lost))
     if not sampled:
         raise no_records(items)
     return sampled, empty
@@ -134,10 +134,6 @@ def power_on_of(rows: Sequence[SampledRow]) -> dict[int, int]:
 
 def _stamps(rows: Sequence[SampledRow]) -> list[tuple[Integers, Floats]]:
     return [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns.astype(np.float64) * 1e-9) for row in rows]
-
-
-def _sampled(row: RecordRow, samples: Samples) -> SampledRow:
-    return SampledRow(row.window.number, row.window.conditions, samples, row.lost)
 
 
 def site_of(campaign: Document) -> Site:

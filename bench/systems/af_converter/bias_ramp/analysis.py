@@ -313,7 +313,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             *notes(fits, records, campaign, method),
         ],
         missing=missing,
-        figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
+        figures=figures(fits)
+        + noise_figures(noise)
+        + ([] if clock is None else [master_clock_figure(clock, records.unit_degC)]),
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise), *unseen_tables(searches)],
         compensation=compensation(fits, clock),
         evidence=evidence_of(searches),
@@ -391,10 +393,6 @@ def _master_clock(
     except FitError as error:
         missing.append(say("missing.oscillator", why=error.message, code=error.code))
         return None
-
-
-def _clock_figures(clock: OscillatorFit | None, records: RampRecords) -> list[Figure]:
-    return [] if clock is None else [master_clock_figure(clock, records.unit_degC)]
 
 
 def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, method: str) -> list[str]:

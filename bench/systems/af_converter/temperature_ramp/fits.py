@@ -144,6 +144,7 @@ def ramp_columns(material: Material) -> RampColumns:
     sensors = {MEAN: mean, **sensors} if len(sensors) > 1 else sensors
     programme = columns[roles["set_point"][0]] if roles["set_point"] else mean
     readings, unit = _readings(roles, columns, material)
+    window_s = max(float(t_s[-1] - t_s[0]) / _WINDOWS, _SHORTEST_WINDOW_ROWS * float(np.median(np.diff(t_s))))
     log_columns = RampColumns(
         t_s=t_s,
         programme_degC=programme,
@@ -155,7 +156,7 @@ def ramp_columns(material: Material) -> RampColumns:
         overloaded=overloaded,
         row_notes=row_notes(t_s, bad_s),
         still=list(still_evidence(t_s, {name: columns[name] for name in used}, roles["set_point"])),
-        segments=find_segments(t_s, programme, _window_s(t_s)),
+        segments=find_segments(t_s, programme, window_s),
     )
     if len(log_columns.main_ramps()) < 2:
         kinds = ", ".join(segment.kind for segment in log_columns.segments)
@@ -199,10 +200,6 @@ def _readings(
         ratio = columns[name] / reference
         ratios[name] = (ratio / np.median(ratio) - 1.0) * 1e6
     return ratios, "ppm"
-
-
-def _window_s(t_s: Floats) -> float:
-    return max(float(t_s[-1] - t_s[0]) / _WINDOWS, _SHORTEST_WINDOW_ROWS * float(np.median(np.diff(t_s))))
 
 
 def minute_means(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:

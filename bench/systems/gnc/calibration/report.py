@@ -243,7 +243,8 @@ def calibration_notes(calibration: Calibration) -> list[str]:
         notes.append(say("note.surplus", count=sets.surplus))
     if calibration.accelerometer_check or calibration.gyro_check:
         notes.append(say("note.after_compensation"))
-    return [*notes, _of_the_table(calibration.tilt_deg)]
+    tilt_deg = calibration.tilt_deg
+    return [*notes, say("note.tilt", tilt=60.0 * tilt_deg) if tilt_deg else say("note.no_tilt")]
 
 
 def _of_the_turns(fit: RotationFit, calibration: Calibration) -> list[str]:
@@ -254,10 +255,6 @@ def _of_the_turns(fit: RotationFit, calibration: Calibration) -> list[str]:
     notes += [say("note.cut", name=name, cut=cut) for name, cut in fit.trimmed_s.items() if cut > 0.0]
     notes += [say("note.twice", name=name, count=count) for name, count in fit.duplicates.items() if count]
     return notes
-
-
-def _of_the_table(tilt_deg: float) -> str:
-    return say("note.tilt", tilt=60.0 * tilt_deg) if tilt_deg else say("note.no_tilt")
 
 
 def _of_the_unit(name: str, rows: Sequence[SampledRow], calibration: Calibration) -> list[str]:

@@ -85,8 +85,9 @@ def _slope(stretch: Sequence[tuple[Floats, Floats]], interval_s: float) -> UnitC
     span_s = float(at_s[-1] - at_s[0])
     if span_s <= 0.0:
         return UnitClock()
-    first, last = _line_below(at_s, delay_s)
-    slope, base_s = _slope_between(at_s, delay_s, first, last), float(at_s[last] - at_s[first])
+    edges = [np.array(edge) for edge in pairwise(lower_hull(at_s, delay_s, 200))]
+    base_s, edge = max(((float(np.ptp(at_s[edge])), edge) for edge in edges), key=lambda each: each[0])
+    slope = float(delay_s[edge[1]] - delay_s[edge[0]]) / base_s
     above = delay_s - slope * at_s
     least_s = max(interval_s, float(np.median(above) - above.min()))
     return UnitClock(error=-slope, std=least_s / base_s / math.sqrt(6.0), span_s=span_s)
@@ -98,12 +99,3 @@ def _least_delays(stretch: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Flo
     last = np.concatenate([np.diff(received_s) > 0.0, [True]])
     at_s = unit_s[last]
     return at_s - at_s[0], received_s[last] - at_s
-
-
-def _line_below(at_s: Floats, delay_s: Floats) -> tuple[int, int]:
-    """The two points on which a line below all others rests that lie furthest apart."""
-    return max(pairwise(lower_hull(at_s, delay_s, 200)), key=lambda edge: float(at_s[edge[1]] - at_s[edge[0]]))
-
-
-def _slope_between(at_s: Floats, delay_s: Floats, first: int, last: int) -> float:
-    return float((delay_s[last] - delay_s[first]) / (at_s[last] - at_s[first]))

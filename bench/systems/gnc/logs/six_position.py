@@ -54,7 +54,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     accelerometer = _accelerometer(log, positions)
     missing = [say("missing.stretch", up=up) for up in UPS if up not in {stretch["up"] for stretch in positions}]
     gyro = _gyro(log, positions, rotations, missing) if rotations else None
-    unit = _force_unit(log)
+    unit = "g" if log.accel_unit == "g" else "m/s2"
     estimates = _estimates(accelerometer, "accel", "accelerometer", unit, log.accel_unit)
     if gyro is not None:
         estimates += _estimates(gyro, "gyro", "gyro", "deg/s", log.gyro_unit)
@@ -88,10 +88,6 @@ def _evidence(
         found += own_axes("gyro", gyro)
     quantities = {"accelerometer": ("accel_matrix", "accel_bias"), "gyro": ("gyro_matrix", "gyro_bias")}
     return [*found, *stuck_sensors(stretches, quantities)]
-
-
-def _force_unit(log: ImuLog) -> str:
-    return "g" if log.accel_unit == "g" else "m/s2"
 
 
 def _accelerometer(log: ImuLog, positions: list[Document]) -> TriadFit:

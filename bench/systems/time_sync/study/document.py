@@ -345,7 +345,9 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
         "decision_rule": "simple",
         "noise": {name: dict(zip(("m", "m/s", "deg"), sigmas, strict=True)) for name, sigmas in SIGMA_R.items()},
         "estimates": documents(estimates),
-        "cuts": [_cut(cut) for cut in _all_cuts(results)],
+        "cuts": [
+            _cut(cut) for cut in [*results.ideal().cuts, *(cut for image in results.images() for cut in image.cuts)]
+        ],
         "notes": [*([] if options.judged else [QUICK]), *NOTES],
         "provenance": {"simulated": True, "software": software},
     }
@@ -354,10 +356,6 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
 def study_json(document: Document) -> str:
     """Canonical text: sorted keys, shortest exact floats, one newline at the end."""
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
-
-
-def _all_cuts(results: Results) -> list[Cut]:
-    return [*results.ideal().cuts, *(cut for image in results.images() for cut in image.cuts)]
 
 
 def _cut(cut: Cut) -> dict[str, Any]:
