@@ -58,7 +58,7 @@ def unwrapped_ticks_s(tick_us: Integers) -> Floats:
     Args:    tick_us: (n,), as transmitted, in order of the samples, less than 35 minutes from one to the next.
     Returns: (n,) s; a step backwards of less than that stays one.
     """
-    steps = np.mod(np.diff(np.asarray(tick_us, np.int64)) + _WRAP_us // 2, _WRAP_us) - _WRAP_us // 2
+    steps = np.mod(np.diff(tick_us) + _WRAP_us // 2, _WRAP_us) - _WRAP_us // 2
     return np.concatenate(([0.0], np.cumsum(steps) * 1e-6))
 
 

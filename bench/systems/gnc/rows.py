@@ -56,7 +56,7 @@ class SampledRow:
     @property
     def time_s(self) -> Floats:
         """(n,) seconds since the first sample, by the unit's own clock."""
-        return unwrapped_ticks_s(self.samples.columns["tick"])
+        return unwrapped_ticks_s(self.samples.columns["tick"].astype(np.int64))
 
     @property
     def rate_Hz(self) -> float:
