@@ -48,7 +48,7 @@ class CoefficientsFile(Closed):
 
 def coefficients_document(
     form: type[CoefficientsFile], analysis: Analysis, results: Document, signs: Mapping[str, str], **own: Any
-) -> dict[str, Any]:
+) -> Document:
     """Return the document of one session. Raises: InputError B-COEF-006 naming the first field not in its form.
 
     Args: own: what it holds beside that of every system.
@@ -66,9 +66,9 @@ def coefficients_document(
     return document
 
 
-def of_session(analysis: Analysis, results: Document) -> list[dict[str, Any]]:
+def of_session(analysis: Analysis, results: Document) -> list[Document]:
     """Return the entries of a session's coefficients, each with its name."""
-    return [dict(entry) | {"session": str(results["session"])} for entry in analysis.compensation]
+    return [{**entry, "session": str(results["session"])} for entry in analysis.compensation]
 
 
 def merged_document(
@@ -77,7 +77,7 @@ def merged_document(
     place: Callable[[Document], Any],
     words: Callable[[Document], str],
     next_step: str,
-) -> dict[str, Any]:
+) -> Document:
     """Return one document of the sessions of one unit, the entries below a name in the order of their places.
 
     Raises: InputError B-COEF-001 (another unit), B-COEF-002 (two entries of one place, named by ``words``), B-COEF-003

@@ -136,7 +136,7 @@ def scale_factor_compensation(fitted: Fitted, campaign: Campaign) -> list[dict[s
     return entries
 
 
-def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> dict[str, Any]:
+def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> Document:
     """Return the document of one session.
 
     Args:    analysis, results: of the session; ``campaign``: that section of its manifest.
@@ -158,7 +158,7 @@ def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -
     return coefficients_document(Coefficients, analysis, results, SIGNS, nominal=nominal, parameters=parameters)
 
 
-def merged(documents: Sequence[Document]) -> dict[str, Any]:
+def merged(documents: Sequence[Document]) -> Document:
     """Return one document of the sessions of one unit, parameters by name and channel.
 
     A campaign may measure some channels only; those that several measure must have the same nominal constants.
@@ -166,7 +166,7 @@ def merged(documents: Sequence[Document]) -> dict[str, Any]:
             B-COEF-003 (simulated and real).
     """
     document = merged_document(documents, "parameters", _place, _words, _NEXT)
-    return document | {"nominal": _nominal(documents)}
+    return {**document, "nominal": _nominal(documents)}
 
 
 def _place(parameter: Document) -> tuple[int, int]:

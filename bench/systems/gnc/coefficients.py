@@ -149,12 +149,12 @@ def magnetometer_section(method: str, plane: PlaneParameters, span_degC: tuple[f
     }
 
 
-def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> dict[str, Any]:
+def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> Document:
     """Return the document of one session. Raises: InputError B-COEF-006 for a section that is not in the form."""
     return coefficients_document(ImuCoefficients, analysis, results, SIGNS, sections=of_session(analysis, results))
 
 
-def merged(documents: Sequence[Document]) -> dict[str, Any]:
+def merged(documents: Sequence[Document]) -> Document:
     """Return one document of the sessions of one unit: calibration and magnetometer.
 
     Raises: InputError B-COEF-001 (another unit), B-COEF-002 (a section twice), B-COEF-003 (simulated and real).

@@ -13,17 +13,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench.systems.north.estimators import phasors
 from bench.systems.north.estimators.formulas import literal_north, propagated, quadrant_north
 from bench.systems.north.estimators.likelihood import likelihood_north
-from bench.systems.north.estimators.phasors import (
-    DOF,
-    North,
-    angle_deg,
-    eight,
-    eight_sample_north,
-    lock_in_phasors,
-    wrapped_deg,
-)
+from bench.systems.north.estimators.phasors import DOF, North, angle_deg, eight, lock_in_phasors, wrapped_deg
 
 SIGMA_V = 0.5**0.5
 TURNS = 20
@@ -109,7 +102,7 @@ def errors_deg(
             "literal": literal_north(*eight).north,
             "quadrant": quadrant_north(*eight),
             "single": single_north(*eight),
-            "least_squares": eight_sample_north(*eight),
+            "least_squares": phasors.eight_sample_north(*eight),
             "likelihood": likelihood_north(u, theta_deg),
         }
         for name, one in each.items():

@@ -74,14 +74,8 @@ def repeats(*both: np.ndarray) -> None:
     ("wrong", "kind", "channel", "counts", "first", "said"),
     [
         (at_the_end, faults.SATURATED, "gyro y", (21,), (500,), "at the end of the range"),
-        (
-            clipped,
-            faults.HELD,
-            "gyro x",
-            range(1, COUNT),
-            range(COUNT),
-            "held at their extreme 15",
-        ),  # as by an amplifier
+        # as by an amplifier
+        (clipped, faults.HELD, "gyro x", range(1, COUNT), range(COUNT), "held at their extreme 15"),
         (hangs, faults.RUNS, "accel z", (39, 40), (999, 1000), "accelerometer z"),
         (hangs_for_most, faults.RUNS, "gyro x", (2999, 3000), (499, 500), "gyro x"),
         (never_moves, faults.FROZEN, "gyro z", (COUNT - 1, COUNT), (0,), "gyro z"),
