@@ -97,11 +97,13 @@ def _unusable(why: str) -> FitError:
     )
 
 
-def stuck_sensors(stretches: Mapping[str, Sequence[Floats]], quantities: Mapping[str, Sequence[str]]) -> list[Evidence]:
+def stuck_sensors(
+    stretches: Mapping[str, Sequence[Floats]], quantities: Mapping[str, Sequence[str]] | None = None
+) -> list[Evidence]:
     """Return each sensor that stands still longer than its noise allows, at one chance in a million a stretch.
 
     Args: stretches: by kind ("accelerometer", "gyro"), parts of the log that are used, (n, 3) each.
-          quantities: that depend on a kind; empty for all.
+          quantities: that depend on a kind; None for all.
     """
     found = []
     for kind, parts in stretches.items():
@@ -110,7 +112,8 @@ def stuck_sensors(stretches: Mapping[str, Sequence[Floats]], quantities: Mapping
             if hung:
                 key = "evidence.hung_log" if len(parts) == 1 else "evidence.hung_stretch"
                 text = say(key, sensor=channel_name(f"{kind} {axis}"), stretches=", ".join(map(str, hung)))
-                found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=quantities[kind]))
+                bears_on = quantities[kind] if quantities else ()
+                found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=bears_on))
     return found
 
 

@@ -57,7 +57,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         tables=[_table(fit, unit), _rest_table(rests, log)],
         figures=[_residual_figure(fit, unit), _rest_figure(rests, log)],
         evidence=[
-            *stuck_sensors({"accelerometer": [log.accel]}, {"accelerometer": ()}),
+            *stuck_sensors({"accelerometer": [log.accel]}),
             *of_rests(fit, means, middle_s),
         ],
     )

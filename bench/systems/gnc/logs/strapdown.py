@@ -283,7 +283,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     latitude = (material.campaign.get("site") or {}).get("latitude_deg")
     result = _found(log, log.gyro, method, LATITUDE_deg if latitude is None else float(latitude))
     entries = estimates_of(result)
-    stuck = stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]}, {"accelerometer": (), "gyro": ()})
+    stuck = stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]})
     return Analysis(
         "imu_strapdown",
         result.method,
