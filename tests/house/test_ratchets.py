@@ -11,7 +11,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_004_290,
+    "tokens": 1_004_367,
     "tokens a line": 10.58,
     "files": 863,
     "dict[str, Any]": 503,

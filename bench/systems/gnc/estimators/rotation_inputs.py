@@ -129,11 +129,12 @@ def _integral_of_rotation(axis: int, angle_deg: Floats, step_s: Floats) -> Float
 
 @dataclass(frozen=True)
 class Declared:
-    """Standard uncertainties: ``tilt_std_deg`` of the axis of turn against the body axis (of two directions, common
-    to forth and back), ``resolution_deg_s`` step of the output, ``drift_deg_s`` by which the bias wanders from record
-    to record, ``time_std`` of all durations together, relative.
+    """Standard uncertainties: ``turn_std_deg`` of each turn, ``tilt_std_deg`` of the axis of turn against the body axis
+    (each of two directions, common to forth and back), ``resolution_deg_s`` step of the output, ``drift_deg_s`` by
+    which the bias wanders from record to record, ``time_std`` of all durations together, relative.
     """
 
+    turn_std_deg: float = 0.0
     tilt_std_deg: float = 0.0
     resolution_deg_s: float = 0.0
     drift_deg_s: float = 0.0
@@ -208,7 +209,9 @@ class Inputs:
             for sensor, seen in enumerate(wandering):
                 own = np.outer(length, length) * seen[np.ix_(self.record, self.record)]
                 covariance[sensor : 3 * count : 3, sensor : 3 * count : 3] += own
-        rest = [*[0.0] * count, *[np.radians(declared.tilt_std_deg)] * 9]
+        size = np.linalg.norm(self.known, axis=1)
+        turn = np.where(size > 0.0, declared.turn_std_deg / np.where(size > 0.0, size, 1.0), 0.0)
+        rest = [*turn, *[np.radians(declared.tilt_std_deg)] * 9]
         rest += [site.latitude_std_deg, site.azimuth_std_deg] if site else [0.0, 0.0]
         covariance[range(3 * count, 4 * count + 11), range(3 * count, 4 * count + 11)] = np.square(rest)
         return covariance

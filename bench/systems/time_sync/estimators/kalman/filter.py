@@ -56,9 +56,6 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSource,
 )
 
-# A sample tagged t is used once the IMU has come so far beyond it: offsets down to minus that are interpolated.
-_LOOK_AHEAD_s = 0.05
-_REACH_s = 0.6  # how old a sample may be: offsets up to here are interpolated
 _EGI = 9  # errors of the EGI: position, velocity, rotation vector
 _LONGEST_STEP_s = 0.2  # of the covariance, where EGI samples are lost
 
@@ -215,8 +212,8 @@ class _Filter:
         self._setup, self._keeping, self._t_s = setup, keeping, imu.t_s
         interval_s = float(np.median(np.diff(imu.t_s)))
         self.ins = Strapdown((groups, runs), setup.latitude_deg, interval_s)
-        self._history = History(imu.t_s, _REACH_s, groups, runs)
-        self._offset_s = np.zeros((groups, runs))
+        self._history = History(imu.t_s, setup.reach_s, groups, runs)
+        self._offset_s = np.full((groups, runs), setup.offset0_s)
         self._P, self._F = first_covariance(setup), first_model(setup)
         self._real = RealCovariance(groups, setup.egi, setup.imu, setup.edges_s) if setup.egi is not None else None
         self._before_s = 0.0
@@ -232,7 +229,7 @@ class _Filter:
     def begin(self, sample: EgiSample) -> None:
         """Start from a sample, carried on to the IMU sample of the start."""
         self._before_s = sample.t_s
-        since_s = self._t_s[self._j] - sample.t_s
+        since_s = self._t_s[self._j] - sample.t_s + self._setup.offset0_s
         self.ins.p[...], self.ins.v[...], self.ins.C[...] = sample.p + since_s * sample.v, sample.v, sample.C
         self._mean_C[...] = self.ins.C.mean(axis=-1).transpose(2, 0, 1)
         self._history.store(self._j, self.ins.state)
@@ -318,7 +315,7 @@ def run_filter(imu: ImuSource, egi: EgiSource, setup: FilterSetup) -> FilterRun:
     """
     first = first_sample(egi, float(imu.t_s[0]))
     start = int(np.searchsorted(imu.t_s, egi.t_s[first])) if first >= 0 else imu.t_s.size
-    last_s = imu.t_s[-1] - _LOOK_AHEAD_s
+    last_s = imu.t_s[-1] - setup.look_ahead_s
     count = int(np.searchsorted(egi.t_s, last_s, side="right")) - first - 1
     if start >= imu.t_s.size - 1 or count < 1:
         raise FitError(
@@ -334,14 +331,14 @@ def run_filter(imu: ImuSource, egi: EgiSource, setup: FilterSetup) -> FilterRun:
     work = _Filter(imu, setup, keeping, start)
     samples = egi_samples(egi, first)
     work.begin(next(samples))
-    _go_through(work, imu, samples, start)
+    _go_through(work, imu, samples, setup.look_ahead_s, start)
     return replace(keeping.result(), **work.real)
 
 
-def _go_through(work: _Filter, imu: ImuSource, samples: Iterator[EgiSample], start: int) -> None:
+def _go_through(work: _Filter, imu: ImuSource, samples: Iterator[EgiSample], look_ahead_s: float, start: int) -> None:
     sample = next(samples, None)
     for j, dv, dtheta, dt in imu_steps(imu, start + 1):
         work.imu(j, dv, dtheta, dt)
-        while sample is not None and sample.t_s + _LOOK_AHEAD_s <= imu.t_s[j]:
+        while sample is not None and sample.t_s + look_ahead_s <= imu.t_s[j]:
             work.egi(sample)
             sample = next(samples, None)

@@ -140,15 +140,18 @@ class FilterSetup:
     """One filter per group; G groups run side by side on the same IMU.
 
     Attributes:
-        augmented: (G,) the time offset is a state; where it is not it stays at 0.
+        augmented: (G,) the time offset is a state; where it is not it stays at ``offset0_s``.
         sigma_r: (G, 3) measurement noise, (position m, velocity m/s, attitude deg).
         latitude_deg: of the origin of the tangent frame.
-        offset_sigma_s: uncertainty of the offset, which is first taken as 0.
+        offset0_s: first estimate of the offset.   offset_sigma_s: its uncertainty.
         position_sigma_m, velocity_sigma_m_s, attitude_sigma_deg: first uncertainties per axis. The state begins at the
             first EGI sample, so its position is off by -v T_d too: a position sigma below v T_d (1 m) makes the filter
             take that for knowledge about the offset.
         imu: errors of the IMU.   egi: real errors of the EGI, of which the filter knows nothing; None if nobody asks
             what they do.
+        look_ahead_s: the filter uses a sample tagged t once the IMU has come to t + look_ahead_s; offsets down to
+            -look_ahead_s are then interpolated, beyond it extrapolated.
+        reach_s: how old a sample may be: offsets up to here are interpolated.
         keep_every: EGI samples per kept epoch.
         fine_from_s: from here p, v and C are kept after every IMU sample.
         hold_position_from_s: from here (while the radar collects) only the attitude of the EGI is used; what it says
@@ -160,12 +163,15 @@ class FilterSetup:
     augmented: tuple[bool, ...]
     sigma_r: tuple[tuple[float, float, float], ...]
     latitude_deg: float = 37.5
+    offset0_s: float = 0.0
     offset_sigma_s: float = 0.03
     position_sigma_m: float = 10.0
     velocity_sigma_m_s: float = 0.1
     attitude_sigma_deg: float = 0.05
     imu: ImuDensities = ImuDensities()
     egi: EgiSpread | None = None
+    look_ahead_s: float = 0.05
+    reach_s: float = 0.6
     keep_every: int = 1
     fine_from_s: float = np.inf
     hold_position_from_s: float = np.inf
