@@ -25,7 +25,6 @@ import numpy as np
 
 from bench.commands.cluster import THREADS, run_on_cluster
 from bench.systems.time_sync.estimators.sar.response import impulse_response
-from bench.systems.time_sync.study.flight import simulated
 from bench.systems.time_sync.study.study import (
     BASE,
     Group,
@@ -36,7 +35,7 @@ from bench.systems.time_sync.study.study import (
     Task,
     image_tasks,
 )
-from bench.systems.time_sync.study.tasks import run_task, scene_of
+from bench.systems.time_sync.study.tasks import run_task, scene_of, simulated
 
 HERE = "--here"
 RUNS = 50

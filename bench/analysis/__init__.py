@@ -22,14 +22,14 @@ from bench.analysis.check_standard import (
     without_check_standard,
 )
 from bench.analysis.coefficients import (
+    CoefficientsFile,
     Source,
-    UnitUnderTest,
-    c_preamble,
+    c_header,
     c_text,
-    same_unit,
+    coefficients_document,
+    merged_document,
+    of_session,
     sound_compensation,
-    source_of,
-    validate_coefficients,
 )
 from bench.analysis.departures import Departure, Residuals, powers, search
 from bench.analysis.doubt import (
@@ -64,8 +64,18 @@ from bench.analysis.estimates import (
 )
 from bench.analysis.expected import judged_values
 from bench.analysis.families import Labels, Searched, Words, departures_of, evidence_of, unseen_tables
-from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series, worded_table
-from bench.analysis.foreseen import foreseen_material
+from bench.analysis.figures import (
+    Figure,
+    Series,
+    Style,
+    Table,
+    band,
+    curve,
+    picture,
+    series,
+    worded_figure,
+    worded_table,
+)
 from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
 from bench.analysis.numbers import (
@@ -90,7 +100,7 @@ from bench.analysis.results import (
     validate_results,
 )
 from bench.analysis.specification import Specification, outlived, outlived_text
-from bench.analysis.values import Value, place_of, placed, values_of
+from bench.analysis.values import Value, foreseen_material, place_of, placed, values_of
 from bench.maths.arrays import Floats
 
 __all__ = [
@@ -113,6 +123,7 @@ __all__ = [
     "Chapter",
     "Check",
     "Closed",
+    "CoefficientsFile",
     "Common",
     "Departure",
     "Document",
@@ -141,7 +152,6 @@ __all__ = [
     "Table",
     "Task",
     "Trace",
-    "UnitUnderTest",
     "Value",
     "Words",
     "acceptable",
@@ -151,11 +161,12 @@ __all__ = [
     "band",
     "build_results",
     "by_foreseen_name",
-    "c_preamble",
+    "c_header",
     "c_text",
     "cell",
     "check_form",
     "check_method",
+    "coefficients_document",
     "compensation_of_unit",
     "count_problem",
     "covariance_by_standards",
@@ -180,10 +191,12 @@ __all__ = [
     "limits_of",
     "limits_text",
     "link_checks",
+    "merged_document",
     "no_result",
     "number",
     "of_check_standard",
     "of_serial",
+    "of_session",
     "outlived",
     "outlived_text",
     "picture",
@@ -193,26 +206,24 @@ __all__ = [
     "results_json",
     "results_schema",
     "rule_of",
-    "same_unit",
     "schema_of",
     "search",
     "series",
     "sharing",
     "significant",
     "sound_compensation",
-    "source_of",
     "stated_estimates",
     "stated_limits",
     "stated_value",
     "unit_text",
     "unseen_tables",
     "use_of",
-    "validate_coefficients",
     "validate_results",
     "value_and_uncertainty",
     "values_of",
     "weigh",
     "with_uncertainty",
     "without_check_standard",
+    "worded_figure",
     "worded_table",
 ]

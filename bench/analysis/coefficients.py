@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import DOUBTFUL, base_quantity, is_sound
@@ -34,6 +35,64 @@ class UnitUnderTest(Closed):
 
     model: str
     serial: str
+
+
+class CoefficientsFile(Closed):
+    """What the document of every system holds in front of its coefficients; behind them stand its ``sources``."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    uut: UnitUnderTest
+    simulated: bool
+    signs: dict[str, str]
+
+
+def coefficients_document(
+    form: type[CoefficientsFile], analysis: Analysis, results: Document, signs: Mapping[str, str], **own: Any
+) -> Document:
+    """Return the document of one session. Raises: InputError B-COEF-006 naming the first field not in its form.
+
+    Args: own: what it holds beside that of every system.
+    """
+    document = {
+        "schema": 1,
+        "uut": {name: str(results["uut"][name]) for name in ("model", "serial")},
+        "simulated": results["provenance"]["simulated"] is not False,
+        "signs": dict(signs),
+        **own,
+        "sources": [source_of(analysis, results)],
+    }
+    next_step = "correct the analysis that makes these coefficients"
+    check_form(form, document, "B-COEF-006", str(results["session"]), next_step)
+    return document
+
+
+def of_session(analysis: Analysis, results: Document) -> list[Document]:
+    """Return the entries of a session's coefficients, each with its name."""
+    return [{**entry, "session": str(results["session"])} for entry in analysis.compensation]
+
+
+def merged_document(
+    documents: Sequence[Document],
+    name: str,
+    place: Callable[[Document], Any],
+    words: Callable[[Document], str],
+    next_step: str,
+) -> Document:
+    """Return one document of the sessions of one unit, the entries below a name in the order of their places.
+
+    Raises: InputError B-COEF-001 (another unit), B-COEF-002 (two entries of one place, named by ``words``), B-COEF-003
+            (simulated and real).
+    """
+    same_unit(documents, next_step)
+    entries = [entry for document in documents for entry in document[name]]
+    seen: dict[Any, str] = {}
+    for entry in entries:
+        if place(entry) in seen:
+            where, message = f"{seen[place(entry)]}, {entry['session']}", f"{words(entry)} comes from two sessions"
+            raise InputError("B-COEF-002", message, where=where, next_step=next_step)
+        seen[place(entry)] = entry["session"]
+    sources = [source for document in documents for source in document["sources"]]
+    return dict(documents[0]) | {name: sorted(entries, key=place), "sources": sources}
 
 
 def source_of(analysis: Analysis, results: Document) -> dict[str, Any]:
@@ -133,12 +192,15 @@ def _words(value: Any) -> str:
     return " ".join(value.values()) if isinstance(value, Mapping) else ("simulated" if value else "measured")
 
 
-def validate_coefficients(document: object, where: str, form: type[BaseModel]) -> None:
-    """Check a document against its form. Raises InputError B-COEF-006 naming the first wrong field."""
-    check_form(form, document, "B-COEF-006", where, "correct the analysis that makes these coefficients")
+def c_header(document: Document, guarded: str, prefix: str, parts: Iterable[str]) -> str:
+    """Return the C header of a document; ``guarded``, ``prefix``: in front of the names of its guard and constants."""
+    unit = document["uut"]
+    guard = re.sub("[^A-Z0-9]+", "_", f"{guarded}_{unit['model']}_{unit['serial']}_H".upper())
+    head = f"#ifndef {guard}\n#define {guard}\n", f"#define {prefix}_SIMULATED {int(document['simulated'])}\n"
+    return "\n".join([_preamble(document), *head, *parts, f"#endif /* {guard} */\n"])
 
 
-def c_preamble(document: Document) -> str:
+def _preamble(document: Document) -> str:
     """Return the comment that opens a C header: unit, simulated or not, signs, sources."""
     unit = document["uut"]
     lines = [f"Compensation of {unit['model']}, serial number {unit['serial']}."]

@@ -86,7 +86,36 @@ class Table:
 
 
 def worded_table(
-    say: Callable[[str], str], name: str, headers: Sequence[str], rows: Sequence[Sequence[Any]], **kinds: bool
+    say: Callable[..., str],
+    name: str,
+    headers: Sequence[str],
+    rows: Sequence[Sequence[Any]],
+    /,
+    *,
+    prose: bool = False,
+    lead: bool = False,
+    **fields: object,
 ) -> Table:
-    """Return a table with its title and caption in the words of a catalogue; ``kinds``: as of ``Table``."""
-    return Table(say(f"{name}.title"), say(f"{name}.caption"), headers, rows, **kinds)
+    """Return a table with its title and caption in the words of a catalogue; ``fields``: of both."""
+    title, caption = say(f"{name}.title", **fields), say(f"{name}.caption", **fields)
+    return Table(title, caption, headers, rows, prose, lead)
+
+
+def worded_figure(
+    say: Callable[..., str],
+    name: str,
+    axes: tuple[str, str],
+    parts: Sequence[Series],
+    /,
+    *,
+    group: str = "",
+    logarithmic: str = "",
+    equal: bool = False,
+    **fields: object,
+) -> Figure:
+    """Return a figure with its title and caption in the words of a catalogue, and the axes by their keys there.
+
+    ``logarithmic``: "x", "y" or "xy".   ``fields``: of all four texts.
+    """
+    title, caption, x, y = (say(key, **fields) for key in (f"{name}.title", f"{name}.caption", *axes))
+    return Figure(title, caption, x, y, parts, group, "x" in logarithmic, "y" in logarithmic, equal)

@@ -24,6 +24,7 @@ from functools import cache
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from bench.analysis import Estimate, Estimates
+from bench.design.edits import SequenceText
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
 from bench.model.units import read_quantity
@@ -174,6 +175,17 @@ class Given:
     plan: Plan
     text: str
     lag_s: float | None
+
+    def renamed(self, name: str, **heads: str) -> SequenceText:
+        """Return its sequence under another name, with other values of the heads (title, duration) that it has.
+
+        Raises: InputError B-DES-005.
+        """
+        text = SequenceText(self.text, self.plan.files[f"sequences/{self.plan.name}.yaml"])
+        for key, value in {"sequence": name, **heads}.items():
+            if key in text.tree:
+                text.set_value((key,), value, "")
+        return text
 
 
 @dataclass(frozen=True)

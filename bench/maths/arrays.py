@@ -1,10 +1,15 @@
-"""The arrays that estimators take and give, by what is in them."""
+"""The arrays that estimators take and give, by what is in them, and their root mean square."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+
+def rms(values: ArrayLike) -> float:
+    """Return the root mean square of all values, in their unit."""
+    return float(np.sqrt(np.mean(np.square(values))))

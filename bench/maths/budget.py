@@ -124,7 +124,7 @@ def _check_common(result: str, components: Sequence[Component], dof: dict[str, f
         if not (component.common and component.contribution):
             continue
         known = dof.setdefault(component.common, component.dof)
-        if not _same_dof(known, component.dof) or component.common in seen:
+        if not math.isclose(known, component.dof, rel_tol=1e-12) or component.common in seen:
             raise _refused(result, component, "the same error stands there with other degrees of freedom, or twice")
         seen.add(component.common)
 
@@ -144,10 +144,6 @@ def _refused(result: str, component: Component, reason: str) -> FitError:
         where=result,
         next_step="correct the uncertainty in the standards register or in the campaign section",
     )
-
-
-def _same_dof(first: float, second: float) -> bool:
-    return first == second or math.isclose(first, second, rel_tol=1e-12)
 
 
 def _correlation(budgets: Sequence[Budget]) -> Floats:

@@ -76,7 +76,7 @@ def solve(design: Floats | Extended, readings: Floats, covariance: Floats, names
         parameters=fit.parameters,
         covariance=fit.root @ fit.root.T,
         operator=_unwhitened_operator(factor, fit.pseudo_inverse),
-        residual=_coloured(factor, fit.residual),
+        residual=np.asarray(factor * fit.residual if factor.ndim == 1 else factor @ fit.residual),
         chi2=float(fit.residual @ fit.residual),
         dof=rows - columns,
     )
@@ -146,10 +146,6 @@ def _whitened_extended(factor: Floats, rows: Extended) -> Extended:
         known = (lower[k, :k][:, None] * done).sum()
         done = stacked(done, (rows[k : k + 1] - known[None, :]) / lower[k : k + 1, k : k + 1])
     return done
-
-
-def _coloured(factor: Floats, white: Floats) -> Floats:
-    return np.asarray(factor * white if factor.ndim == 1 else factor @ white)
 
 
 def _unwhitened_operator(factor: Floats, pseudo_inverse: Floats) -> Floats:

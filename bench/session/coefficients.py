@@ -21,10 +21,10 @@ class CoefficientsModule(Protocol):
 
     def coefficients_of(
         self, analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    ) -> Mapping[str, Any]:
         """Return the document of one session. Raises: InputError B-COEF-004, B-COEF-006."""
 
-    def merged(self, documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def merged(self, documents: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
         """Return one document of several sessions of one unit. Raises: InputError B-COEF-001 to B-COEF-003."""
 
     def coefficients_schema(self) -> dict[str, Any]:

@@ -4,7 +4,6 @@ same as a C99 header that a navigation engineer can paste.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
 
@@ -13,15 +12,15 @@ from pydantic import Field, model_validator
 from bench.analysis import (
     Analysis,
     Closed,
+    CoefficientsFile,
     Document,
     Source,
-    UnitUnderTest,
-    c_preamble,
+    c_header,
     c_text,
-    same_unit,
+    coefficients_document,
+    merged_document,
+    of_session,
     schema_of,
-    source_of,
-    validate_coefficients,
 )
 from bench.model.errors import InputError
 from bench.systems.af_converter.constants import Campaign
@@ -98,13 +97,9 @@ class Nominal(Closed):
     k0_C: Annotated[float, Field(gt=0)]
 
 
-class Coefficients(Closed):
+class Coefficients(CoefficientsFile):
     """The document coefficients.json."""
 
-    schema_version: Literal[1] = Field(alias="schema")
-    uut: UnitUnderTest
-    simulated: bool
-    signs: dict[str, str]
     nominal: list[Nominal]
     parameters: list[Parameter]
     sources: list[Source]
@@ -141,67 +136,46 @@ def scale_factor_compensation(fitted: Fitted, campaign: Campaign) -> list[dict[s
     return entries
 
 
-def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> dict[str, Any]:
+def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> Document:
     """Return the document of one session.
 
     Args:    analysis, results: of the session; ``campaign``: that section of its manifest.
     Raises:  InputError B-COEF-004 for a bias that is not of the bias campaign, B-COEF-006 for an entry that is not in
              the form of coefficients.json.
     """
-    session = str(results["session"])
-    parameters = [dict(parameter) | {"session": session} for parameter in analysis.compensation]
+    parameters = of_session(analysis, results)
     if analysis.campaign != BIAS_CAMPAIGN and any(parameter["parameter"] == "bias" for parameter in parameters):
         raise InputError(
             "B-COEF-004",
             f"the bias of a campaign {analysis.campaign!r} is diagnostic; only that of {BIAS_CAMPAIGN!r} compensates",
-            where=session,
+            where=str(results["session"]),
             next_step=_NEXT,
         )
-    channels = campaign.get("channels", ())
-    document = {
-        "schema": 1,
-        "uut": {name: str(results["uut"][name]) for name in ("model", "serial")},
-        "simulated": results["provenance"]["simulated"] is not False,
-        "signs": dict(SIGNS),
-        "nominal": [
-            {"channel": channel["number"], "kind": channel["kind"], "k0_C": channel["k0_C"]} for channel in channels
-        ],
-        "parameters": parameters,
-        "sources": [source_of(analysis, results)],
-    }
-    validate_coefficients(document, session, Coefficients)
-    return document
+    nominal = [
+        {"channel": channel["number"], "kind": channel["kind"], "k0_C": channel["k0_C"]}
+        for channel in campaign.get("channels", ())
+    ]
+    return coefficients_document(Coefficients, analysis, results, SIGNS, nominal=nominal, parameters=parameters)
 
 
-def merged(documents: Sequence[Document]) -> dict[str, Any]:
+def merged(documents: Sequence[Document]) -> Document:
     """Return one document of the sessions of one unit, parameters by name and channel.
 
     A campaign may measure some channels only; those that several measure must have the same nominal constants.
     Raises: InputError B-COEF-001 (another unit, or other nominal constants), B-COEF-002 (a parameter twice),
             B-COEF-003 (simulated and real).
     """
-    first = documents[0]
-    same_unit(documents, _NEXT)
-    parameters = [parameter for document in documents for parameter in document["parameters"]]
-    seen: dict[tuple[str, int], str] = {}
-    for parameter in parameters:
-        place = parameter["parameter"], parameter["channel"] or 0
-        if place in seen:
-            raise InputError(
-                "B-COEF-002",
-                f"{place[0]} of {f'channel {place[1]}' if place[1] else 'the unit'} comes from two sessions",
-                where=f"{seen[place]}, {parameter['session']}",
-                next_step=_NEXT,
-            )
-        seen[place] = parameter["session"]
-    order = list(UNITS)
-    return dict(first) | {
-        "nominal": _nominal(documents),
-        "parameters": sorted(
-            parameters, key=lambda parameter: (order.index(parameter["parameter"]), parameter["channel"] or 0)
-        ),
-        "sources": [source for document in documents for source in document["sources"]],
-    }
+    document = merged_document(documents, "parameters", _place, _words, _NEXT)
+    return {**document, "nominal": _nominal(documents)}
+
+
+def _place(parameter: Document) -> tuple[int, int]:
+    return list(UNITS).index(parameter["parameter"]), parameter["channel"] or 0
+
+
+def _words(parameter: Document) -> str:
+    channel = parameter["channel"]
+    return f"{parameter['parameter']} of {f'channel {channel}' if channel else 'the unit'}"
 
 
 def _nominal(documents: Sequence[Document]) -> list[dict[str, Any]]:
@@ -230,15 +204,10 @@ def header_text(document: Document) -> str:
     Tables are indexed by channel number, 0 unused, all of one length: no channel that is in one of them lies outside
     of another. Numbers are the shortest text that gives the same double back.
     """
-    unit = document["uut"]
-    guard = re.sub("[^A-Z0-9]+", "_", f"COMPENSATION_{unit['model']}_{unit['serial']}_H".upper())
     parameters = document["parameters"]
     width = max((len(parameter["coefficients"]) for parameter in parameters), default=1)
     last = max((int(entry["channel"] or 0) for entry in (*document["nominal"], *parameters)), default=0)
     parts = [
-        c_preamble(document),
-        f"#ifndef {guard}\n#define {guard}\n",
-        f"#define COMPENSATION_SIMULATED {int(document['simulated'])}\n",
         _TYPE.replace("WIDTH", str(width)),
         _nominal_charges(document["nominal"], last),
     ]
@@ -246,7 +215,7 @@ def header_text(document: Document) -> str:
         members = [parameter for parameter in parameters if parameter["parameter"] == name]
         if members:
             parts.append(_table(f"COMPENSATION_{constant}", members, width, last))
-    return "\n".join([*parts, f"#endif /* {guard} */\n"])
+    return c_header(document, "COMPENSATION", "COMPENSATION", parts)
 
 
 def _nominal_charges(nominal: Sequence[Document], last: int) -> str:

@@ -161,11 +161,6 @@ def probability_of(fit: ScaleFactor | DmmScaleFactor) -> float:
     return chi2_tail(fit.chi2, fit.dof) if np.isfinite(fit.chi2) else 1.0
 
 
-def _is_possible(fit: ScaleFactor) -> bool:
-    """Return whether a fit may be right; a chi-square up to its mean always may."""
-    return not fit.chi2 > fit.dof or probability_of(fit) >= NO_CHANCE
-
-
 def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None) -> GroupFit:
     converter = campaign.converter(group.channel)
     require_closed(group)
@@ -173,7 +168,9 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     referral = earlier.referral(group.channel, mean_degC) if earlier else Referral(mean_degC)
     fit = fit_scale_factor(group.closed, converter, standards.ranges, method, referral)
     wary = referral if earlier else replace(referral, slope_std_ppm_degC=UNKNOWN_SLOPE_ppm_degC)
-    fits = _is_possible(fit) or _fits(group.closed, converter, standards, wary, method, NO_CHANCE)
+    # A chi-square up to its mean is always possible.
+    possible = not fit.chi2 > fit.dof or probability_of(fit) >= NO_CHANCE
+    fits = possible or _fits(group.closed, converter, standards, wary, method, NO_CHANCE)
     odd = None if fits else _odd_row(group.closed, converter, standards, wary, method)
     if odd is not None:
         group = group.without(odd, ODD)
@@ -251,7 +248,13 @@ def _polynomials(fitted: list[GroupFit], campaign: Campaign) -> dict[tuple[str, 
     for channel in sorted({visit.group.channel for visit in fitted}):
         visits = first_visits(fitted, channel)
         for index, quantity in enumerate(QUANTITIES):
-            polynomial = _scale_factor_polynomial(visits, index, campaign.reference_temperature_degC)
+            polynomial = fit_temperature(
+                np.array([visit.fit.unit_temperature_degC for visit in visits]),
+                np.array([visit.fit.dsf_ppm[index] for visit in visits]),
+                np.diag([visit.fit.noise_ppm2[index, index] for visit in visits]),
+                shared_ppm(visits, index),
+                campaign.reference_temperature_degC,
+            )
             if polynomial is not None:
                 polynomials[quantity, channel] = polynomial
         with_bias = [visit for visit in visits if visit.bias is not None]
@@ -265,16 +268,6 @@ def _polynomials(fitted: list[GroupFit], campaign: Campaign) -> dict[tuple[str, 
 def standard_labels(visits: Iterable[GroupFit]) -> list[str]:
     """Return the labels of all errors of the calibrator, in the order of ``TemperaturePolynomial.effects``."""
     return sorted({label for visit in visits for label in visit.fit.standard_ppm})
-
-
-def _scale_factor_polynomial(visits: list[GroupFit], index: int, reference_degC: float) -> TemperaturePolynomial | None:
-    return fit_temperature(
-        np.array([visit.fit.unit_temperature_degC for visit in visits]),
-        np.array([visit.fit.dsf_ppm[index] for visit in visits]),
-        np.diag([visit.fit.noise_ppm2[index, index] for visit in visits]),
-        shared_ppm(visits, index),
-        reference_degC,
-    )
 
 
 def shared_ppm(visits: Sequence[GroupFit], index: int) -> Floats:

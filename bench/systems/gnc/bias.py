@@ -91,10 +91,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     estimates += flip_estimates(by_item["flip"], material, missing, notes) + entries
     estimates += repeatability_estimates(by_item["repeatability"], missing)
     return Analysis(
-        campaign="imu_bias",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "imu_bias",
+        method,
+        material.campaign["uut"],
+        estimates,
         notes=[*no_result(missing), *notes, *check_notes(looked_at)],
         missing=missing,
         figures=_figures(stabilities),

@@ -7,7 +7,6 @@ A document of its own beside coefficients.json, which is about converters: docs/
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,16 +15,15 @@ from pydantic import Field
 from bench.analysis import (
     Analysis,
     Closed,
+    CoefficientsFile,
     Document,
     Source,
-    UnitUnderTest,
-    c_preamble,
-    same_unit,
+    c_header,
+    coefficients_document,
+    merged_document,
+    of_session,
     schema_of,
-    source_of,
-    validate_coefficients,
 )
-from bench.model.errors import InputError
 
 if TYPE_CHECKING:
     from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
@@ -114,13 +112,9 @@ class MagnetometerSection(Closed):
     session: str
 
 
-class ImuCoefficients(Closed):
+class ImuCoefficients(CoefficientsFile):
     """The document imu_coefficients.json."""
 
-    schema_version: Literal[1] = Field(alias="schema")
-    uut: UnitUnderTest
-    simulated: bool
-    signs: dict[str, str]
     sections: list[Annotated[TriadSection | MagnetometerSection, Field(discriminator=SECTION)]]
     sources: list[Source]
 
@@ -155,43 +149,20 @@ def magnetometer_section(method: str, plane: PlaneParameters, span_degC: tuple[f
     }
 
 
-def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> dict[str, Any]:
+def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> Document:
     """Return the document of one session. Raises: InputError B-COEF-006 for a section that is not in the form."""
-    session = str(results["session"])
-    document = {
-        "schema": 1,
-        "uut": {name: str(results["uut"][name]) for name in ("model", "serial")},
-        "simulated": results["provenance"]["simulated"] is not False,
-        "signs": dict(SIGNS),
-        "sections": [dict(entry) | {"session": session} for entry in analysis.compensation],
-        "sources": [source_of(analysis, results)],
-    }
-    validate_coefficients(document, session, ImuCoefficients)
-    return document
+    return coefficients_document(ImuCoefficients, analysis, results, SIGNS, sections=of_session(analysis, results))
 
 
-def merged(documents: Sequence[Document]) -> dict[str, Any]:
+def merged(documents: Sequence[Document]) -> Document:
     """Return one document of the sessions of one unit: calibration and magnetometer.
 
     Raises: InputError B-COEF-001 (another unit), B-COEF-002 (a section twice), B-COEF-003 (simulated and real).
     """
-    same_unit(documents, _NEXT)
-    sections = [section for document in documents for section in document["sections"]]
-    seen: dict[str, str] = {}
-    for section in sections:
-        if section[SECTION] in seen:
-            raise InputError(
-                "B-COEF-002",
-                f"the {section[SECTION]} comes from two sessions",
-                where=f"{seen[section[SECTION]]}, {section['session']}",
-                next_step=_NEXT,
-            )
-        seen[section[SECTION]] = section["session"]
     order = ("accelerometer", "gyro", "magnetometer")
-    return dict(documents[0]) | {
-        "sections": sorted(sections, key=lambda section: order.index(section[SECTION])),
-        "sources": [source for document in documents for source in document["sources"]],
-    }
+    return merged_document(
+        documents, "sections", lambda one: order.index(one[SECTION]), lambda one: f"the {one[SECTION]}", _NEXT
+    )
 
 
 def coefficients_schema() -> dict[str, Any]:
@@ -204,22 +175,15 @@ def header_text(document: Document) -> str:
 
     Numbers are the shortest text that gives the same double back.
     """
-    unit = document["uut"]
-    guard = re.sub("[^A-Z0-9]+", "_", f"IMU_COEFFICIENTS_{unit['model']}_{unit['serial']}_H".upper())
     sections = {section["section"]: section for section in document["sections"]}
     present = {name: int(name in sections) for name in ("accelerometer", "gyro", "magnetometer")}
-    parts = [
-        c_preamble(document),
-        f"#ifndef {guard}\n#define {guard}\n",
-        f"#define IMU_SIMULATED {int(document['simulated'])}\n",
-        _TYPE.format(**present),
-    ]
+    parts = [_TYPE.format(**present)]
     for name, operator in (("accelerometer", "+"), ("gyro", "-")):
         if name in sections:
             parts.append(_triad(sections[name], operator, document["signs"][name]))
     if "magnetometer" in sections:
         parts.append(_magnetometer(sections["magnetometer"], document["signs"]["magnetometer"]))
-    return "\n".join([*parts, f"#endif /* {guard} */\n"])
+    return c_header(document, "IMU_COEFFICIENTS", "IMU", parts)
 
 
 def _triad(section: Document, operator: str, sign: str) -> str:

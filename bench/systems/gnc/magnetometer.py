@@ -34,6 +34,7 @@ from bench.analysis import (
     number,
     unseen_tables,
     with_uncertainty,
+    worded_figure,
 )
 from bench.maths.arrays import Integers
 from bench.maths.verdict import coverage_factor
@@ -197,9 +198,8 @@ def _sphere_figure(fit: EllipsoidFit, readings: Floats, unit: str) -> Figure:
     before = factor * np.linalg.norm(shown, axis=1)
     after = factor * np.linalg.norm(fit.corrected(shown), axis=1)
     number = np.arange(len(shown), dtype=np.float64)
-    caption = say("size.caption", noise=factor * fit.noise, unit=name)
     parts = [curve(say("before"), number, before, "points"), curve(say("after"), number, after, "points")]
-    return Figure(say("size.title"), caption, say("size.x"), say("size.y", unit=name), parts)
+    return worded_figure(say, "size", ("size.x", "size.y"), parts, noise=factor * fit.noise, unit=name)
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -230,10 +230,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     of_attitudes = sphere.cloud([row.number for row in others], [row.begin_s + row.time_s for row in others])
     searches = searches_of(clouds, of_attitudes, shown_unit("gauss"))
     return Analysis(
-        campaign="magnetometer",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=[*estimates, *sphere.estimates],
+        "magnetometer",
+        method,
+        material.campaign["uut"],
+        [*estimates, *sphere.estimates],
         evidence=[
             *_evidence(turns),
             *sphere.evidence,
@@ -365,8 +365,7 @@ def _figures(row: SampledRow, parameters: PlaneParameters) -> list[Figure]:
     turn = slice(0, max(2, int(60.0 * row.rate_Hz)))
     time_s = row.time_s[turn]
     parts = [curve(axis, time_s, field[turn, k], "line") for k, axis in enumerate(AXES)]
-    labels = say("minute.title"), say("minute.caption"), say("time"), say("size.y", unit="mgauss")
-    return [plane, Figure(*labels, parts)]
+    return [plane, worded_figure(say, "minute", ("time", "size.y"), parts, unit="mgauss")]
 
 
 def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Material) -> list[str]:

@@ -51,8 +51,7 @@ from bench.systems.gnc.rows import (
 )
 from bench.systems.gnc.unit_test.analysis import values_of_item
 from bench.systems.gnc.unit_test.answers import Answer, Findings, asked_of
-from bench.systems.gnc.unit_test.processor import judge_timer
-from bench.systems.gnc.unit_test.sensors import judge_imu
+from bench.systems.gnc.unit_test.judges import judge_imu, judge_timer
 from bench.systems.gnc.unit_test.units import ItemResult, unit_of
 from bench.systems.gnc.wording import say
 

@@ -13,21 +13,15 @@ import numpy as np
 
 from bench.analysis import CONTINUES, Document, Floats, Material, Table, number, with_uncertainty, worded_table
 from bench.maths.arrays import Integers
+from bench.maths.samples import SATURATED, Finding, SampleChecks, bad_samples, bridged, check_samples
+from bench.maths.stamps import TickFindings, check_ticks, unwrapped_ticks_s
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock, unwrapped_ticks_s
-from bench.systems.gnc.estimators.earth_rate import Pose, Site, tick_seconds
-from bench.systems.gnc.estimators.sample_checks import (
-    FROZEN,
-    SATURATED,
-    SampleChecks,
-    bad_samples,
-    bridged,
-    check_samples,
-)
+from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock
+from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.wording import channel_name, record_name, say
 
 if TYPE_CHECKING:
-    from bench.record import RecordRow, Samples
+    from bench.record import Samples
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # the g of every unit here; gravity of the site is stated in m/s2
 AXES = ("x", "y", "z")
@@ -62,7 +56,7 @@ class SampledRow:
     @property
     def time_s(self) -> Floats:
         """(n,) seconds since the first sample, by the unit's own clock."""
-        return tick_seconds(self.samples.columns["tick"].astype(np.int64))
+        return unwrapped_ticks_s(self.samples.columns["tick"].astype(np.int64))
 
     @property
     def rate_Hz(self) -> float:
@@ -113,7 +107,7 @@ def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[Sampled
         elif CONTINUES in row.window.conditions:
             empty.append(say("missing.not_following", number=row.window.number, item=item))
         else:
-            sampled.append(_sampled(row, row.samples))
+            sampled.append(SampledRow(row.window.number, row.window.conditions, row.samples, row.lost))
     if not sampled:
         raise no_records(items)
     return sampled, empty
@@ -140,10 +134,6 @@ def power_on_of(rows: Sequence[SampledRow]) -> dict[int, int]:
 
 def _stamps(rows: Sequence[SampledRow]) -> list[tuple[Integers, Floats]]:
     return [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns.astype(np.float64) * 1e-9) for row in rows]
-
-
-def _sampled(row: RecordRow, samples: Samples) -> SampledRow:
-    return SampledRow(row.window.number, row.window.conditions, samples, row.lost)
 
 
 def site_of(campaign: Document) -> Site:
@@ -189,25 +179,30 @@ class CheckedRow:
 
     row: SampledRow
     checks: SampleChecks
+    ticks: TickFindings
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Faults of its samples, then of their time stamps."""
+        return (*self.checks.findings, *self.ticks.faults)
 
     @property
     def reason(self) -> str:
-        """Return why the record may not be used; "" if it may.
+        """Return why the record may not be used; "" if it may."""
+        return next((finding_text(finding) for finding in self.findings if finding.refused), "")
 
-        One in which every sample of a channel is the same is not refused here: without noise that is no fault, and a
-        sensor that does not answer at all determines no fit.
-        """
-        for finding in self.checks.findings:
-            hung = finding.kind == FROZEN and finding.count < self.checks.samples
-            if finding.kind == SATURATED or hung:
-                return finding.sentence
-        return ""
+
+def finding_text(finding: Finding) -> str:
+    """Return the sentence on a fault of samples or stamps."""
+    name = channel_name(finding.channel)
+    return say(f"check.{finding.kind}", name=name, count=finding.count, of=finding.of, first=finding.first,
+               **finding.figures)  # fmt: skip
 
 
 def checked(rows: Sequence[SampledRow], kinds: Sequence[str], campaign: Document) -> list[CheckedRow]:
     """Look at the samples of these sensors in every record."""
     limits, due_Hz = _limits(kinds, campaign.get("imu") or {}), campaign.get("rate_Hz")
-    return [CheckedRow(row, _check(row, kinds, limits, due_Hz)) for row in rows]
+    return [_check(row, kinds, limits, due_Hz) for row in rows]
 
 
 def usable(rows: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
@@ -223,8 +218,8 @@ def usable(rows: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
 def _at_limit(seen: CheckedRow) -> str:
     """Return which sensor is at the end of its range, where, when and what to do; "" if that is not what is wrong."""
     row = seen.row
-    for finding in seen.checks.findings:
-        if math.isfinite(finding.limit):
+    for finding in seen.findings:
+        if finding.kind == SATURATED:
             kind, _, axis = finding.channel.partition(" ")
             scale, _, unit = row.samples.scales[SENSORS[kind]]
             shown = [row.conditions[name] for name in ("up", "axis", "turn_deg") if name in row.conditions]
@@ -235,7 +230,7 @@ def _at_limit(seen: CheckedRow) -> str:
                 what=" ".join([record_name(row.item), *named]),
                 number=row.number,
                 value=float(row.values(kind)[finding.first, AXES.index(axis)]),
-                limit=finding.limit * scale,
+                limit=finding.figures["limit"] * scale,
                 unit=unit,
                 count=finding.count,
                 first=finding.first,
@@ -270,19 +265,23 @@ def without_bad_samples(rows: Sequence[SampledRow], kinds: Sequence[str]) -> tup
     return mended, notes
 
 
-def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], due_Hz: float | None) -> SampleChecks:
+def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], due_Hz: float | None) -> CheckedRow:
     samples = row.samples
     raw = {kind: samples.columns[SENSORS[kind]] for kind in kinds}
     words = {kind: float(np.iinfo(str(values.dtype)).max) for kind, values in raw.items()}
-    return check_samples(
+    checks = check_samples(
         {kind: values.astype("int64") for kind, values in raw.items()},
         samples.counter,
         # the word of a frame may end before the range does
         limits={kind: min(limits.get(kind, math.inf), word) for kind, word in words.items()},
-        interval_s=1.0 / (due_Hz or max(1, round(row.rate_Hz))),
-        tick_s=unwrapped_ticks_s(samples.columns["tick"].astype("int64")),
-        received_s=samples.t_ns.astype(np.float64) * 1e-9,
     )
+    ticks = check_ticks(
+        row.time_s,
+        samples.counter,
+        1.0 / (due_Hz or max(1, round(row.rate_Hz))),
+        samples.t_ns.astype(np.float64) * 1e-9,
+    )
+    return CheckedRow(row, checks, ticks)
 
 
 def _limits(kinds: Sequence[str], imu: Document) -> dict[str, float]:
@@ -301,9 +300,9 @@ def check_notes(rows: Sequence[CheckedRow]) -> list[str]:
         return []
     low, high = temperature_span([seen.row for seen in rows])
     faults = [
-        say("note.of_record", number=seen.row.number, item=seen.row.item, text=text)
+        say("note.of_record", number=seen.row.number, item=seen.row.item, text=finding_text(finding))
         for seen in rows
-        for text in seen.checks.sentences
+        for finding in seen.findings
     ]
     return [say("note.temperature", low=low, high=high), *faults]
 
@@ -312,27 +311,23 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
     """Return samples, gaps and time stamps of every record."""
     rows = []
     for seen in checked_rows:
-        ticks, checks = seen.checks.ticks, seen.checks
-        jitter_us = number(1e6 * ticks.worst_jitter_s, 0) if ticks else "–"
-        kinds = dict.fromkeys(finding.kind for finding in checks.findings)
-        what = say.listed([say(f"found.{kind}") for kind in kinds or ("nothing",)])
+        found = dict.fromkeys(say(f"found.{finding.kind}") for finding in seen.findings)
         rows.append(
             [
                 seen.row.number,
                 record_name(seen.row.item),
-                checks.samples,
-                checks.missing,
-                jitter_us,
-                _clock(checks),
-                what,
+                seen.checks.samples,
+                seen.checks.missing,
+                number(1e6 * seen.ticks.worst_jitter_s, 0),
+                _clock(seen.ticks),
+                say.listed(found or [say("found.nothing")]),
             ]
         )
     headers = say.heads("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
     return worded_table(say, "samples", headers, rows)
 
 
-def _clock(checks: SampleChecks) -> str:
-    ticks = checks.ticks
-    if ticks is None or not ticks.clock_bound <= _CRYSTAL:
+def _clock(ticks: TickFindings) -> str:
+    if not ticks.clock_bound <= _CRYSTAL:
         return "–"
     return with_uncertainty(1e6 * ticks.clock_error, 1e6 * ticks.clock_bound)

@@ -73,10 +73,10 @@ def analysis_of(
     ]
     heard, searches = evidence(results)
     return Analysis(
-        campaign=campaign,
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=[*estimates, *exponent_estimates(results, method)],
+        campaign,
+        method,
+        material.campaign["uut"],
+        [*estimates, *exponent_estimates(results, method)],
         evidence=heard,
         notes=[*no_result(missing), *notes(results, requirement, method)],
         missing=missing,

@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.analysis import Floats
 from bench.maths.arrays import Flags, Integers
+from bench.maths.samples import few
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
 from bench.systems.lock_in.estimators.random_walk import (
@@ -37,7 +38,6 @@ SINGLE: Mapping[str, Compensator] = {
 }
 COMPENSATORS: tuple[str, ...] = (GLOBAL, *SINGLE)
 _FEWEST_PICKOFFS = 3  # a dither period and a half
-_MOST_ODD = 1e-3  # of the half periods of a stretch
 _SHOWN = 400  # turnarounds of the figures that show single ones
 
 
@@ -182,7 +182,7 @@ def left_out(odd: Integers, of: int) -> bool:
 
     Two in succession are one: what happens at the pick-off's edge is in the steps to it and from it.
     """
-    return int(np.count_nonzero(np.diff(odd, prepend=-2) > 1)) <= max(1.0, _MOST_ODD * of)
+    return few(np.count_nonzero(np.diff(odd, prepend=-2) > 1), of)
 
 
 def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | None, dict[str, str]]:

@@ -57,10 +57,8 @@ class LaserUnit(UnitSections):
         }
 
 
-class CountColumn(LogColumn):
-    """A column of counts of a ring laser: as the counter stands, or what it advanced by since the row before."""
-
-    role: Literal["count", "count_increment"]
+class LaserColumn(LogColumn):
+    """A column of numbers without a unit, one of each role."""
 
     @property
     def quantity(self) -> str:
@@ -73,20 +71,16 @@ class CountColumn(LogColumn):
         return "1"
 
 
-class EdgeColumn(LogColumn):
+class CountColumn(LaserColumn):
+    """A column of counts of a ring laser: as the counter stands, or what it advanced by since the row before."""
+
+    role: Literal["count", "count_increment"]
+
+
+class EdgeColumn(LaserColumn):
     """Level behind the edges of one comparator of a ring laser, 0 or 1; empty in rows that are edges of another one."""
 
     role: Literal["beat", "cosine", "pickoff"]
-
-    @property
-    def quantity(self) -> str:
-        """Name of the column in series."""
-        return self.role
-
-    @property
-    def unit(self) -> str:
-        """Levels have none."""
-        return "1"
 
 
 class Laser(StrictModel):

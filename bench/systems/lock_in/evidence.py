@@ -20,12 +20,13 @@ import numpy as np
 
 from bench.analysis import LEAST_MOVE, Evidence, Floats, Searched
 from bench.maths.allan_terms import TERMS
+from bench.maths.samples import few
 from bench.maths.tests import chi2_both, f_tail
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE
 from bench.systems.lock_in.departures import Changing, constants_depart
-from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_output
+from bench.systems.lock_in.estimators.global_constants import NominalLaser, expected_output
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
 from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
 from bench.systems.lock_in.result import LaserResult, walk_dof, walk_std_deg_rth
@@ -62,7 +63,7 @@ def _counts(laser: LaserResult) -> Iterator[Evidence]:
     if not laser.found.odd_left_out:
         sentence = say("evidence.count_odd", name=laser.name, count=odd)
         yield _certain("count_odd", sentence, float(odd), laser, WALKS)
-    if repeated > max(1.0, _MOST_REPEATED * blocks):
+    if not few(repeated, blocks, _MOST_REPEATED):
         sentence = say("evidence.repeated_blocks", repeated=repeated, blocks=blocks, name=laser.name)
         yield _certain("repeated_blocks", sentence, float(repeated), laser)
 

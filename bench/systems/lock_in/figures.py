@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Series, Style, curve, series
+from bench.analysis import Figure, Floats, Series, Style, curve, series, worded_figure
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, alignment_time_s
@@ -68,9 +68,8 @@ def _alignment(results: Sequence[LaserResult], requirement: Requirement, method:
                 words = say("figure1.measured", path=100 * laser.record.path_length_m, method=label(name))
                 error = error_mil(alignment_s(measured, one_mil).value)
                 parts.append(curve(words, _TIMES_s[points], error[points], "points"))
-    caption = say("figure1.caption", latitude=requirement.latitude_deg)
-    axes = say("axis.alignment_time"), say("axis.alignment_error")
-    return Figure(say("figure1.title"), caption, *axes, parts, x_log=True, y_log=True)
+    axes, latitude_deg = ("axis.alignment_time", "axis.alignment_error"), requirement.latitude_deg
+    return worded_figure(say, "figure1", axes, parts, logarithmic="xy", latitude=latitude_deg)
 
 
 def _path_length(results: Sequence[LaserResult], method: str) -> Figure:
@@ -86,8 +85,7 @@ def _path_length(results: Sequence[LaserResult], method: str) -> Figure:
         chosen = [laser for laser in best_by_path(results) if name in laser.walks]
         parts.append(_points(label(name), [100 * laser.record.path_length_m for laser in chosen],
                               [laser.walks[name] for laser in chosen]))  # fmt: skip
-    axes = say("axis.path"), say("axis.random_walk")
-    return Figure(say("figure2.title"), say("figure2.caption"), *axes, parts, y_log=True)
+    return worded_figure(say, "figure2", ("axis.path", "axis.random_walk"), parts, logarithmic="y")
 
 
 def _points(name: str, x: Sequence[float], walks: Sequence[RandomWalk]) -> Series:
@@ -140,16 +138,8 @@ def _backscatter(results: Sequence[LaserResult]) -> list[Figure]:
     if len({laser.record.phase_setting_deg for laser in chosen}) < _FEWEST_PHASES:
         return []
     x = [laser.backscatter_deg.value for laser in chosen if laser.backscatter_deg is not None]
-    return [
-        Figure(
-            say("backscatter.title"),
-            say("backscatter.caption"),
-            say("axis.backscatter"),
-            say("axis.ratio"),
-            [_ratio_points(method, chosen, x) for method in COMPENSATORS],
-            y_log=True,
-        )
-    ]
+    parts = [_ratio_points(method, chosen, x) for method in COMPENSATORS]
+    return [worded_figure(say, "backscatter", ("axis.backscatter", "axis.ratio"), parts, logarithmic="y")]
 
 
 def _allan(results: Sequence[LaserResult], method: str) -> list[Figure]:
@@ -214,12 +204,12 @@ def _beat(chosen: Sequence[LaserResult]) -> list[Figure]:
     curved = np.polynomial.Polynomial.fit(time_s, phase_rad, 2)
     at_s = np.linspace(-_WAVE_s, _WAVE_s, 481)
     near = time_s[np.abs(time_s) <= _WAVE_s]
-    title, axes = say("beat.title", name=chosen[-1].name), (say("axis.time_us"), say("axis.beat"))
     parts = [
         curve(say("beat.beat"), 1e6 * at_s, np.sin(curved(at_s)), "line"),
         curve(say("beat.crossings"), 1e6 * near, np.zeros(near.size), "points"),
     ]
-    wave = Figure(title, say("beat.caption"), *axes, parts, group="Beat and crossings")
+    axes, group = ("axis.time_us", "axis.beat"), "Beat and crossings"
+    wave = worded_figure(say, "beat", axes, parts, group=group, name=chosen[-1].name)
     rate_rad_s = float((phase_rad[side + 2] - phase_rad[side]) / (time_s[side + 2] - time_s[side]))
     zoom_s = np.linspace(-_ZOOM_s, _ZOOM_s, 101)
     series = [curve(say("beat.beat"), 1e9 * zoom_s, np.sin(rate_rad_s * zoom_s), "line")]
@@ -280,8 +270,7 @@ def _integrated(laser: LaserResult) -> Figure:
             off = raw - _cycles(laser, method)[1]
             style: Style = "line" if method == GLOBAL else "points"
             series.append(_known(label(method), time_s, _detrended(_added(off)) / laser.gain * _ARCSEC, style))
-    title, axes = say("integrated.title", name=laser.name), (say("axis.time"), say("axis.integrated"))
-    return Figure(title, say("integrated.caption"), *axes, series)
+    return worded_figure(say, "integrated", ("axis.time", "axis.integrated"), series, name=laser.name)
 
 
 def _angle(laser: LaserResult) -> Figure:
@@ -292,8 +281,7 @@ def _angle(laser: LaserResult) -> Figure:
             time_s, increment = _cycles(laser, method)
             angle = _detrended(_added(increment)) / laser.gain * _ARCSEC
             series.append(_known(label(method), time_s, angle, "line"))
-    title, caption = say("angle.title", name=laser.name), say("angle.caption")
-    return Figure(title, caption, say("axis.time"), say("axis.angle"), series)
+    return worded_figure(say, "angle", ("axis.time", "axis.angle"), series, name=laser.name)
 
 
 def _left(laser: LaserResult) -> list[Figure]:
@@ -308,8 +296,7 @@ def _left(laser: LaserResult) -> list[Figure]:
         if method in shown.jumps and reference is not None:
             wrong = 1e3 * (shown.jumps[method] - reference)
             parts.append(_known(say("left.less", method=label(method)), turn[: wrong.size], wrong))
-    title, caption = say("left.title", name=laser.name), say("left.caption")
-    return [Figure(title, caption, say("axis.phase"), say("axis.jump"), parts)]
+    return [worded_figure(say, "left", ("axis.phase", "axis.jump"), parts, name=laser.name)]
 
 
 def _cycles(laser: LaserResult, method: str) -> tuple[Floats, Floats]:

@@ -47,10 +47,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         terms, material.campaign.get("laser"), rate_deg_h.size
     )
     return Analysis(
-        campaign="rlg_count_log",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "rlg_count_log",
+        method,
+        material.campaign["uut"],
+        entries,
         notes=[
             say("log.intervals", count=rate_deg_h.size, seconds=interval_s),
             say("log.latched"),

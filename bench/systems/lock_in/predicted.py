@@ -21,7 +21,7 @@ from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.record import RecordRow
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE, Compensated, Shown
-from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_constants, expected_output
+from bench.systems.lock_in.estimators.global_constants import NominalLaser, expected_constants, expected_output
 from bench.systems.lock_in.estimators.random_walk import (
     expected_quantisation_deg,
     expected_random_walk,

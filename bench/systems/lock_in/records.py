@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import Material
 from bench.maths.arrays import Flags, Integers
+from bench.maths.samples import seen_before
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.lock_in.wording import say
@@ -235,7 +236,7 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
     whole = (more == 0) & (sizes == _BYTES * edges)
     whole[0] &= bool(dropped[0] == 0)  # nobody knows in which block the earlier ones were lost
     dark = whole & (edges == 0)
-    again = _repeated(blobs) & whole & (edges >= _UNLIKE)
+    again = seen_before(blobs) & whole & (edges >= _UNLIKE)
     torn, whole = ~whole, whole & ~dark & ~again
     joint = (np.diff(samples.counter) == 1) & (np.diff(tick) > 0) & whole[1:] & whole[:-1]
     starts = np.flatnonzero(np.concatenate(([True], ~joint)))
@@ -249,12 +250,6 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
         clock_Hz, stretches, lost_blocks, int(more[more > 0].sum()), int(torn.sum()), int(dark.sum()),
         int(again.sum()), step_ticks(stretches),
     )  # fmt: skip
-
-
-def _repeated(blobs: Any) -> Flags:
-    """Return which blocks are the same as an earlier one: no beat does that."""
-    first: dict[bytes, int] = {}
-    return np.array([first.setdefault(blob, at) != at for at, blob in enumerate(blobs)], np.bool_)
 
 
 def step_ticks(stretches: Sequence[Stretch]) -> int:

@@ -170,7 +170,8 @@ def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str)
         *_better(results, judged),
         *_condition(results),
         *_off(results),
-        *_standing(requirement),
+        say("note.alignment", error=requirement.error_deg),
+        say("note.no_truth"),
         *_losses(results),
         *_left_out(results),
     ]
@@ -228,13 +229,6 @@ def _off(results: Sequence[LaserResult]) -> list[str]:
     if not off:
         return []
     return [say("note.off", outputs=say.listed(off, "list.comma"))]
-
-
-def _standing(requirement: Requirement) -> list[str]:
-    return [
-        say("note.alignment", error=requirement.error_deg),
-        say("note.no_truth"),
-    ]
 
 
 def _losses(results: Sequence[LaserResult]) -> list[str]:

@@ -25,10 +25,11 @@ from bench.analysis import (
     stated_limits,
     unseen_tables,
 )
+from bench.maths.arrays import rms
 from bench.model.errors import FitError
 from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.departures import implausible, searches_of
-from bench.systems.north.estimators.eight_samples import IndexCalibration
+from bench.systems.north.estimators.phasors import IndexCalibration
 from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.report import north_notes, tables
 from bench.systems.north.sets import COSINE, SENSES, SINE, TEST, north_sets
@@ -111,7 +112,7 @@ def _waveform(solution: Solution) -> Estimates:
     samples = int(sum(int(waveform.samples) for waveform in raw))
     bound_std = math.sqrt(0.5 + 2.0 * float(np.mean((noise / amplitude) ** 2))) / math.sqrt(samples)
     bound_deg = float(np.sqrt(np.nanmean(solution.bound_deg**2)))
-    noise_V, about = float(np.sqrt(np.mean(noise**2))), {"source": "waveform"}
+    noise_V, about = rms(noise), {"source": "waveform"}
     scale_std_V = noise_V * math.sqrt(2.0 / samples)
     if len(raw) > 1:  # an amplitude that changes from set to set is known no better than it scatters
         scatter_V = float(np.std(amplitude, ddof=1)) / math.sqrt(len(raw))
@@ -142,10 +143,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     estimates = north_estimates(solution, method, accuracy, limit_deg)
     searches = list(searches_of(solution, estimates))
     return Analysis(
-        campaign="fog_north",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "fog_north",
+        method,
+        material.campaign["uut"],
+        estimates,
         evidence=[*implausible(solution), *evidence_of(searches)],
         notes=north_notes(solution, method, accuracy),
         missing=solution.missing,

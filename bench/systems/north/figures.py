@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Series, band, series
-from bench.systems.north.estimators.eight_samples import IndexCalibration
-from bench.systems.north.estimators.phasors import heading_deg, phase_deg, wrapped_deg
+from bench.analysis import Figure, Floats, Series, band, series, worded_figure
+from bench.maths.arrays import rms
+from bench.systems.north.estimators.phasors import IndexCalibration, heading_deg, phase_deg, wrapped_deg
 from bench.systems.north.sets import POSITIONS, TEST, Waveform, waveform_of
 from bench.systems.north.solution import (
     COVERAGE,
@@ -122,8 +122,7 @@ def _phasors(solution: Solution) -> list[Figure]:
     ]
     mean_V = z_V.mean(axis=1)
     parts.append(series(say("phasors.mean"), mean_V.real, mean_V.imag, "points"))
-    labels = say("axis.cosine"), say("axis.sine")
-    return [Figure(say("phasors.title"), say("phasors.caption"), *labels, parts, equal=True)]
+    return [worded_figure(say, "phasors", ("axis.cosine", "axis.sine"), parts, equal=True)]
 
 
 def _residual(solution: Solution) -> list[Figure]:
@@ -143,8 +142,7 @@ def _residual(solution: Solution) -> list[Figure]:
     reach_V = 1.96 * scatter_V / np.sqrt(count)
     parts = [series(say("signal.mean"), at_deg, 1e3 * mean_V, "points")]
     parts.append(band(say("residual.noise"), at_deg, -1e3 * reach_V, 1e3 * reach_V))
-    caption = say("residual.caption", count=len(left_V))
-    return [Figure(say("residual.title"), caption, say("axis.table_angle"), say("axis.residual"), parts)]
+    return [worded_figure(say, "residual", ("axis.table_angle", "axis.residual"), parts, count=len(left_V))]
 
 
 def error_figures(solution: Solution, method: str, limit_deg: float) -> list[Figure]:
@@ -167,7 +165,7 @@ def _against_azimuth(solution: Solution, kind: str) -> list[Figure]:
     literal = points.pop(LITERAL, None)
     parts = list(points.values())
     if bound_deg.size:
-        reach_deg = COVERAGE * float(np.sqrt(np.mean(bound_deg**2)))
+        reach_deg = COVERAGE * rms(bound_deg)
         parts.append(band(say("against.bound"), [0.0, 360.0], [-reach_deg] * 2, [reach_deg] * 2))
     labels = say("axis.azimuth"), say("axis.azimuth_error")
     group = "errors" if kind else ""  # side by side, as in figure 6 of the paper
@@ -186,8 +184,7 @@ def _histogram(solution: Solution, method: str) -> list[Figure]:
         seen = error_deg[np.isfinite(error_deg)]
         if seen.size >= _FEWEST:
             parts.append(_steps(method_name(name), seen))
-    title, caption = say("histogram.title"), say("histogram.caption")
-    return [Figure(title, caption, say("axis.azimuth_error"), say("axis.sets"), parts)] if parts else []
+    return [worded_figure(say, "histogram", ("axis.azimuth_error", "axis.sets"), parts)] if parts else []
 
 
 def _steps(name: str, error_deg: Floats) -> Series:
@@ -217,12 +214,11 @@ def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Fig
     line_s = np.geomspace(shortest_s, longest_s if longest_s > shortest_s else 2.0 * shortest_s, 20)
     bound_deg = solution.bound_deg[np.isfinite(solution.bound_deg)]
     if bound_deg.size:
-        bound = float(np.sqrt(np.mean(bound_deg**2)))
+        bound = rms(bound_deg)
         parts.append(series(say("over_time.bound"), line_s, bound * np.sqrt(measured_s(solution) / line_s), "line"))
     parts.append(series(say("over_time.limit"), line_s, np.full(line_s.shape, limit_deg / COVERAGE), "line"))
-    caption = say("over_time.caption", method=method_name(LIKELIHOOD))
-    labels = say("axis.measuring_time"), say("axis.rms_error")
-    return [Figure(say("over_time.title"), caption, *labels, parts, x_log=True, y_log=True)]
+    axes, name = ("axis.measuring_time", "axis.rms_error"), method_name(LIKELIHOOD)
+    return [worded_figure(say, "over_time", axes, parts, logarithmic="xy", method=name)]
 
 
 def _repeats(solution: Solution, method: str) -> tuple[Floats, Floats]:
@@ -240,5 +236,5 @@ def _repeats(solution: Solution, method: str) -> tuple[Floats, Floats]:
     for count in counts:
         means = {group: np.rad2deg(np.angle(np.mean(phasors[:count]))) for group, phasors in groups.items()}
         errors = [float(wrapped_deg(mean - known[group])) for group, mean in means.items()]
-        rms_deg.append(float(np.sqrt(np.mean(np.square(errors)))))
+        rms_deg.append(rms(errors))
     return measured_s(solution) * np.array(counts, np.float64), np.array(rms_deg)

@@ -5,7 +5,7 @@ lock-ins and index pulses: a log has no calibration at a known azimuth.
 
 What departs is looked for in parts of the log, each a set as those of a campaign.
 
-Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``.
+Source: ``estimators.likelihood``, ``estimators.phasors``; the convention is in ``estimators.phasors``.
 """
 
 from __future__ import annotations
@@ -32,13 +32,19 @@ from bench.analysis import (
     unseen_tables,
     value_and_uncertainty,
 )
+from bench.maths.arrays import rms
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
 from bench.systems.north.departures import searches_of
-from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
+from bench.systems.north.estimators.phasors import (
+    POSITIONS,
+    eight_sample_north,
+    heading_deg,
+    oriented,
+    wrapped_deg,
+)
 from bench.systems.north.sets import LOG, NorthSet
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, Azimuths, Site, Solution
 from bench.systems.north.wording import say, sense_name
@@ -106,7 +112,7 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
     sense = _SENSES[str(material.campaign["turntable"])]
     found = eight_sample_north(*oriented(one, other, sense))
     mean = complex(np.mean(found.phasor))
-    noise = float(np.sqrt(np.mean(np.square(found.noise))))
+    noise = rms(found.noise)
     std_deg, dof = float(np.rad2deg(noise / (2.0 * abs(mean) * np.sqrt(sets)))), 4.0 * sets
     north_deg = float(heading_deg(np.rad2deg(np.angle(mean)), sense))
     each_deg = wrapped_deg(heading_deg(found.phi_deg, sense) - north_deg)
@@ -185,10 +191,10 @@ def _analysis(
         rows.append([say(f"quantity.{entry.quantity}"), unit, *cells])
     headers = say.heads("", "quantity", "unit", "value", "expanded")
     return Analysis(
-        campaign="north_log",
-        method=METHODS[0],
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "north_log",
+        METHODS[0],
+        material.campaign["uut"],
+        entries,
         evidence=[*evidence, *evidence_of(searches)],
         notes=notes,
         tables=[Table(say("result.title"), say("log.caption"), headers, rows, lead=True), *unseen_tables(searches)],

@@ -62,7 +62,7 @@ def predicted(planned: Planned) -> Prediction:
     if "fog" not in planned.campaign:
         return Prediction([], [say("predicted.no_noise")])
     nominal = _nominal(planned, site)
-    if not _has_lock_ins(planned):
+    if not all(_configured(planned, role) is not None for role in _LOCK_INS):
         return Prediction([], [say("predicted.no_time_constant")])
     turning = [north_set for north_set in sets if abs(north_set.rate_deg_s) > 0.0]
     if not turning:
@@ -104,10 +104,6 @@ def _configured(planned: Planned, role: str) -> Document | None:
     """Return the settings that a lock-in has last, None if the plan sets none."""
     settings = [each.arguments for each in planned.readings if (each.role, each.name) == (role, _CONFIGURE)]
     return settings[-1] if settings else None
-
-
-def _has_lock_ins(planned: Planned) -> bool:
-    return all(_configured(planned, role) is not None for role in _LOCK_INS)
 
 
 def _output_noise_V(planned: Planned, nominal: _Nominal, role: str, north_set: NorthSet) -> float:

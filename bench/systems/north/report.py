@@ -12,6 +12,7 @@ import numpy as np
 from scipy import special
 
 from bench.analysis import Table, number, with_uncertainty, worded_table
+from bench.maths.arrays import rms
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, LikelihoodNorth
 from bench.systems.north.estimators.phasors import INDEX_TO_NORTH
@@ -86,18 +87,17 @@ def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float)
     bound_deg = solution.bound_deg[np.isfinite(solution.bound_deg)]
     bound = say("methods.no_bound")
     if bound_deg.size:
-        bound = say("methods.bound", bound=float(np.sqrt(np.mean(bound_deg**2))))
+        bound = say("methods.bound", bound=rms(bound_deg))
     rows = [
         [method_name(errors.method), errors.used, number(errors.rms_deg, 3), number(errors.mean_deg, 3),
          number(errors.scatter_deg, 3), number(errors.ratio, 2), errors.gross, _seconds(errors.time_s)]
         for errors in accuracy
     ]  # fmt: skip
-    caption = say(
-        "methods.caption", measured=measured_s(solution), bound=bound, penalty=SQUARE_PENALTY, coverage=COVERAGE,
-        limit=limit_deg, bench=bench_s(solution),
-    )  # fmt: skip
     headers = say.heads("", "method", "sets", "rms", "mean", "scatter", "scatter_over_bound", "gross", "time")
-    return Table(say("methods.title"), caption, headers, rows, lead=True)
+    return worded_table(
+        say, "methods", headers, rows, lead=True, measured=measured_s(solution), bound=bound, penalty=SQUARE_PENALTY,
+        coverage=COVERAGE, limit=limit_deg, bench=bench_s(solution),
+    )  # fmt: skip
 
 
 def _seconds(time_s: float) -> str:
@@ -130,7 +130,7 @@ def parameter_table(solution: Solution) -> list[Table]:
         error_deg, cells = solution.error_deg(method), []
         for kind in solution.kinds:
             seen = np.isfinite(error_deg) & solution.with_parameters(kind)
-            rms_deg = float(np.sqrt(np.mean(error_deg[seen] ** 2))) if seen.any() else math.nan
+            rms_deg = rms(error_deg[seen]) if seen.any() else math.nan
             off = int(np.sum(np.abs(error_deg[seen]) > QUARTER_TURN_deg))
             cells += [int(seen.sum()), number(rms_deg, 3), off]
         rows.append([method_name(method), *cells])
@@ -144,8 +144,7 @@ def failure_table(solution: Solution) -> Table:
     seen = np.isfinite(solution.u1_V).all(axis=1) & np.isfinite(solution.u2_V).all(axis=1)
     count = int(seen.sum())
     rows = [[say(f"failures.{name}"), int(np.sum(flags[seen] > 0)), count] for name, flags in solution.failures.items()]
-    caption = say("failures.caption", method=method_name(LITERAL))
-    return Table(say("failures.title"), caption, say.heads("", "fails", "sets", "of"), rows)
+    return worded_table(say, "failures", say.heads("", "fails", "sets", "of"), rows, method=method_name(LITERAL))
 
 
 def calibration_table(solution: Solution) -> list[Table]:
@@ -206,8 +205,8 @@ def harmonic_table(solution: Solution) -> list[Table]:
             [f"{share:.3f}", f"{square_deg:.3f}"] if apparent > floor else [say("harmonics.below", floor=floor), "–"]
         )
         rows.append([order, *shown])
-    caption = say("harmonics.caption", count=len(raw), chance=100.0 * FALSE_CLAIM)
-    return [Table(say("harmonics.title"), caption, say.heads("", "harmonic", "share", "square"), rows)]
+    headers = say.heads("", "harmonic", "share", "square")
+    return [worded_table(say, "harmonics", headers, rows, count=len(raw), chance=100.0 * FALSE_CLAIM)]
 
 
 def _harmonic_noise_V2(waveform: LikelihoodNorth) -> float:

@@ -24,6 +24,7 @@ import numpy as np
 
 from bench.analysis import Document, Floats, Material, Reading, flag_problem
 from bench.maths.arrays import Flags, Integers
+from bench.maths.samples import few, longest_still, pinned, scatter
 from bench.maths.tests import f_tail, of_many
 from bench.model.errors import FitError
 from bench.model.quality import Quality
@@ -35,9 +36,8 @@ _ODD = 1e-3  # chance that a right campaign loses a set
 _LEAST_SHARE = 1e-3  # of the amplitude: rounding of the lock-ins is not looked at
 _FEWEST = 6
 _STILL_deg, _STILL = 10.0, 5  # of the turn, samples: a sine of few steps stands still at its crests
-_CHANCE = 1e-6
-_PINNED, _PINNED_SHARE, _MORE_THAN_NEXT = 10, 1e-3, 5.0
-_FAR, _MOST_LEFT_OUT = 8.0, 1e-3  # standard deviations; of the samples of a set, but one
+_PINNED, _PINNED_SHARE = 10, 1e-3
+_FAR = 8.0  # standard deviations
 
 
 if TYPE_CHECKING:
@@ -348,31 +348,13 @@ def _still_or_pinned(waveform: Waveform) -> list[str]:
     for record in np.unique(waveform.record).tolist():
         u_V, theta_deg, per_turn = waveform.turns(record)
         least = max(_STILL, int(per_turn * _STILL_deg / 360.0))
-        for what, column, few in (("output", u_V, least), ("encoder", theta_deg, _STILL)):
-            if (still := _longest_still(column)) > few:
+        for what, column, most in (("output", u_V, least), ("encoder", theta_deg, _STILL)):
+            if (still := longest_still(column)) > most:
                 faults.append(say(f"fault.{what}_still", count=still, index=record))
         for level_V, end in ((float(u_V.max()), u_V), (float(u_V.min()), -u_V)):
-            if (pinned := _pinned(end)) > max(_PINNED, _PINNED_SHARE * len(u_V)):
-                faults.append(say("fault.pinned", count=pinned, level=level_V, index=record))
+            if (count := pinned(end)) > max(_PINNED, _PINNED_SHARE * len(u_V)):
+                faults.append(say("fault.pinned", count=count, level=level_V, index=record))
     return faults
-
-
-def _longest_still(column: Floats) -> int:
-    """Return the longest run of equal samples if chance does not explain it by how often neighbours are equal."""
-    equal = np.concatenate(([False], np.diff(column) == 0.0, [False]))
-    edges = np.flatnonzero(np.diff(equal.astype(np.int8)))
-    if not edges.size:
-        return 0
-    runs = edges[1::2] - edges[::2]
-    longest = int(runs.max())
-    elsewhere = (int(runs.sum()) - longest + 1) / max(len(column) - longest, 1)
-    return longest + 1 if len(column) * min(elsewhere, 1.0) ** longest < _CHANCE else 0
-
-
-def _pinned(column: Floats) -> int:
-    """Return how many samples are at the largest value, 0 if there are about as many just below it."""
-    values, counts = np.unique(column, return_counts=True)
-    return int(counts[-1]) if len(values) > 1 and counts[-1] > _MORE_THAN_NEXT * counts[-2] else 0
 
 
 def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int]) -> Flags | None:
@@ -382,6 +364,5 @@ def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int])
     for order, phasor in ((1, complex(fit.phasor)), *zip(orders, fit.harmonics.tolist(), strict=True)):
         left_V = left_V - phasor.real * np.sin(order * theta) - phasor.imag * np.cos(order * theta)
     beside_V = np.abs(left_V - np.median(left_V))
-    far = beside_V > _FAR * 1.4826 * np.median(beside_V)
-    few = 0 < np.count_nonzero(far) <= max(1.0, _MOST_LEFT_OUT * far.size)
-    return np.asarray(far) if few else None
+    far = np.asarray(beside_V > _FAR * float(scatter(beside_V)))
+    return far if far.any() and few(np.count_nonzero(far), far.size) else None

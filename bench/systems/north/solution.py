@@ -14,11 +14,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis import Floats
-from bench.maths.arrays import Flags, Integers
+from bench.maths.arrays import Flags, Integers, rms
 from bench.maths.variances import of_variances
-from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north, time_to_accuracy_s
-from bench.systems.north.estimators.phasors import heading_deg, tilt_std_deg, wrapped_deg
+from bench.systems.north.estimators.phasors import IndexCalibration, heading_deg, tilt_std_deg, wrapped_deg
 from bench.systems.north.sets import SEARCH, TEST, NorthSet, Waveform, waveform_of
 
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"
@@ -195,7 +194,7 @@ class Solution:
         """Root mean square of the errors of single sets at the known azimuths, degrees; NaN without any."""
         error_deg = self.error_deg(method)
         seen = error_deg[np.isfinite(error_deg)]
-        return float(np.sqrt(np.mean(seen**2))) if seen.size else math.nan
+        return rms(seen) if seen.size else math.nan
 
 
 @dataclass(frozen=True)
@@ -239,7 +238,7 @@ def _accuracy(solution: Solution, method: str, limit_deg: float) -> Accuracy:
     mean_deg = float(np.mean(within_deg))
     scatter_deg = float(np.std(within_deg, ddof=1)) if within_deg.size > 1 else math.nan
     known = bound_deg[np.isfinite(bound_deg)]
-    ratio = scatter_deg / float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+    ratio = scatter_deg / rms(known) if known.size else math.nan
     time_s = _time_s(solution, method, limit_deg) if not gross else (math.inf,) * 3  # no time turns a wrong branch
     rms_deg = solution.rms_deg(method)
     std_deg = rms_std_deg(rms_deg, scatter_deg, _shared_deg(solution, method), errors_deg.size)
@@ -370,7 +369,7 @@ def scatter_over_time(solution: Solution) -> tuple[Floats, Floats]:
             error_deg = wrapped_deg(heading_deg(phi_deg, 1) + tilt_deg - known_deg)
             by_length.setdefault(round(seconds, 2), []).append(float(error_deg))
     lengths = sorted(length for length, errors in by_length.items() if len(errors) >= _LEAST)
-    rms_deg = [float(np.sqrt(np.mean(np.square(by_length[length])))) for length in lengths]
+    rms_deg = [rms(by_length[length]) for length in lengths]
     whole = solution.error_deg(LIKELIHOOD)
     if np.isfinite(whole).sum() >= _LEAST:
         lengths, rms_deg = [*lengths, measured_s(solution)], [*rms_deg, solution.rms_deg(LIKELIHOOD)]

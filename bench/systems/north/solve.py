@@ -10,18 +10,22 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from bench.analysis import Document, Floats
-from bench.maths.arrays import Flags
+from bench.maths.arrays import Flags, rms
 from bench.maths.tests import chi2_both, f_tail
 from bench.model.errors import FitError
-from bench.systems.north.estimators.eight_samples import (
+from bench.systems.north.estimators.formulas import literal_north, quadrant_north
+from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
+from bench.systems.north.estimators.phasors import (
     IndexCalibration,
     alternating,
     calibrate_index,
     eight_sample_north,
+    heading_deg,
+    oriented,
+    phase_deg,
+    tilt_correction_deg,
+    wrapped_deg,
 )
-from bench.systems.north.estimators.formulas import literal_north, quadrant_north
-from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, tilt_correction_deg, wrapped_deg
 from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet, far_samples, screen, waveform_of
 from bench.systems.north.solution import (
     LEAST_SQUARES,
@@ -133,7 +137,7 @@ def _raw(north_set: NorthSet, significance: float) -> LikelihoodNorth | None:
 
 def _swing_deg(sets: Sequence[NorthSet]) -> float:
     seen = [waveform.swing_deg for north_set in sets if (waveform := waveform_of(north_set)) is not None]
-    return float(np.sqrt(np.mean(np.square(seen)))) if seen else 0.0
+    return rms(seen) if seen else 0.0
 
 
 def _tilts(solution: Solution) -> None:
@@ -295,7 +299,7 @@ def _azimuths(solution: Solution, method: str, at_deg: Floats, std_deg: Floats, 
     """Noise is pooled over all sets: eight samples of one set have few degrees of freedom."""
     azimuth_deg = wrapped_deg(at_deg + solution.tilt_deg)
     seen = std_deg[np.isfinite(std_deg)]
-    noise_deg = float(np.sqrt(np.mean(seen**2))) if seen.size else math.nan
+    noise_deg = rms(seen) if seen.size else math.nan
     dof *= max(1, seen.size)
     common = [
         (index.std_deg(method), index.dof, index.variance_over_noise(method))

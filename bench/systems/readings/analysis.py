@@ -135,10 +135,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     curves = [fit for fit in fits if fit.curve is not None]
     searches = [one for fit in curves for one in departures_of_fit(fit, estimates_of(fit), 1.0 / len(curves))]
     return Analysis(
-        campaign="readings",
-        method=method,
-        uut=dict(material.campaign.get("uut", {"model": "", "serial": ""})),
-        estimates=[*repeatabilities(values), *(entry for fit in fits for entry in estimates_of(fit))],
+        "readings",
+        method,
+        dict(material.campaign.get("uut", {"model": "", "serial": ""})),
+        [*repeatabilities(values), *(entry for fit in fits for entry in estimates_of(fit))],
         evidence=[*evidence_of(searches), *(_unstated(fit) for fit in curves if fit.unstated)],
         missing=[say("fit.refused", title=fit.title, why=fit.refused) for fit in fits if fit.refused],
         figures=[figure for fit in fits for figure in fit_figures(fit)],

@@ -49,10 +49,10 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
     residuals, stated = rows.residuals(entries)
     searched, (chi2, dof) = searched_rows(rows, residuals, stated), chi2_of(residuals)
     return Analysis(
-        campaign=campaign,
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=entries,
+        campaign,
+        method,
+        material.campaign["uut"],
+        entries,
         evidence=[*implausible(result), *searched.evidence],
         groups=[{"reduced_chi2": chi2 / dof, "dof": dof}],
         notes=[*no_result(missing), *notes(result)],

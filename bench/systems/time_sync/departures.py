@@ -29,6 +29,7 @@ from bench.analysis import (
     search,
 )
 from bench.maths.arrays import Floats
+from bench.maths.samples import MOST
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.differences import STATES, Differences, Guess, Noise, Solved, differences
@@ -38,7 +39,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuDensities,
     STANDARD_GRAVITY_m_s2,
 )
-from bench.systems.time_sync.estimators.port_clocks import LEAST_FRAMES, MOST, PortClock, port_clock
+from bench.systems.time_sync.estimators.port_clocks import LEAST_FRAMES, PortClock, port_clock
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, OFFSET_STD_s
 from bench.systems.time_sync.limits import DIFFERENCE, UNCERTAINTY
 from bench.systems.time_sync.records import NS, Recording, Stream

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +12,6 @@ from bench.analysis import Estimates, estimate
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimators.kalman.innovation import Observability
 from bench.systems.time_sync.estimators.kalman.setup import NIS_BLOCKS, STANDARD_GRAVITY_m_s2
-from bench.systems.time_sync.estimators.sar.response import Response
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, Filtered, Offset, ratio_of
 from bench.systems.time_sync.image import Image
 from bench.systems.time_sync.limits import DIFFERENCE, UNCERTAINTY, Demands
@@ -163,13 +161,12 @@ def _image(result: SyncResult) -> Estimates:
             ("resolution", "m", [response.azimuth_resolution_m for response in responses]),
             ("pslr", "dB", [response.pslr_dB for response in responses]),
             ("islr", "dB", [response.islr_dB for response in responses]),
-            ("image_peak", "1", _relative(responses, image.compensated)),
+            (
+                "image_peak",
+                "1",
+                [response.peak / other.peak for response, other in zip(responses, image.compensated, strict=True)],
+            ),
         ):
             spread = float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
             entries.append(estimate(quantity, unit, float(np.mean(values)), spread, about, n=n))
     return entries
-
-
-def _relative(responses: Sequence[Response], best: Sequence[Response]) -> list[float]:
-    """Peaks over those of the compensated image."""
-    return [response.peak / other.peak for response, other in zip(responses, best, strict=True)]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.analysis import Figure, series
+from bench.analysis import Figure, series, worded_figure
 from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.differences import block_edges_s
@@ -247,7 +247,7 @@ def trajectory_figures(egi: EgiSamples, radar: Stream | None) -> list[Figure]:
         caption = say("path.caption_image", start=float(radar.tick_s[0] - egi.t_s[0]))
     return [
         Figure(say("path.title"), caption, say("path.east"), say("path.north"), track, equal=True),
-        Figure(say("height.title"), say("height.caption"), say("height.x"), say("height.y"), heights),
+        worded_figure(say, "height", ("height.x", "height.y"), heights),
     ]
 
 

@@ -49,10 +49,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         estimate("correlation", "1", found.correlation, 0.0, place, n=found.samples),
     ]
     return Analysis(
-        campaign="stream_offset",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "stream_offset",
+        method,
+        material.campaign["uut"],
+        entries,
         evidence=_evidence(found),
         notes=[say("note.streams"), say("note.blocks")],
         tables=[_table(found, coarse_s)],

@@ -26,8 +26,7 @@ from bench.analysis import (
 )
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import Complex128, levels_dB
-from bench.systems.time_sync.estimators.sar.phase_history import Scene, compressed, scene_of
-from bench.systems.time_sync.estimators.sar.response import Response
+from bench.systems.time_sync.estimators.sar.response import Response, Scene, compressed, scene_of
 from bench.systems.time_sync.wording import say
 
 METHODS: tuple[str, ...] = ("backprojection",)
@@ -58,10 +57,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             next_step="look at antenna positions and frequencies of the mapping; a part of the pulses may be sharp",
         )
     return Analysis(
-        campaign="radar_image",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=_estimates(scene, strongest, len(samples), dropped),
+        "radar_image",
+        method,
+        material.campaign["uut"],
+        _estimates(scene, strongest, len(samples), dropped),
         evidence=_evidence(scene, strongest),
         notes=[
             say(

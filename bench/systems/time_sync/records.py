@@ -15,13 +15,13 @@ import numpy as np
 
 from bench.analysis import Material
 from bench.maths.arrays import Flags, Floats, Integers
+from bench.maths.stamps import first_step
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.time_sync.estimators.port_clocks import (
     PortClock,
     StampsDifference,
     clock_difference,
-    first_step,
     port_clock,
 )
 from bench.systems.time_sync.estimators.stamp_grid import grid_s

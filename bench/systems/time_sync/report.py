@@ -23,6 +23,7 @@ from bench.analysis import (
     series,
     significant,
     with_uncertainty,
+    worded_figure,
     worded_table,
 )
 from bench.maths.verdict import coverage_factor
@@ -91,8 +92,7 @@ def _filters(result: SyncResult) -> Table:
         "filters", "filter", "believed", "stated", "nis", "beforehand", "drift", "all", "variance", "eigenvalue",
         "observable",
     )  # fmt: skip
-    caption = say("filters.caption", loose=_noise(LOOSE), tight=_noise(TIGHT))
-    return Table(say("filters.title"), caption, headers, rows)
+    return worded_table(say, "filters", headers, rows, loose=_noise(LOOSE), tight=_noise(TIGHT))
 
 
 def _part(std_s: float) -> str:
@@ -119,9 +119,8 @@ def _clocks(result: SyncResult) -> Table:
     if clocks.latency is not None:
         latency = clocks.latency
         stated = say("clocks.latencies", egi=_MS * latency.egi_s, imu=_MS * latency.imu_s, std=_MS * latency.std_s)
-    caption = say("clocks.caption", stated=stated, longer=_MS * clocks.line_s)
     headers = say.heads("clocks", "clock", "frames", "rate", "jitter", "noise", "step")
-    return Table(say("clocks.title"), caption, headers, rows)
+    return worded_table(say, "clocks", headers, rows, stated=stated, longer=_MS * clocks.line_s)
 
 
 def _consistency(result: SyncResult) -> Table:
@@ -140,8 +139,8 @@ def _biases(result: SyncResult) -> Table:
         accel = 1e6 / STANDARD_GRAVITY_m_s2 * np.array([run.accel_bias[-1, group, 0, axis], std[axis]])
         gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], std[3 + axis]])
         rows.append([letter, *(with_uncertainty(float(bias[0]), factor * float(bias[1])) for bias in (accel, gyro))])
-    caption = say("biases.caption", name=filter_name(result.method))
-    return Table(say("biases.title"), caption, say.heads("biases", "axis", "accelerometer", "gyro"), rows)
+    headers = say.heads("biases", "axis", "accelerometer", "gyro")
+    return worded_table(say, "biases", headers, rows, name=filter_name(result.method))
 
 
 def _image(image: Image, result: SyncResult) -> Table:
@@ -157,9 +156,10 @@ def _image(image: Image, result: SyncResult) -> Table:
             ])  # fmt: skip
     left_s = result.found.offsets[COMPENSATED].offset_s - result.found.shift_s  # the rest is out of the tags of both
     due_m = -image.speed_m_s * left_s
-    caption = say("image.caption", pulses=image.pulses, due=due_m, speed=image.speed_m_s, left=_MS * left_s)
     headers = say.heads("image", "target", "navigation", "shift", "resolution", "pslr", "islr", "peak")
-    return Table(say("image.title"), caption, headers, rows)
+    return worded_table(
+        say, "image", headers, rows, pulses=image.pulses, due=due_m, speed=image.speed_m_s, left=_MS * left_s
+    )
 
 
 def _received(result: SyncResult) -> Table:
@@ -174,8 +174,8 @@ def _received(result: SyncResult) -> Table:
         [say("received.odd_solutions"), ready.odd_egi],
         [say("received.odd_samples"), ready.odd_imu],
     ]
-    caption = say("received.caption", name=manoeuvre_name(result.manoeuvre))
-    return Table(say("received.title"), caption, say.heads("received", "what", "number"), rows)
+    headers = say.heads("received", "what", "number")
+    return worded_table(say, "received", headers, rows, name=manoeuvre_name(result.manoeuvre))
 
 
 def figures(result: SyncResult) -> list[Figure]:
@@ -213,7 +213,7 @@ def _seen(result: SyncResult) -> list[Figure]:
         short = say(f"seen.{name}")
         parts.append(series(say("seen.variance", name=short), t_s, np.maximum(variance, _LEAST), "line"))
         parts.append(series(say("seen.eigenvalue", name=short), t_s, np.maximum(value, _LEAST), "line"))
-    return [Figure(say("seen.title"), say("seen.caption"), say("time"), say("seen.y"), parts, y_log=True)]
+    return [worded_figure(say, "seen", ("time", "seen.y"), parts, logarithmic="y")]
 
 
 def _innovations(result: SyncResult) -> list[Figure]:
@@ -224,8 +224,8 @@ def _innovations(result: SyncResult) -> list[Figure]:
         if use.any():
             t_s, value = _thin(run.t_s[use], ratio[use])
             parts.append(series(filter_name(name), t_s, value, "points"))
-    labels = say("innovations.title"), say("innovations.caption"), say("time"), say("innovations.y")
-    return [Figure(*labels, parts, y_log=True)] if parts else []
+    axes = "time", "innovations.y"
+    return [worded_figure(say, "innovations", axes, parts, logarithmic="y")] if parts else []
 
 
 def _stamps(result: SyncResult) -> list[Figure]:
@@ -233,9 +233,8 @@ def _stamps(result: SyncResult) -> list[Figure]:
     for unit, at_s, port in ((say("imu"), clocks.imu_s, clocks.imu), ("EGI", clocks.egi_s, clocks.egi)):
         every = max(1, at_s.size // _MOST_POINTS)
         x, y = at_s[::every], 1e3 * port.above_s[::every]
-        labels = say("stamps.title", unit=unit), say("stamps.caption"), say("stamps.x"), say("stamps.y")
-        frames = series(say("clocks.head.frames"), x, y, "points")
-        drawn.append(Figure(*labels, [frames], group=say("result.stamps")))
+        axes, parts = ("stamps.x", "stamps.y"), [series(say("clocks.head.frames"), x, y, "points")]
+        drawn.append(worded_figure(say, "stamps", axes, parts, group=say("result.stamps"), unit=unit))
     return drawn
 
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from bench.maths.arrays import Flags, Floats
 from bench.maths.geodesy import TangentFrame, body_to_level
+from bench.maths.samples import off_course, repeats
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
-from bench.systems.time_sync.estimators.port_clocks import even_tags_s, odd_readings
+from bench.systems.time_sync.estimators.port_clocks import even_tags_s
 from bench.systems.time_sync.records import Recording, Stream
 from bench.systems.time_sync.wording import say
 
@@ -164,7 +165,7 @@ def _navigating(egi: Stream) -> Flags:
 def _without_odd_increments(imu: Stream, notes: list[str]) -> Stream:
     """Return samples without single ones that are unlike their neighbours; what is missing is filled in."""
     values = np.concatenate((imu.columns["delta_velocity"], imu.columns["delta_angle"]), axis=1)
-    odd = odd_readings(values, imu.counter)
+    odd = off_course(values, imu.counter)
     if not odd.size:
         return imu
     notes.append(_left_out("imu", odd.size, float(imu.tick_s[odd[0]] - imu.tick_s[0])))
@@ -176,7 +177,7 @@ def _without_odd_increments(imu: Stream, notes: list[str]) -> Stream:
 def _without_odd_solutions(egi: EgiSamples, stream: Stream, notes: list[str]) -> tuple[EgiSamples, int]:
     """Return solutions without single ones that are unlike their neighbours, and how many these are."""
     counter = stream.counter[_navigating(stream)]
-    odd = odd_readings(np.concatenate((egi.p, egi.v, egi.C.reshape(-1, 9)), axis=1), counter)
+    odd = off_course(np.concatenate((egi.p, egi.v, egi.C.reshape(-1, 9)), axis=1), counter)
     if not odd.size:
         return egi, 0
     notes.append(_left_out("egi", odd.size, float(egi.t_s[odd[0]] - egi.t_s[0])))
@@ -191,9 +192,8 @@ def _left_out(link: str, count: int, after_s: float) -> str:
 
 def _stuck(egi: EgiSamples) -> int:
     """Return how many solutions repeat the one before bit by bit, although they say that the vehicle moves."""
-    same = np.all(egi.p[1:] == egi.p[:-1], axis=1) & np.all(egi.v[1:] == egi.v[:-1], axis=1)
     moved_m = np.linalg.norm(egi.v[1:], axis=1) * np.diff(egi.t_s)
-    return int(np.count_nonzero(same & (moved_m > _MOVED_m)))
+    return int(np.count_nonzero(repeats(egi.p, egi.v) & (moved_m > _MOVED_m)))
 
 
 def _egi(egi: Stream) -> EgiSamples:

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.systems.north.estimators.eight_samples import eight_sample_north
+from bench.systems.north.estimators import phasors
 from bench.systems.north.estimators.formulas import literal_north, propagated, quadrant_north
 from bench.systems.north.estimators.likelihood import likelihood_north
 from bench.systems.north.estimators.phasors import DOF, North, angle_deg, eight, lock_in_phasors, wrapped_deg
@@ -102,7 +102,7 @@ def errors_deg(
             "literal": literal_north(*eight).north,
             "quadrant": quadrant_north(*eight),
             "single": single_north(*eight),
-            "least_squares": eight_sample_north(*eight),
+            "least_squares": phasors.eight_sample_north(*eight),
             "likelihood": likelihood_north(u, theta_deg),
         }
         for name, one in each.items():

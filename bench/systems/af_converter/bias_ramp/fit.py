@@ -250,7 +250,8 @@ def fit_channel(
             next_step="take the ramp again, or look in the report why its records were left out",
         )
     gates = readings.gates
-    bounds = Bounds(lag_s=_LAG_s[method], half_width_degC=(_NARROWEST_degC, _widest(drive)))
+    widest_degC = max(0.6, min(_WIDEST_degC, _WIDEST_SHARE * float(np.ptp(drive.degC))))
+    bounds = Bounds(lag_s=_LAG_s[method], half_width_degC=(_NARROWEST_degC, widest_degC))
     fit = fit_hysteresis(
         readings.bias_A,
         gates,
@@ -293,10 +294,6 @@ def _usable_sensor(sensor_degC: Floats, fit: HysteresisFit) -> tuple[Floats, str
         return sensor_degC, ""
     nothing = np.full(sensor_degC.shape, np.nan)
     return nothing, say("sensor.apart", apart=apart_degC)
-
-
-def _widest(drive: Drive) -> float:
-    return max(0.6, min(_WIDEST_degC, _WIDEST_SHARE * float(np.ptp(drive.degC))))
 
 
 def fit_master_clock(records: RampRecords, campaign: Campaign, standards: Mapping[str, Document]) -> OscillatorFit:

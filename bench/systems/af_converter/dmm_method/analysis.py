@@ -188,10 +188,10 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     possible = [one for one in fits if not impossible[one.group.place]]
     searches = [searched_rows(possible, again, entries, constants, register)] if possible else []
     return Analysis(
-        campaign=constants.analysis,
-        method=method,
-        uut=constants.uut,
-        estimates=entries,
+        constants.analysis,
+        method,
+        constants.uut,
+        entries,
         evidence=[
             *chain.from_iterable(impossible.values()),
             *evidence_of(searches),
@@ -328,7 +328,7 @@ def _agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campa
         return []
     largest = max(abs(row[-1]) for row in rows)
     headers = say.heads("agreement", *_HEADS)
-    return [Table(say("agreement.title"), say("agreement.caption", largest=largest), headers, rows)]
+    return [worded_table(say, "agreement", headers, rows, largest=largest)]
 
 
 def _difference_std_ppm(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.analysis import LEAST_MOVE, Analysis, Material, Table, unseen_tables, worded_table
-from bench.maths.arrays import Flags
+from bench.maths.arrays import Flags, rms
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.coefficients import scale_factor_compensation
 from bench.systems.af_converter.constants import Campaign, Standards
@@ -57,10 +57,10 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     heard, searched = judged(fitted, entries, constants, register, material)
     missing = missing_groups(chosen, {visit.group.place for visit in fitted.groups}, fitted.refused, constants)
     return Analysis(
-        campaign=constants.analysis,
-        method=method,
-        uut=constants.uut,
-        estimates=entries,
+        constants.analysis,
+        method,
+        constants.uut,
+        entries,
         evidence=heard,
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
@@ -223,7 +223,7 @@ def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, me
         if alone is not None:
             kind = campaign.channel(visit.group.channel).kind
             pairs.setdefault(kind, []).append((_largest_ppm(visit.fit), _largest_ppm(alone)))
-    rows = [[kind_name(kind), *(float(np.sqrt(np.mean(np.square(side)))) for side in zip(*differences, strict=True))]
+    rows = [[kind_name(kind), *(rms(side) for side in zip(*differences, strict=True))]
             for kind, differences in pairs.items()]  # fmt: skip
     if not rows:
         return []

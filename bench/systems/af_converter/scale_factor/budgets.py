@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Table, number
+from bench.analysis import Table, number, worded_table
 from bench.maths.budget import TYPE_A, Budget, Component, combine_all, effective_dof
 from bench.maths.monte_carlo import Distribution, check_interval, propagate
 from bench.systems.af_converter.budget_tables import budget_table, correlation_table, figures, summary_table
@@ -253,9 +253,8 @@ def check_table(
     checked: Sequence[tuple[GroupFit, Budget]], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> Table:
     """The budgets of dsf_n beside the shortest intervals of the trials, with the test of JCGM 101:2008 clause 8.1."""
-    caption = say("trials.caption", trials=number(TRIALS))
     rows = [_check_row(visit, budget, fitted, campaign, standards, method) for visit, budget in checked]
-    return Table(say("trials.title"), caption, [say(f"trials.{head}") for head in _HEADERS], rows)
+    return worded_table(say, "trials", [say(f"trials.{head}") for head in _HEADERS], rows, trials=number(TRIALS))
 
 
 def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Distribution:

@@ -138,7 +138,14 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
             left = entry.expanded_uncertainty * scale, bound_ppm
             left_ppm[again.group.channel] = min(left, left_ppm.get(again.group.channel, left))
         elif not seen:
-            notes.append(_untold_note(entry, _warmer_degC(start, again)))
+            notes.append(
+                say(
+                    "drift.untold",
+                    what=_changed(entry),
+                    warmer=_warmer_degC(start, again),
+                    slope=UNKNOWN_SLOPE_ppm_degC,
+                )
+            )
             continue
         notes.append(_repeat_note(entry, scale, campaign_s, seen))
     bounds_ppm = [*seen_ppm, *(bound_ppm for _, bound_ppm in left_ppm.values())]
@@ -155,10 +162,6 @@ def _repeat_note(entry: Estimate, scale: float, campaign_s: float, seen: bool) -
     if seen:
         return say("drift.seen", what=what, hours=hours)
     return say("drift.unseen", what=what, unseen=scale * entry.expanded_uncertainty, hours=hours)
-
-
-def _untold_note(entry: Estimate, warmer_degC: float) -> str:
-    return say("drift.untold", what=_changed(entry), warmer=warmer_degC, slope=UNKNOWN_SLOPE_ppm_degC)
 
 
 def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:

@@ -26,8 +26,10 @@ from bench.analysis import (
     no_result,
     series,
     unseen_tables,
+    worded_figure,
     worded_table,
 )
+from bench.maths.arrays import rms
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, DRIFT_NAMES, TEMPERATURE_NAMES, Blocks, block_means
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.temperature_ramp.departures import searches_of
@@ -67,8 +69,7 @@ def _programme(columns: RampColumns) -> Figure:
     corners.append((columns.segments[-1].end_s, columns.segments[-1].end_degC))
     at = np.array(corners)
     parts.append(series(say("log.programme.corners"), at[:, 0] / 3600.0, at[:, 1], "points"))
-    axes = say("log.axis.hours"), say("log.axis.temperature")
-    return Figure(say("log.programme.title"), say("log.programme.caption"), *axes, parts)
+    return worded_figure(say, "log.programme", ("log.axis.hours", "log.axis.temperature"), parts)
 
 
 def _branches(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> Figure:
@@ -77,12 +78,8 @@ def _branches(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> Figure:
         series(say(f"segment.{kind}"), temperature[direction == sign], fit.readings[direction == sign], "points")
         for kind, sign in (("up", 1), ("down", -1), ("hold", 0))
     ]
-    title, axes = say("log.branches.title", name=fit.name), _against_temperature("reading", columns)
-    return Figure(title, say("log.branches.caption"), *axes, parts)
-
-
-def _against_temperature(what: str, columns: RampColumns) -> tuple[str, str]:
-    return say("log.axis.temperature"), say(f"log.axis.{what}", unit=columns.unit)
+    axes = "log.axis.temperature", "log.axis.reading"
+    return worded_figure(say, "log.branches", axes, parts, name=fit.name, unit=columns.unit)
 
 
 def _sensor(name: str) -> str:
@@ -101,9 +98,8 @@ def _differences(fit: ReadingFit, columns: RampColumns) -> Figure:
         for sensor, differences in fit.differences.items()
     ]
     left, std, _ = fit.drift.estimate(BRANCH)
-    caption = say("log.differences.caption", left=left, U=2 * std, unit=columns.unit)
-    axes = _against_temperature("difference", columns)
-    return Figure(say("log.differences.title", name=fit.name), caption, *axes, parts)
+    axes = "log.axis.temperature", "log.axis.difference"
+    return worded_figure(say, "log.differences", axes, parts, name=fit.name, left=left, U=2 * std, unit=columns.unit)
 
 
 def _residuals(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> Figure:
@@ -111,8 +107,8 @@ def _residuals(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> Figure:
     parts = [series(say("log.residuals.drift"), hours, fit.drift.residual, "line")]
     if fit.joint is not None:
         parts.append(series(say("log.residuals.joint"), hours, fit.joint.fit.residual, "line"))
-    axes = say("log.axis.hours"), say("log.axis.residual", unit=columns.unit)
-    return Figure(say("log.residuals.title", name=fit.name), say("log.residuals.caption"), *axes, parts)
+    axes = "log.axis.hours", "log.axis.residual"
+    return worded_figure(say, "log.residuals", axes, parts, name=fit.name, unit=columns.unit)
 
 
 def tables(columns: RampColumns, fits: Sequence[ReadingFit]) -> list[Table]:
@@ -167,7 +163,7 @@ def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> Table:
 
 
 def _rounded(value: float, std: float, residual: Floats) -> list[float]:
-    return [round(number, 3) for number in (value, std, float(np.sqrt(np.mean(residual**2))))]
+    return [round(number, 3) for number in (value, std, rms(residual))]
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -184,10 +180,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     entries = [entry for fit in fits for entry in _estimates(fit, columns, reference_degC)]
     searches = list(searches_of(fits, columns, blocks, entries, reference_degC))
     return Analysis(
-        campaign="temperature_ramp",
-        method=method,
-        uut=uut,
-        estimates=entries,
+        "temperature_ramp",
+        method,
+        uut,
+        entries,
         notes=_notes(columns, blocks, fits),
         missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),

@@ -18,6 +18,7 @@ import numpy as np
 
 from bench.analysis import Document, Evidence, Floats, Material
 from bench.maths.arrays import Flags, Integers
+from bench.maths.samples import few, off_neighbours, scatter, still_columns
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.drift_ramp import (
     Blocks,
@@ -36,10 +37,6 @@ _BESIDE = 3  # rows on either side that a row is held against
 _SIGMAS, _SPAN = 20.0, 0.05  # a bad row is off by this many robust deviations, and by this part of the column's span
 _MOST = 0.01  # of the rows; more are not single rows
 _GAP = 5.0  # of the usual step
-_STILL_ROWS, _STILL_SHARE = 30, 0.02  # rows on end without a change, and their part of the record
-_LIVELY, _TURNING = 0.5, 0.2  # share of rows that change, and of changes that turn back, in a column with noise
-_ALIKE = 0.9  # correlation of two columns that go together
-_FOLLOWS = 0.2  # of its span: how far something else moves meanwhile
 LEAST_ROWS = 100
 MEAN = "mean"
 _WINDOWS = 150  # of the search for ramps, in a record
@@ -52,18 +49,12 @@ def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Flags:
     If more than one row in a hundred is so, the values are the log's own nature and stay.
     """
     repeated = np.concatenate(([False], t_s[1:] <= np.maximum.accumulate(t_s)[:-1]))
-    odd = np.any([_unlike(values) for values in columns.values()], axis=0)
-    few = np.count_nonzero(odd) <= max(1.0, _MOST * t_s.size)
-    return repeated | odd if few else repeated
-
-
-def _unlike(values: Floats) -> Flags:
-    padded = np.pad(values, _BESIDE, constant_values=np.nan)
-    beside = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
-    off = np.abs(values - np.nanmedian(np.delete(beside, _BESIDE, axis=1), axis=1))
-    sigma = 1.4826 * float(np.median(off))
-    low, high = np.quantile(values, (0.05, 0.95))
-    return off > max(_SIGMAS * sigma, _SPAN * float(high - low), 1e-9 * abs(float(np.median(values))))
+    odd = np.zeros(t_s.size, np.bool_)
+    for values in columns.values():
+        off, (low, high) = off_neighbours(values, _BESIDE), np.quantile(values, (0.05, 0.95))
+        least = max(_SPAN * float(high - low), 1e-9 * abs(float(np.median(values))))
+        odd |= off > max(_SIGMAS * float(scatter(off)), least)
+    return repeated | odd if few(np.count_nonzero(odd), odd.size, _MOST) else repeated
 
 
 def row_notes(t_s: Floats, bad: Floats) -> list[str]:
@@ -82,50 +73,11 @@ def row_notes(t_s: Floats, bad: Floats) -> list[str]:
 
 
 def still_evidence(t_s: Floats, columns: Mapping[str, Floats], programme: Sequence[str]) -> Iterator[Evidence]:
-    """Yield a doubt for each column that stands still though its own noise or another temperature says it cannot.
-
-    Args: columns: (k,) by name.   programme: those that are allowed to stand still and are only held beside.
-    """
-    for name, values in columns.items():
-        if name in programme:
-            continue
-        first, last = _longest_still(values)
-        if last - first < max(_STILL_ROWS, _STILL_SHARE * values.size):
-            continue
-        others = [other for key, other in columns.items() if key != name]
-        if _noisy(np.delete(values, slice(first, last))) or _moved(others, values, first, last):
-            hours = float(t_s[last - 1] - t_s[first]) / 3600.0
-            sentence = say("evidence.stands_still", name=name, hours=hours, begin=float(t_s[first]) / 3600.0)
-            yield Evidence("stands_still", sentence, hours, 0.0)
-
-
-def _longest_still(values: Floats) -> tuple[int, int]:
-    """First row, and the one behind the last, of the longest stretch without a change."""
-    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
-    bounds = np.concatenate(([0], edges, [values.size]))
-    longest = int(np.argmax(np.diff(bounds)))
-    return int(bounds[longest]), int(bounds[longest + 1])
-
-
-def _noisy(values: Floats) -> bool:
-    """Whether nearly every row differs from the one before, up and down: noise above the last digit."""
-    steps = np.diff(values)
-    changes = steps[steps != 0.0]
-    if changes.size < _LIVELY * max(steps.size, 1) or changes.size < _STILL_ROWS:
-        return False
-    return float(np.mean(np.sign(changes[1:]) != np.sign(changes[:-1]))) > _TURNING
-
-
-def _moved(others: Sequence[Floats], values: Floats, first: int, last: int) -> bool:
-    """Whether a column that otherwise goes with this one leaves it standing by a fifth of its span."""
-    rest = np.delete(values, slice(first, last))
-    for other in others:
-        beside = np.delete(other, slice(first, last))
-        if rest.size > _STILL_ROWS and np.ptp(rest) > 0 and np.ptp(beside) > 0:
-            alike = float(np.corrcoef(rest, beside)[0, 1])
-            if alike > _ALIKE and np.ptp(other[first:last]) > _FOLLOWS * np.ptp(other):
-                return True
-    return False
+    """Yield a doubt for each column that stands still (``samples.still_columns``)."""
+    for still in still_columns(columns, programme):
+        begin_s, hours = float(t_s[still.first]), float(t_s[still.first + still.count - 1] - t_s[still.first]) / 3600.0
+        sentence = say("evidence.stands_still", name=still.channel, hours=hours, begin=begin_s / 3600.0)
+        yield Evidence("stands_still", sentence, hours, 0.0)
 
 
 @dataclass(frozen=True)
@@ -192,6 +144,7 @@ def ramp_columns(material: Material) -> RampColumns:
     sensors = {MEAN: mean, **sensors} if len(sensors) > 1 else sensors
     programme = columns[roles["set_point"][0]] if roles["set_point"] else mean
     readings, unit = _readings(roles, columns, material)
+    window_s = max(float(t_s[-1] - t_s[0]) / _WINDOWS, _SHORTEST_WINDOW_ROWS * float(np.median(np.diff(t_s))))
     log_columns = RampColumns(
         t_s=t_s,
         programme_degC=programme,
@@ -203,7 +156,7 @@ def ramp_columns(material: Material) -> RampColumns:
         overloaded=overloaded,
         row_notes=row_notes(t_s, bad_s),
         still=list(still_evidence(t_s, {name: columns[name] for name in used}, roles["set_point"])),
-        segments=find_segments(t_s, programme, _window_s(t_s)),
+        segments=find_segments(t_s, programme, window_s),
     )
     if len(log_columns.main_ramps()) < 2:
         kinds = ", ".join(segment.kind for segment in log_columns.segments)
@@ -247,10 +200,6 @@ def _readings(
         ratio = columns[name] / reference
         ratios[name] = (ratio / np.median(ratio) - 1.0) * 1e6
     return ratios, "ppm"
-
-
-def _window_s(t_s: Floats) -> float:
-    return max(float(t_s[-1] - t_s[0]) / _WINDOWS, _SHORTEST_WINDOW_ROWS * float(np.median(np.diff(t_s))))
 
 
 def minute_means(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:

@@ -83,10 +83,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     estimates = estimates_of(parts, limits)
     searches = list(searches_of(parts, limits, estimates))
     return Analysis(
-        campaign="imu_calibration",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "imu_calibration",
+        method,
+        material.campaign["uut"],
+        estimates,
         evidence=[*implausible(parts, looked_at, limits), *evidence_of(searches)],
         notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
         missing=[*empty, *bad, *parts.missing],

@@ -29,10 +29,10 @@ from bench.analysis import (
     search,
 )
 from bench.maths.arrays import Integers
+from bench.maths.samples import FROZEN, RUNS
 from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.calibration.report import TURNS, Calibration
 from bench.systems.gnc.estimators.earth_rate import body_to_table
-from bench.systems.gnc.estimators.sample_checks import FROZEN
 from bench.systems.gnc.estimators.triad import AXES, TriadFit, TriadRows
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.rows import CheckedRow, SampledRow
@@ -252,4 +252,4 @@ def _stands_still(checked: Sequence[CheckedRow]) -> list[Evidence]:
 
 
 def _frozen(seen: CheckedRow, channel: str) -> bool:
-    return any(finding.kind == FROZEN and finding.channel == channel for finding in seen.checks.findings)
+    return any(finding.kind in (FROZEN, RUNS) and finding.channel == channel for finding in seen.findings)

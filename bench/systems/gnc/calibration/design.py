@@ -248,14 +248,8 @@ class Calibrations:
 
     def written(self, candidate: Candidate, length_s: float, name: str, heading: Sequence[str]) -> str:
         """Return the calibration as a sequence of this name. Raises: InputError B-DES-005."""
-        text = SequenceText(self._given.text, self._plan.files[f"sequences/{self._plan.name}.yaml"])
-        text.set_value(("sequence",), name, "")
-        if "title" in text.tree:
-            text.set_value(
-                ("title",), f"GNC module, six positions and {candidate.turns} turns each way, as planned", ""
-            )
-        if "duration" in text.tree:
-            text.set_value(("duration",), f"{self.duration_s(candidate, length_s):.10g} s", "")
+        title = f"GNC module, six positions and {candidate.turns} turns each way, as planned"
+        text = self._given.renamed(name, title=title, duration=f"{self.duration_s(candidate, length_s):.10g} s")
         given = _lengths_s(*self.today)
         for parameter, seconds in _lengths_s(candidate, length_s).items():
             if parameter not in text.tree.get("parameters", {}):

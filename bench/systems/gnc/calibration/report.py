@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Table, curve, no_result, with_uncertainty
+from bench.analysis import Figure, Floats, Table, curve, no_result, with_uncertainty, worded_figure
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import UnitClock
@@ -213,8 +213,7 @@ def position_figure(calibration: Calibration) -> list[Figure]:
     places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
     series = [curve(axis, places, 1e6 * fit.residual[:, number], "points") for number, axis in enumerate(AXES)]
     order = ", ".join(calibration.sets.positions).replace("-", "−")
-    labels = say("positions.title"), say("positions.caption", order=order), say("positions.x"), say("positions.y")
-    return [Figure(*labels, series)]
+    return [worded_figure(say, "positions", ("positions.x", "positions.y"), series, order=order)]
 
 
 def rotation_figures(calibration: Calibration) -> list[Figure]:
@@ -244,7 +243,8 @@ def calibration_notes(calibration: Calibration) -> list[str]:
         notes.append(say("note.surplus", count=sets.surplus))
     if calibration.accelerometer_check or calibration.gyro_check:
         notes.append(say("note.after_compensation"))
-    return [*notes, _of_the_table(calibration.tilt_deg)]
+    tilt_deg = calibration.tilt_deg
+    return [*notes, say("note.tilt", tilt=60.0 * tilt_deg) if tilt_deg else say("note.no_tilt")]
 
 
 def _of_the_turns(fit: RotationFit, calibration: Calibration) -> list[str]:
@@ -255,10 +255,6 @@ def _of_the_turns(fit: RotationFit, calibration: Calibration) -> list[str]:
     notes += [say("note.cut", name=name, cut=cut) for name, cut in fit.trimmed_s.items() if cut > 0.0]
     notes += [say("note.twice", name=name, count=count) for name, count in fit.duplicates.items() if count]
     return notes
-
-
-def _of_the_table(tilt_deg: float) -> str:
-    return say("note.tilt", tilt=60.0 * tilt_deg) if tilt_deg else say("note.no_tilt")
 
 
 def _of_the_unit(name: str, rows: Sequence[SampledRow], calibration: Calibration) -> list[str]:

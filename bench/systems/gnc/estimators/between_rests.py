@@ -21,7 +21,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bench.maths.arrays import Floats, Integers
+from bench.maths.arrays import Floats, Integers, rms
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.rest_drift import LATITUDE_deg, run_from_rest
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals
@@ -53,7 +53,7 @@ class BetweenRests:
     @property
     def level_rms_deg(self) -> float:
         """Root mean square over the motions."""
-        return float(np.sqrt(np.mean(self.level_error_deg**2)))
+        return rms(self.level_error_deg)
 
     @property
     def velocity_rms_m_s(self) -> float:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from bench.maths.arrays import Floats, Integers
+from bench.maths.arrays import Floats, Integers, rms
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
@@ -73,25 +73,25 @@ def on_the_counter(counter: Integers, values: Floats) -> Floats:
     return placed
 
 
-def averages_of(samples: Floats, interval_s: float, averages: int = AVERAGES, average_s: float = AVERAGE_s) -> Floats:
+def averages_of(samples: Floats, interval_s: float, averages: int = AVERAGES) -> Floats:
     """Means of contiguous parts of a record, from its beginning.
 
-    Args:    samples: (m,), NaN where one is missing.   interval_s: between samples.   averages: how many.
-             average_s: length of each.
+    Args:    samples: (m,), NaN where one is missing.   interval_s: between samples.   averages: how many,
+             of 10 s.
     Returns: (averages,).
     Raises:  FitError B-FIT-092 if the record is too short or an average has fewer than 90 % of its samples.
     Source:  GNC paper section 5.1 3): n = 360 means of 10 s in 1 h, neither more nor fewer.
     """
-    bounds = np.rint(np.arange(averages + 1) * average_s / interval_s).astype(np.int64)
+    bounds = np.rint(np.arange(averages + 1) * AVERAGE_s / interval_s).astype(np.int64)
     short = int(bounds[-1]) - samples.size
     if 0 < short <= (1.0 - LEAST_FILLED) * (bounds[-1] - bounds[-2]):  # frames lost at the end are missing samples
         samples = np.concatenate((samples, np.full(short, np.nan)))
     if bounds[-1] > samples.size:
         raise FitError(
             "B-FIT-092",
-            f"{samples.size * interval_s:.1f} s give {int(samples.size * interval_s / average_s)} means of "
-            f"{average_s:g} s, {averages} are due",
-            next_step=f"record {averages * average_s:g} s without a break",
+            f"{samples.size * interval_s:.1f} s give {int(samples.size * interval_s / AVERAGE_s)} means of "
+            f"{AVERAGE_s:g} s, {averages} are due",
+            next_step=f"record {averages * AVERAGE_s:g} s without a break",
         )
     part = samples[: bounds[-1]]
     good = np.isfinite(part)
@@ -101,7 +101,7 @@ def averages_of(samples: Floats, interval_s: float, averages: int = AVERAGES, av
         raise FitError(
             "B-FIT-092",
             f"{poor.size} of {averages} means lack more than {100 * (1 - LEAST_FILLED):.0f} % of their samples, the "
-            f"first at {poor[0] * average_s:g} s",
+            f"first at {poor[0] * AVERAGE_s:g} s",
             next_step="look at the link's damaged frames; take the record again",
         )
     centre = float(part[good].mean())  # sums of deviations keep their digits
@@ -112,7 +112,6 @@ def bias_stability(
     samples: Floats,
     interval_s: float,
     averages: int = AVERAGES,
-    average_s: float = AVERAGE_s,
     declared: SensorNoise | None = None,
 ) -> BiasStability:
     """Stability of the bias and its interval, means that hang together counted as fewer.
@@ -122,20 +121,20 @@ def bias_stability(
     67 % where that lasts 1,000 s: no hour shows how far a process of a third of an hour wanders.
 
     Args:    samples: (m,), NaN where one is missing, any unit.   interval_s: between samples, by the sample clock.
-             averages, average_s: 360 of 10 s.   declared: noise of samples that hold none; ``value`` is then the
+             averages: 360 of 10 s.   declared: noise of samples that hold none; ``value`` is then the
              expected one.
     Returns: BiasStability.
     Raises:  FitError B-FIT-092 as ``averages_of``.
     Source:  GNC paper section 5.1 3); degrees of freedom 2 E^2 / Var of a quadratic form of Gaussian noise
              (Satterthwaite, Biometrics Bulletin 2 (1946) 110), its covariance from ``mean_noise``.
     """
-    means = averages_of(samples, interval_s, averages, average_s)
-    noise = mean_noise(means) if declared is None else declared_noise(declared, averages, average_s)
+    means = averages_of(samples, interval_s, averages)
+    noise = mean_noise(means) if declared is None else declared_noise(declared, averages, AVERAGE_s)
     value = float(np.std(means, ddof=1)) if declared is None else math.sqrt(noise.expected)
     dof = noise.dof_of_variance
     tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
     low, high = value * np.sqrt(dof / tails)
-    used = samples[: round(averages * average_s / interval_s)]
+    used = samples[: round(averages * AVERAGE_s / interval_s)]
     return BiasStability(
         value=value,
         low=float(low),
@@ -145,7 +144,7 @@ def bias_stability(
         averages=means,
         samples_std=float(np.nanstd(used, ddof=1)),
         noise=noise,
-        missing=int(np.isnan(used).sum()) + max(0, round(averages * average_s / interval_s) - used.size),
+        missing=int(np.isnan(used).sum()) + max(0, round(averages * AVERAGE_s / interval_s) - used.size),
     )
 
 
@@ -291,7 +290,7 @@ def bias_repeatability(
         value = math.sqrt(float(np.trace(covariance) - covariance.sum() / values.size) / dof)
     tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
     low, high = value * np.sqrt(dof / tails)
-    noise_std = float(np.sqrt(np.mean(np.square(stds))))
+    noise_std = rms(stds)
     return BiasRepeatability(value, float(low), float(high), dof, values, noise_std)
 
 

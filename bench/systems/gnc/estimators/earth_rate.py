@@ -22,7 +22,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.model.errors import FitError
@@ -30,7 +29,6 @@ from bench.systems.gnc.estimators.triad import AXES, propagate_inputs
 
 EARTH_RATE_DEG_S = math.degrees(7.292115e-5)
 TURNED = ("inner", "outer")
-_WRAP_US = 1 << 32
 _BLOCK_S = 0.25  # noise correlated over less than that is taken in full
 _MOVING = 0.02  # of the highest rate: above it the table moves
 MARGIN_S = 0.5  # kept clear of a movement: ramps end softly
@@ -209,18 +207,6 @@ def record_about(records: Sequence[RotationRecord], axis: str, sign: float | Non
             next_step="take each axis once forth and once back; leave repeated records out",
         )
     return chosen[0]
-
-
-def tick_seconds(tick_us: NDArray[np.integer]) -> Floats:
-    """Return seconds since the first sample from a 32-bit microsecond counter that wraps.
-
-    Args:    tick_us: (n,), in order of the samples, less than 71 minutes from one to the next.
-    Returns: (n,) s.
-    Raises:  nothing.
-    Source:  the frame of the GNC module: tick wraps at 2^32 us.
-    """
-    steps = np.mod(np.diff(tick_us.astype(np.int64)), _WRAP_US)
-    return np.concatenate([[0.0], np.cumsum(steps) * 1e-6])
 
 
 def good_samples(record: RotationRecord) -> Samples:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.arrays import Floats
+from bench.maths.arrays import Floats, rms
 from bench.model.errors import FitError
 
 _ROWS, _COLUMNS = np.triu_indices(3)
@@ -42,7 +42,7 @@ class NormFit:
     @property
     def residual_rms(self) -> float:
         """Root mean square of the residuals, unit of gravity."""
-        return float(np.sqrt(np.mean(self.residual**2)))
+        return rms(self.residual)
 
     @property
     def counts_per_unit(self) -> Floats:
@@ -99,11 +99,11 @@ def fit_multi_position(mean: Floats, gravity: float) -> NormFit:
             f" uncertain by {amplification:.3g} times the scatter of one pose, limit {_AMPLIFICATION_LIMIT:g}",
             next_step=_POSES,
         )
-    rms = float(np.sqrt(np.mean(solution.fun**2)))
-    if not rms < _LARGEST:
+    left = rms(solution.fun)
+    if not left < _LARGEST:
         raise FitError(
             "B-FIT-086",
-            f"the lengths of {len(mean)} poses scatter by {100 * rms:.3g} %, limit {100 * _LARGEST:g} %",
+            f"the lengths of {len(mean)} poses scatter by {100 * left:.3g} %, limit {100 * _LARGEST:g} %",
             next_step="check that the unit was at rest in each pose and which columns are the accelerometers",
         )
     return _in_units(solution.x, scaled, zero, half, gravity, amplification)
@@ -116,7 +116,7 @@ def _start(mean: Floats) -> tuple[Floats, float]:
     """Centre of the poses and the size of the sphere: a sphere fitted linearly."""
     middle = mean.mean(axis=0)
     around = mean - middle
-    size = float(np.sqrt(np.mean(around**2))) or 1.0
+    size = rms(around) or 1.0
     rows = np.column_stack([2.0 * around / size, np.ones(len(mean))])
     solution, *_ = np.linalg.lstsq(rows, np.sum((around / size) ** 2, axis=1), rcond=1e-8)
     radius2 = float(solution[3] + solution[:3] @ solution[:3])

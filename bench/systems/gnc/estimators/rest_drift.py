@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.arrays import Floats
+from bench.maths.arrays import Floats, rms
 from bench.maths.strapdown import earth_rate, navigate, normal_gravity
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals
@@ -223,7 +223,7 @@ def _rotation_vectors(matrix: Floats) -> Floats:
 
 
 def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return rms(values)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,8 @@ from bench.analysis import (
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
+from bench.maths.samples import frozen_runs
+from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bias_stability import (
     AVERAGES,
@@ -39,8 +41,6 @@ from bench.systems.gnc.estimators.bias_stability import (
     bias_stability,
     on_the_counter,
 )
-from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
-from bench.systems.gnc.estimators.sample_checks import frozen_runs
 from bench.systems.gnc.wording import channel_name, kind_name, quantity_word, say
 
 METHODS: tuple[str, ...] = ("allan",)
@@ -96,10 +96,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     sensors = [_resting(column, material.series[str(column["name"])], t_s, stamps) for column in columns]
     entries = [entry for sensor in sensors for entry in _estimates(sensor)]
     return Analysis(
-        campaign="bias_log",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "bias_log",
+        method,
+        material.campaign["uut"],
+        entries,
         evidence=[check for sensor in sensors for check in _evidence(sensor)],
         notes=_notes(sensors, stamps),
         tables=[_table(sensors, entries)],

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis import Document, Estimate, Evidence, Floats, Material
+from bench.maths.samples import frozen_runs
 from bench.maths.tests import SMALLEST
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.sample_checks import frozen_runs
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import channel_name, quantity_word, say
@@ -93,11 +93,13 @@ def _unusable(why: str) -> FitError:
     )
 
 
-def stuck_sensors(stretches: Mapping[str, Sequence[Floats]], quantities: Mapping[str, Sequence[str]]) -> list[Evidence]:
+def stuck_sensors(
+    stretches: Mapping[str, Sequence[Floats]], quantities: Mapping[str, Sequence[str]] | None = None
+) -> list[Evidence]:
     """Return each sensor that stands still longer than its noise allows, at one chance in a million a stretch.
 
     Args: stretches: by kind ("accelerometer", "gyro"), parts of the log that are used, (n, 3) each.
-          quantities: that depend on a kind; empty for all.
+          quantities: that depend on a kind; None for all.
     """
     found = []
     for kind, parts in stretches.items():
@@ -106,7 +108,8 @@ def stuck_sensors(stretches: Mapping[str, Sequence[Floats]], quantities: Mapping
             if hung:
                 key = "evidence.hung_log" if len(parts) == 1 else "evidence.hung_stretch"
                 text = say(key, sensor=channel_name(f"{kind} {axis}"), stretches=", ".join(map(str, hung)))
-                found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=quantities[kind]))
+                bears_on = quantities[kind] if quantities else ()
+                found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=bears_on))
     return found
 
 

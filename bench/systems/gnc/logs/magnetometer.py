@@ -44,10 +44,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         return _turn(material, field, time_s, unit, sphere)
     searches = searches_of([], sphere.cloud([1], [time_s]), shown_unit(unit))
     return Analysis(
-        campaign="magnetometer_log",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=sphere.estimates,
+        "magnetometer_log",
+        method,
+        material.campaign["uut"],
+        sphere.estimates,
         evidence=[*sphere.evidence, *evidence_of(searches)],
         notes=[
             *sphere.notes,
@@ -83,10 +83,10 @@ def _turn(material: Material, field: Floats, time_s: Floats, unit: str, sphere: 
     entries, odd = parameter_estimates(fit, {ELLIPSE: fit.by_method[ELLIPSE]}, {}, unit), fit.ellipse.odd
     searches = searches_of([turn_cloud(1, say("turn"), field, time_s, fit, entries)], None, shown_unit(unit))
     return Analysis(
-        campaign="magnetometer_log",
-        method=METHODS[1],
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "magnetometer_log",
+        METHODS[1],
+        material.campaign["uut"],
+        entries,
         evidence=[
             endless_noise(fit.ellipse.quadric, say("turn"), {}),
             *evidence_of(searches),

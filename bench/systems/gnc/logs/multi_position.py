@@ -28,15 +28,17 @@ from bench.analysis import (
     search,
     unseen_tables,
     value_and_uncertainty,
+    worded_figure,
+    worded_table,
 )
-from bench.maths.arrays import Floats
+from bench.maths.arrays import Floats, rms
+from bench.maths.stamps import check_ticks
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
 from bench.systems.gnc.logs.log import ImuLog, imu_log, stuck_sensors
-from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
+from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2, finding_text
 from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("norm",)
@@ -58,15 +60,15 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     estimates = _estimates(fit, unit, log, _held_out(means, gravity))
     searches = [search_of_rests(fit, means, _middle_s(rests, log), estimates)]
     return Analysis(
-        campaign="imu_multi_position",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "imu_multi_position",
+        method,
+        material.campaign["uut"],
+        estimates,
         notes=_notes(log, rests),
         tables=[_table(fit, unit), _rest_table(rests, log), *unseen_tables(searches)],
         figures=[_residual_figure(fit, unit), _rest_figure(rests, log)],
         evidence=[
-            *stuck_sensors({"accelerometer": [log.accel]}, {"accelerometer": ()}),
+            *stuck_sensors({"accelerometer": [log.accel]}),
             *evidence_of(searches),
         ],
     )
@@ -143,7 +145,7 @@ def _held_out(means: np.ndarray[Any, np.dtype[np.float64]], gravity: float) -> f
         except FitError:
             return None
         left.append(float(np.linalg.norm(fit.apply(means[out : out + 1]))) - gravity)
-    return float(np.sqrt(np.mean(np.square(left))))
+    return rms(left)
 
 
 def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> Estimates:
@@ -183,7 +185,7 @@ def _notes(log: ImuLog, rests: StaticIntervals) -> list[str]:
         sentences.append(say("log.gyros_left"))
     counter = np.arange(len(log.t_s), dtype=np.int64)
     faults = check_ticks(log.t_s, counter, 1.0 / log.rate_Hz).faults
-    sentences += [say("log.fault", text=sentence) for *_, sentence in faults]
+    sentences += [say("log.fault", text=finding_text(fault)) for fault in faults]
     if faults:
         sentences.append(say("log.not_timed"))
     return sentences
@@ -195,10 +197,12 @@ def _table(fit: NormFit, unit: str) -> Table:
         output = value_and_uncertainty(fit.counts_per_unit[k], factor * fit.counts_per_unit_std[k])
         zero = value_and_uncertainty(fit.zero[k], factor * fit.zero_std[k])
         rows.append([axis, *output, *zero, *(float(value) for value in fit.matrix[k])])
-    caption = say("poses.caption", rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification)
     heads = say.heads("poses", "output_wide", "zero", "zero_wide")
     headers = [say("matrix.head.axis"), say("poses.head.output", unit=unit), *heads, *(f"U {axis}" for axis in AXES)]
-    return Table(say("poses.title"), caption, headers, rows, lead=True)
+    return worded_table(
+        say, "poses", headers, rows, lead=True,
+        rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification,
+    )  # fmt: skip
 
 
 def _rest_table(rests: StaticIntervals, log: ImuLog) -> Table:
@@ -211,8 +215,7 @@ def _rest_table(rests: StaticIntervals, log: ImuLog) -> Table:
 def _residual_figure(fit: NormFit, unit: str) -> Figure:
     places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
     parts = [curve(say("length.series"), places, fit.residual, "points")]
-    labels = say("length.title"), say("length.caption"), say("length.x"), say("length.y", unit=unit)
-    return Figure(*labels, parts)
+    return worded_figure(say, "length", ("length.x", "length.y"), parts, unit=unit)
 
 
 def _rest_figure(rests: StaticIntervals, log: ImuLog) -> Figure:

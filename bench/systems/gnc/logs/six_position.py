@@ -20,6 +20,7 @@ from bench.analysis import (
     no_result,
     with_uncertainty,
 )
+from bench.maths.arrays import rms
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.report import UPS
@@ -53,15 +54,15 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     accelerometer = _accelerometer(log, positions)
     missing = [say("missing.stretch", up=up) for up in UPS if up not in {stretch["up"] for stretch in positions}]
     gyro = _gyro(log, positions, rotations, missing) if rotations else None
-    unit = _force_unit(log)
+    unit = "g" if log.accel_unit == "g" else "m/s2"
     estimates = _estimates(accelerometer, "accel", "accelerometer", unit, log.accel_unit)
     if gyro is not None:
         estimates += _estimates(gyro, "gyro", "gyro", "deg/s", log.gyro_unit)
     return Analysis(
-        campaign="imu_six_position",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "imu_six_position",
+        method,
+        material.campaign["uut"],
+        estimates,
         notes=[
             *no_result(missing),
             say("log.six_uncertainty"),
@@ -87,10 +88,6 @@ def _evidence(
         found += own_axes("gyro", gyro)
     quantities = {"accelerometer": ("accel_matrix", "accel_bias"), "gyro": ("gyro_matrix", "gyro_bias")}
     return [*found, *stuck_sensors(stretches, quantities)]
-
-
-def _force_unit(log: ImuLog) -> str:
-    return "g" if log.accel_unit == "g" else "m/s2"
 
 
 def _accelerometer(log: ImuLog, positions: list[Document]) -> TriadFit:
@@ -161,8 +158,8 @@ def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[T
                 [axis, *(f"{value:.6f}" for value in fit.matrix[k]), with_uncertainty(fit.bias[k], reach[k])]
                 for k, axis in enumerate(AXES)
             ]
-            rms = float(np.sqrt(np.mean(fit.residual**2)))
-            caption = say("log.six.residual" if fit.residual_dof else "log.six.no_residual", rms=rms, unit=bias_unit)
+            key = "log.six.residual" if fit.residual_dof else "log.six.no_residual"
+            caption = say(key, rms=rms(fit.residual), unit=bias_unit)
             bias = say("matrix.head.bias", unit=bias_unit)
             headers = [say("matrix.head.axis"), *(f"K {axis}" for axis in AXES), bias]
             tables.append(Table(title, caption, headers, rows, lead=True))

@@ -29,6 +29,7 @@ from bench.analysis import (
     with_uncertainty,
     worded_table,
 )
+from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.between_rests import (
@@ -38,7 +39,6 @@ from bench.systems.gnc.estimators.between_rests import (
     fit_between_rests,
     turn_scale,
 )
-from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
 from bench.systems.gnc.estimators.rest_drift import (
     CLASSES,
@@ -283,12 +283,12 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     latitude = (material.campaign.get("site") or {}).get("latitude_deg")
     result = _found(log, log.gyro, method, LATITUDE_deg if latitude is None else float(latitude))
     entries = estimates_of(result)
-    stuck = stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]}, {"accelerometer": (), "gyro": ()})
+    stuck = stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]})
     return Analysis(
-        campaign="imu_strapdown",
-        method=result.method,
-        uut=material.campaign["uut"],
-        estimates=entries,
+        "imu_strapdown",
+        result.method,
+        material.campaign["uut"],
+        entries,
         notes=notes_of(result),
         missing=list(result.missing),
         tables=tables_of(result),

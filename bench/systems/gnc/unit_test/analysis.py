@@ -245,10 +245,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         )
     estimates = [entry for unit in units for entry in _estimates(unit)]
     return Analysis(
-        campaign="gnc_unit_test",
-        method=method,
-        uut=material.campaign["uut"],
-        estimates=estimates,
+        "gnc_unit_test",
+        method,
+        material.campaign["uut"],
+        estimates,
         notes=_notes(units),
         missing=_missing(units),
         tables=[

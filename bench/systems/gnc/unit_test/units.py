@@ -9,17 +9,21 @@ from typing import TYPE_CHECKING
 from bench.analysis import Document, Material, Reading
 from bench.systems.gnc.limits import Limits, limits_of
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Wrong, answers_of
-from bench.systems.gnc.unit_test.processor import (
+from bench.systems.gnc.unit_test.judges import (
+    judge_ad,
     judge_can,
     judge_cpu,
+    judge_gps,
     judge_identity,
+    judge_imu,
     judge_io,
     judge_memory,
     judge_sci,
     judge_spi,
+    judge_static,
+    judge_supply,
     judge_timer,
 )
-from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu, judge_static, judge_supply
 from bench.systems.gnc.wording import say
 
 if TYPE_CHECKING:

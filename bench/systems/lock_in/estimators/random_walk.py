@@ -21,6 +21,7 @@ from bench.maths.allan import (
 )
 from bench.maths.allan_terms import allan_variance_of, fit_noise_terms
 from bench.maths.arrays import Floats, Integers
+from bench.maths.samples import off_neighbours, scatter
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.single_turnarounds import solve_rows
 from bench.systems.lock_in.estimators.turnarounds import EdgeLevels, Jumps, Turnarounds, half_period_ticks
@@ -33,7 +34,7 @@ _SHORTEST_PERIODS = 5
 _LONGEST_SHARE = 20
 _FEWEST_TIMES = 4
 _PER_OCTAVE = 2
-_ROUND_STEPS, _ODD_SCATTERS, _ODD_rad = 11, 12.0, 0.3
+_BESIDE, _ODD_SCATTERS, _ODD_rad = 5, 12.0, 0.3
 TERMS = ("quantisation_noise", "white_noise")
 
 
@@ -106,7 +107,7 @@ def expected_quantisation_deg(dither_deg_s: float, tick_s: float, pickoff_s: flo
 def odd_steps(psi_rad: Floats, pickoff_rising: ArrayLike, regular: ArrayLike) -> Integers:
     """Return half periods whose net phase is unlike that of their neighbours, as where the count lost a turn.
 
-    A step of the phase from pick-off to pick-off is odd if it is off the median of the 11 round it by more than 12
+    A step of the phase from pick-off to pick-off is odd if it is off the median of five on either side by more than 12
     times their scatter (from the median), and by 0.3 rad at least. Lock-in alone never reaches 2 times.
 
     Args:    psi_rad: of ``net_angle``, (n + 1,).   pickoff_rising: (n + 1,).   regular: half periods that count, (n,).
@@ -115,14 +116,13 @@ def odd_steps(psi_rad: Floats, pickoff_rising: ArrayLike, regular: ArrayLike) ->
     """
     upward, step = np.asarray(pickoff_rising, bool)[:-1], np.where(regular, np.diff(psi_rad), np.nan)
     known = np.flatnonzero(np.isfinite(step))
-    if known.size <= _ROUND_STEPS:
+    if known.size <= 2 * _BESIDE:
         return known[:0]
     step, upward = step[known], upward[known]
     for sense in (upward, ~upward):  # a late pick-off adds to one sense what it takes off the other
         step[sense] -= np.median(step[sense]) if sense.any() else 0.0
-    padded = np.pad(step, _ROUND_STEPS // 2, mode="reflect")
-    off = np.abs(step - np.median(np.lib.stride_tricks.sliding_window_view(padded, _ROUND_STEPS), axis=1))
-    odd = known[off > max(_ODD_rad, _ODD_SCATTERS * 1.4826 * float(np.median(off)))]
+    off = off_neighbours(step, _BESIDE)
+    odd = known[off > max(_ODD_rad, _ODD_SCATTERS * float(scatter(off)))]
     return np.asarray(odd, np.int64)
 
 

@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bench.maths.arrays import Flags, Floats, Integers
-from bench.systems.north.estimators.eight_samples import LARGEST_deg
 from bench.systems.north.estimators.phasors import (
     DOF,
     Complex,
+    LARGEST_deg,
     North,
     angle_deg,
     eight,

@@ -19,9 +19,8 @@ import numpy as np
 from bench.maths.arrays import Floats, Integers
 from bench.maths.strapdown import Track, earth_rate, navigate
 from bench.systems.time_sync.estimators.kalman.filter import first_model, refresh_model, skew
-from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
+from bench.systems.time_sync.estimators.kalman.innovation import block_of, filled_noise, rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuDensities, ImuSamples
-from bench.systems.time_sync.estimators.kalman.stream import block_of, filled_noise
 
 STATES = 15  # errors of position, velocity and attitude at the begin, biases of accelerometers and gyros
 _FIXES = 0.25  # of what errors change by in a block: at a fix of its GPS an EGI corrects all of a solution at once

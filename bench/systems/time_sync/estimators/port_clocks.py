@@ -12,11 +12,6 @@ Source: Moon, Skelly, Towsley, Estimation and Removal of Clock Skew from Network
 Zhang, Liu, Xia, Clock Synchronization Algorithms for Network Measurements, INFOCOM 2002 (line below the delays, convex
 hull); White, Econometrica 50 (1982) for the covariance of a likelihood that is not quite the right one; JCGM 100:2008
 section 4.3.7 for rectangular bounds.
-
-Single readings of a smooth series that are unlike their neighbours, as one bad frame among thousands makes them.
-
-Source: prediction by the cubic through two readings on either side; scatter by the median of the residuals, which a few
-bad readings do not change. A kink, as where a turn begins, is no bad reading: its neighbours stay odd without it.
 """
 
 from __future__ import annotations
@@ -26,28 +21,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.arrays import Floats, Integers
+from bench.maths.arrays import Floats, Integers, rms
+from bench.maths.stamps import lower_hull, tag_noise_s
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.stamp_grid import Grid, expected_covariance, grid_line
 
 _BLOCKS = 24
 LEAST_FRAMES = 200
-_STEP = 0.02  # of the interval: a clock that jumps by more was set, or started again
-_SCATTERS = 10.0
 _EVEN_s = 1e-4  # scatter of time tags about a steady clock up to which they are taken as steady
 _EXPECTED_FRAMES, _CASES = 500, 512  # that stand for all frames, and for all rates and places within a step
 _EVEN = (math.sqrt(5.0) - 1.0) / 2.0  # multiples spread evenly
 _LOWEST = 2.0  # noise of the tags at the lowest delays, in standard deviations
-_SOURCE_STD = 1.4826  # standard deviation over median absolute deviation of normal noise
-MOST = 1e-3  # of the readings, one at the least
-_ODD_SCATTERS = 40.0  # a smaller one does no harm, and a small kink looks like it
-_LEFT = 0.12  # of what was odd, among the neighbours of a bad reading once it is replaced; of a kink a sixth is left
-_WEIGHTS = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0
-_STD = 1.4826
-_RESOLUTION = 1e-13  # of the largest value: what arithmetic leaves
-_KINKS = 50  # places that are looked at
-_LEAST = 50  # readings, of which the scatter is told
-_TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -166,23 +150,12 @@ def line_below(place: Floats, delay_s: Floats) -> tuple[float, float]:
     Returns: level and slope of delay over place.
     Source:  Zhang, Liu, Xia (2002): the edge of the lower convex hull above the mean of the places.
     """
-    part = np.minimum(((place - place[0]) / (place[-1] - place[0]) * 2000.0).astype(np.int64), 1999)
-    order = np.lexsort((delay_s, part))
-    lowest = np.sort(order[np.unique(part[order], return_index=True)[1]])
-    hull: list[tuple[float, float]] = []
-    for point in zip(place[lowest].tolist(), delay_s[lowest].tolist(), strict=True):
-        while len(hull) > 1 and _turns_up(hull[-2], hull[-1], point):
-            hull.pop()
-        hull.append(point)
+    hull = lower_hull(place, delay_s, 2000)
     mean = float(place.mean())
-    right = next(k for k in range(1, len(hull)) if hull[k][0] >= mean or k == len(hull) - 1)
-    (x0, y0), (x1, y1) = hull[right - 1], hull[right]
-    slope = (y1 - y0) / (x1 - x0)
-    return y0 - slope * x0, slope
-
-
-def _turns_up(first: tuple[float, float], second: tuple[float, float], new: tuple[float, float]) -> bool:
-    return (second[1] - first[1]) * (new[0] - first[0]) >= (new[1] - first[1]) * (second[0] - first[0])
+    right = next(k for k in range(1, len(hull)) if place[hull[k]] >= mean or k == len(hull) - 1)
+    first, last = hull[right - 1 : right + 1]
+    slope = float((delay_s[last] - delay_s[first]) / (place[last] - place[first]))
+    return float(delay_s[first]) - slope * float(place[first]), slope
 
 
 def _hull_covariance(place: Floats, above_s: Floats, noise_s: float) -> Floats:
@@ -214,39 +187,7 @@ def even_tags_s(device_s: Floats, counter: Integers) -> Floats:
     line = np.polynomial.polynomial.polyfit((at - middle) / half, device_s, 1)
     even_s = line[0] + line[1] * (at - middle) / half
     off_s = device_s - even_s
-    return even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else device_s
-
-
-def tag_noise_s(device_s: Floats, counter: Integers) -> float:
-    """White noise of time tags, standard deviation, second.
-
-    Args:    device_s: (n,).   counter: (n,); only frames right behind one another count.
-    Returns: 0 for fewer than three of them in a row.
-    Source:  second differences of white noise have six times its variance; median absolute deviation.
-    """
-    in_row = (np.diff(counter)[1:] == 1) & (np.diff(counter)[:-1] == 1)
-    second_s = np.diff(device_s, 2)[in_row]
-    if not second_s.size:
-        return 0.0
-    return _SOURCE_STD * float(np.median(np.abs(second_s))) / math.sqrt(6.0)
-
-
-def first_step(device_s: Floats, counter: Integers) -> int | None:
-    """Place of the first frame whose time tag does not follow from the one before: a clock set or started again.
-
-    Args:    device_s: (n,).   counter: (n,), rising.
-    Returns: its index, None if the clock runs on.
-    Source:  median interval per counted frame; ten times the scatter, at least 2 % of the interval.
-    """
-    if device_s.size < 3:
-        return None
-    increments, steps = np.diff(device_s), np.diff(counter).astype(np.float64)
-    interval_s = float(np.median(increments / steps))
-    off_s = np.abs(increments - steps * interval_s)
-    scatter_s = _SOURCE_STD * float(np.median(off_s))
-    drifted_s = 1e-3 * interval_s * (steps - 1.0)  # clocks may differ by as much over a gap
-    wrong = off_s > max(_SCATTERS * scatter_s, _STEP * abs(interval_s)) + drifted_s
-    return int(np.argmax(wrong)) + 1 if wrong.any() else None
+    return even_s if rms(off_s) <= _EVEN_s else device_s
 
 
 @dataclass(frozen=True)
@@ -283,41 +224,3 @@ def clock_difference(
         drift=other.rate - one.rate,
         drift_std=math.hypot(one.rate_std, other.rate_std),
     )
-
-
-def odd_readings(values: Floats, counter: Integers) -> Integers:
-    """Return the places of bad readings in rising order, at most one in a thousand or one.
-
-    Args:    values: (n, c).   counter: (n,), rising; only readings without a gap around them are judged.
-    Source:  see the head of this file.
-    """
-    if len(values) < _LEAST:
-        return np.zeros(0, np.int64)
-    values, most = values.copy(), max(1, int(MOST * len(values)))
-    off = _off(values)
-    scale = _STD * np.median(np.abs(off), axis=0) + _RESOLUTION * np.abs(values).max(axis=0) + _TINY
-    open_to_doubt = np.zeros(len(values), bool)
-    open_to_doubt[2:-2] = counter[4:] - counter[:-4] == 4
-    odd: list[int] = []
-    for _ in range(_KINKS):
-        score = np.where(open_to_doubt, np.abs(off / scale).max(axis=1), 0.0)
-        at = int(np.argmax(score))
-        if len(odd) == most or score[at] <= _ODD_SCATTERS:
-            break
-        replaced = values[at] - off[at]
-        again = _off(np.concatenate((values[max(at - 5, 0) : at], [replaced], values[at + 1 : at + 6])))
-        if np.abs(again / scale).max() < _LEFT * score[at]:
-            odd.append(at)
-            values[at] = replaced
-            off = _off(values)
-        else:
-            open_to_doubt[max(at - 2, 0) : at + 3] = False
-    return np.array(sorted(odd), np.int64)
-
-
-def _off(values: Floats) -> Floats:
-    """Return readings minus their prediction, (n, c); zero for two at either end."""
-    out = np.zeros_like(values)
-    count = len(values) - 4
-    out[2:-2] = values[2:-2] - sum(weight * values[k : k + count] for k, weight in enumerate(_WEIGHTS))
-    return out

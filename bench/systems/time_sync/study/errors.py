@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimate, Estimates
+from bench.maths.arrays import rms
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     BASE,
@@ -56,7 +57,7 @@ def unaugmented(offset_ms: float, noise: str = BASE) -> Group:
 def over_time(flight: FlightResult, name: str, group: Group, axis: int, between_s: tuple[float, float]) -> float:
     """RMS of an error over the runs and a stretch of time."""
     rows = flight.rms[name][flight.during(*between_s), flight.at(group), axis]
-    return float(np.sqrt(np.mean(rows**2)))
+    return rms(rows)
 
 
 def greatest(flight: FlightResult, name: str, group: Group, axis: int) -> float:
@@ -295,7 +296,7 @@ def _observability(results: Results) -> Estimates:
         flight = results.flight(manoeuvre, augmented=True)
         at, column = near(flight, SEEN_s), flight.at(augmented(SHOWN_ms))
         conditions = _conditions(manoeuvre, SHOWN_ms, SEEN_s)
-        whole = float(np.sqrt(np.mean(flight.eigenvalue[:, column] ** 2)))
+        whole = rms(flight.eigenvalue[:, column])
         for quantity, value, where in (
             ("offset_eigenvalue", float(flight.eigenvalue[at, column]), conditions),
             ("offset_variance_ratio", float(flight.share[at, column]), conditions),

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimate, Estimates, Floats
+from bench.maths.arrays import rms
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     ERRORLESS,
@@ -98,7 +99,7 @@ def _identity(results: Results, offset_ms: float, augmented: bool) -> Estimates:
     seen_m, said_m = (
         figures_of(results, name, offset_ms, augmented=augmented) for name in ("azimuth_shift_m", "predicted_m")
     )
-    rms_m = float(np.sqrt(np.mean((seen_m - said_m) ** 2)))
+    rms_m = rms(seen_m - said_m)
     conditions = _conditions(offset_ms, augmented)
     return [measured("shift_unexplained_rms", "m", rms_m, 0.0, conditions, n=len(seen_m), at_most=_IDENTITY_m)]
 

@@ -20,10 +20,10 @@ from test_imu_logs import log
 
 from bench.analysis import Material, with_uncertainty
 from bench.analysis.doubt import weigh
+from bench.maths.stamps import sample_stamps
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators import rest_drift
 from bench.systems.gnc.estimators.between_rests import drift_between_rests, turn_scale
-from bench.systems.gnc.estimators.clocks import sample_stamps
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, find_rests
 from bench.systems.gnc.logs import strapdown as imu_strapdown
 

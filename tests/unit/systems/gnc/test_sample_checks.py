@@ -11,9 +11,10 @@ import pytest
 from imu_material import IMU, POSES, RATE_Hz, Rig
 from scipy import stats
 
+from bench.maths import samples as faults
+from bench.maths import stamps as stamp_checks
 from bench.systems.gnc.estimators import clocks
-from bench.systems.gnc.estimators import sample_checks as faults
-from bench.systems.gnc.rows import SampledRow, check_notes
+from bench.systems.gnc.rows import SampledRow, check_notes, finding_text
 from bench.systems.gnc.rows import checked as checked_rows
 
 COUNT, INTERVAL_s = 4000, 0.005
@@ -33,14 +34,15 @@ def ticks_s(seed: int = 122) -> np.ndarray:
 
 
 def checked(
-    columns: dict[str, np.ndarray], counter: np.ndarray | None = None, **more: np.ndarray
-) -> faults.SampleChecks:
+    columns: dict[str, np.ndarray], counter: np.ndarray | None = None, tick_s: np.ndarray | None = None
+) -> list[faults.Finding]:
     number = np.arange(COUNT) if counter is None else counter
-    return faults.check_samples(columns, number, limits=LIMITS, interval_s=INTERVAL_s, **more)
+    findings = [*faults.check_samples(columns, number, LIMITS).findings]
+    return findings if tick_s is None else [*findings, *stamp_checks.check_ticks(tick_s, number, INTERVAL_s).faults]
 
 
-def kinds(checks: faults.SampleChecks) -> set[str]:
-    return {finding.kind for finding in checks.findings}
+def kinds(findings: Sequence[faults.Finding]) -> set[str]:
+    return {finding.kind for finding in findings}
 
 
 def clipped(gyro: np.ndarray, _: np.ndarray) -> None:
@@ -72,16 +74,10 @@ def repeats(*both: np.ndarray) -> None:
     ("wrong", "kind", "channel", "counts", "first", "said"),
     [
         (at_the_end, faults.SATURATED, "gyro y", (21,), (500,), "at the end of the range"),
-        (
-            clipped,
-            faults.SATURATED,
-            "gyro x",
-            range(1, COUNT),
-            range(COUNT),
-            "held at their extreme 15",
-        ),  # as by an amplifier
-        (hangs, faults.FROZEN, "accel z", (39, 40), (999, 1000), "accelerometer z"),
-        (hangs_for_most, faults.FROZEN, "gyro x", (2999, 3000), (499, 500), "gyro x"),
+        # as by an amplifier
+        (clipped, faults.HELD, "gyro x", range(1, COUNT), range(COUNT), "held at their extreme 15"),
+        (hangs, faults.RUNS, "accel z", (39, 40), (999, 1000), "accelerometer z"),
+        (hangs_for_most, faults.RUNS, "gyro x", (2999, 3000), (499, 500), "gyro x"),
         (never_moves, faults.FROZEN, "gyro z", (COUNT - 1, COUNT), (0,), "gyro z"),
         (repeats, faults.REPEATED, None, (4,), (301,), "4"),
     ],
@@ -90,33 +86,34 @@ def test_each_fault_is_found_with_its_channel_count_and_place(
     wrong: Callable[..., None], kind: str, channel: str | None, counts: Sequence[int], first: Sequence[int], said: str
 ) -> None:
     columns = record()
-    assert checked(columns, tick_s=ticks_s()).findings == ()
+    assert checked(columns, tick_s=ticks_s()) == []
     wrong(columns["gyro"], columns["accel"])
     found = checked(columns)
-    (finding, *_) = [each for each in found.findings if each.kind == kind]
-    assert kind == faults.SATURATED or kinds(found) == {kind}
+    (finding,) = [each for each in found if each.kind == kind]
+    assert kind in (faults.SATURATED, faults.HELD) or kinds(found) == {kind}
     assert finding.channel == channel or channel is None
-    assert finding.count == found.count(kind)
+    assert (finding.of, finding.refused) == (COUNT, kind not in (faults.FROZEN, faults.REPEATED))
     assert finding.count in counts
     assert finding.first in first
-    assert said in finding.sentence
+    assert said in finding_text(finding)
 
 
 def test_gaps_and_two_samples_with_one_counter() -> None:
     counter = np.arange(COUNT)
-    whole = checked(record(), counter)
-    assert (whole.clean, whole.sentences, whole.samples, whole.missing, whole.gaps) == (True, (), COUNT, 0, 0)
+    assert faults.check_samples(record(), counter, LIMITS) == faults.SampleChecks(COUNT, 0, ())
     counter[700:] -= 1
     found = checked(record(), counter)
-    assert "1 of them with its counter" in found.sentences[0]
+    assert "1 of them with its counter" in finding_text(found[0])
     assert kinds(found) == {faults.REPEATED}
     counter = np.arange(COUNT)
     counter[100:] += 7
     counter[2000:] += 1
     found = checked(record(), counter)
-    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {faults.GAP})
-    assert "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7" in found.sentences
-    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(clocks.IRREGULAR) == 0
+    assert (faults.check_samples(record(), counter, LIMITS).missing, kinds(found)) == (8, {faults.GAPS})
+    assert (found[0].first, found[0].count, found[0].of, found[0].refused) == (100, 8, 4008, False)
+    said = "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7"
+    assert finding_text(found[0]) == said
+    assert checked(record(), counter, tick_s=counter * INTERVAL_s) == found
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0, 4.0])
@@ -128,8 +125,7 @@ def test_no_false_alarm_while_a_field_turns(noise: float, turns: float) -> None:
     sine = np.round(3583.0 * np.cos(angle) + 0.3 + rng.normal(0.0, noise, angle.size)).astype(np.int64)
     if noise == 0.0 and turns == 0.0:
         sine[5] += 1  # a channel that never moves at all is told
-    found = faults.check_samples({"mag": sine}, np.arange(angle.size), limits={"mag": 50_000}, interval_s=INTERVAL_s)
-    assert found.clean, found.sentences
+    assert faults.check_samples({"mag": sine}, np.arange(angle.size), {"mag": 50_000}).findings == ()
 
 
 def test_false_alarms_of_many_records() -> None:
@@ -165,16 +161,15 @@ def test_a_turn_without_noise_is_no_fault(rate_steps: float) -> None:
     """Rest, ramp, steady rate, ramp, rest: long stretches of one value where a simulated sensor has no noise."""
     profile = np.interp(np.arange(COUNT), [0, 800, 1000, 1600, 1800, COUNT], [0, 0, rate_steps, rate_steps, 0, 0])
     turning = np.stack((np.round(profile), np.round(0.002 * profile), np.round(-0.003 * profile)), axis=1)
-    found = checked({"gyro": turning.astype(np.int64)}, tick_s=ticks_s())
-    assert found.clean, found.sentences
+    assert checked({"gyro": turning.astype(np.int64)}, tick_s=ticks_s()) == []
 
 
 @pytest.mark.parametrize(
     ("where", "change_s", "expected"),
     [
-        (slice(50, 51), 0.002, {clocks.IRREGULAR}),
-        (slice(50, 51), -0.006, {clocks.IRREGULAR, clocks.BACKWARDS}),
-        (slice(50, None), 0.05, {clocks.IRREGULAR}),
+        (slice(50, 51), 0.002, {stamp_checks.IRREGULAR}),
+        (slice(50, 51), -0.006, {stamp_checks.IRREGULAR, stamp_checks.BACKWARDS}),
+        (slice(50, None), 0.05, {stamp_checks.IRREGULAR}),
     ],
 )
 def test_time_stamps_beside_their_place(where: slice, change_s: float, expected: set[str]) -> None:
@@ -182,26 +177,24 @@ def test_time_stamps_beside_their_place(where: slice, change_s: float, expected:
     stamps[where] += change_s
     found = checked(record(), tick_s=stamps)
     assert kinds(found) == expected
-    assert next(one for one in found.findings if one.kind == clocks.IRREGULAR).first in (50, 51)
+    assert next(one for one in found if one.kind == stamp_checks.IRREGULAR).first in (50, 51)
 
 
 def test_stamps_in_bursts() -> None:
     """A log that was written ten samples at a time."""
     stamps = np.repeat(np.arange(COUNT // 10) * 0.05, 10) + np.tile(np.arange(10) * 1e-4, COUNT // 10)
-    found = faults.check_samples(record(), np.arange(COUNT), limits=LIMITS, interval_s=INTERVAL_s, tick_s=stamps)
-    assert found.ticks is not None
-    assert {clocks.IRREGULAR, clocks.RATE} <= kinds(found)
+    assert {stamp_checks.IRREGULAR, stamp_checks.RATE} <= kinds(checked(record(), tick_s=stamps))
     uneven = np.arange(COUNT) * INTERVAL_s
     uneven[100:110] = uneven[110] - np.arange(10, 0, -1) * 1e-4
-    assert {clocks.IRREGULAR, clocks.BURST} == kinds(checked(record(), tick_s=uneven))
+    assert {stamp_checks.IRREGULAR, stamp_checks.BURST} == kinds(checked(record(), tick_s=uneven))
 
 
 def test_a_wrong_rate_is_told() -> None:
     """204.8 Hz taken for a recording of 102.4 Hz turns it by twice the angle."""
-    found = clocks.check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
+    found = stamp_checks.check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
     assert found.rate_error == pytest.approx(-0.5)
-    assert [fault[0] for fault in found.faults] == [clocks.RATE]
-    assert "9.766 ms" in found.faults[0][3]
+    assert [fault.kind for fault in found.faults] == [stamp_checks.RATE]
+    assert "9.766 ms" in finding_text(found.faults[0])
 
 
 def test_a_clock_that_runs_off() -> None:
@@ -209,19 +202,19 @@ def test_a_clock_that_runs_off() -> None:
     device = np.arange(COUNT) * INTERVAL_s
     chunks = np.ceil(device * 50.0) / 50.0  # the bench sees chunks
     delay = rng.exponential(1e-3, COUNT)
-    good = clocks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / (1.0 + 20e-6) + delay)
+    good = stamp_checks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / (1.0 + 20e-6) + delay)
     assert good.faults == ()
     assert abs(good.clock_error - 20e-6) < 1e-3
-    bad = clocks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / 1.005 + delay)
-    assert [fault[0] for fault in bad.faults] == [clocks.CLOCK]
+    bad = stamp_checks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / 1.005 + delay)
+    assert [fault.kind for fault in bad.faults] == [stamp_checks.CLOCK]
     assert bad.clock_error == pytest.approx(0.005, abs=5e-4)
-    assert np.isnan(clocks.check_ticks(device[:100], np.arange(100), INTERVAL_s, chunks[:100]).clock_error)
+    assert np.isnan(stamp_checks.check_ticks(device[:100], np.arange(100), INTERVAL_s, chunks[:100]).clock_error)
 
 
 def test_ticks_begin_again_at_two_to_the_32() -> None:
     true_us = 2**32 - 12_000 + np.arange(10) * 5000
-    np.testing.assert_allclose(clocks.unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
-    backwards = clocks.unwrapped_ticks_s(np.array([1000, 6000, 4000]))
+    np.testing.assert_allclose(stamp_checks.unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
+    backwards = stamp_checks.unwrapped_ticks_s(np.array([1000, 6000, 4000]))
     np.testing.assert_allclose(backwards, [0.0, 0.005, 0.003])
 
 
@@ -233,7 +226,7 @@ def test_noise_of_which_the_middle_step_does_not_occur() -> None:
     assert np.median(np.abs(np.diff(values, 2))) == 1002.0
     assert 0.0 < faults.value_likelihood(values) < 0.002
     noisy = np.random.default_rng(10).integers(-3000, 3000, 400)
-    assert faults.check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean
+    assert faults.check_samples({"mag": noisy}, np.arange(400), {}).findings == ()
 
 
 def rows() -> list[SampledRow]:
@@ -286,3 +279,11 @@ def test_stamps_that_wrap_are_one_stretch_and_a_unit_that_was_switched_off_begin
     assert found.error == pytest.approx(25e-6, abs=3 * found.std)
     unknown = clocks.UnitClock(0.0, clocks.UNKNOWN_STD, 0.0)  # too short to know is no correction
     assert clocks.unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s) == unknown
+
+
+def test_an_output_that_does_not_use_every_step_is_not_held_at_its_extreme() -> None:
+    values = 2 * np.round(np.random.default_rng(127).normal(0.0, 4.0, COUNT)).astype(np.int64)
+    values = np.clip(values, -14, 14)  # as many at the end as some of the steps before it, and none at odd steps
+    assert faults.pinned(values) == 0
+    assert faults.check_samples({"gyro": values}, np.arange(COUNT), {}).findings == ()
+    assert faults.pinned(np.clip(values, -14, -2)) == int((values >= -2).sum())

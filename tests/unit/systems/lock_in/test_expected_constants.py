@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import SINGLE
-from bench.systems.lock_in.estimators import expected_constants as expecting
+from bench.systems.lock_in.estimators import global_constants as expecting
 from bench.systems.lock_in.estimators.random_walk import expected_random_walk, gyro_gain, walk_of_phase_deg_rth
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds
 from bench.systems.lock_in.records import laser_records

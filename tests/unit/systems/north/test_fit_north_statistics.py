@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from fog_signal import FogParameters, eight_samples
 
-from bench.systems.north.estimators.eight_samples import calibrate_index, eight_sample_north
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, likelihood_north, north_bound_deg
-from bench.systems.north.estimators.phasors import wrapped_deg
+from bench.systems.north.estimators.phasors import calibrate_index, eight_sample_north, wrapped_deg
 
 QUICK_Hz = 200
 QUICK_V = sim.SIGMA_V * (QUICK_Hz / 1000.0) ** 0.5  # the noise per root hertz of 1 kHz

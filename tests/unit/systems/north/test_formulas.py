@@ -13,7 +13,7 @@ from north_simulation import single_north
 from scipy import optimize
 
 from bench.model.errors import FitError
-from bench.systems.north.estimators.eight_samples import IndexCalibration, calibrate_index, eight_sample_north
+from bench.systems.north.estimators import phasors
 from bench.systems.north.estimators.formulas import literal_north, quadrant_north
 from bench.systems.north.estimators.phasors import North, heading_deg, oriented, phase_deg, wrapped_deg
 
@@ -31,7 +31,7 @@ def samples(
     return f1 * np.sin(np.deg2rad(phi + f2)) + 0.3, f4 * np.cos(np.deg2rad(phi + f5)) - 0.2
 
 
-@pytest.mark.parametrize("method", [eight_sample_north, quadrant_north, single_north])
+@pytest.mark.parametrize("method", [phasors.eight_sample_north, quadrant_north, single_north])
 def test_exact_at_every_azimuth(method: Callable[..., North]) -> None:
     found = method(*samples(EVERY))
     assert np.abs(wrapped_deg(found.phi_deg - EVERY)).max() < 1e-9
@@ -92,7 +92,7 @@ def test_noise_near_a_cardinal_direction_throws_terms_to_other_branches() -> Non
     worst = np.abs(wrapped_deg(2.0 * (found.north.phi_deg - 90.0)) / 2.0).max()  # half turns forgiven
     assert worst > 30.0
     assert np.abs(wrapped_deg(quadrant_north(u1, u2).phi_deg - 90.0)).max() < 6.0
-    assert np.abs(wrapped_deg(eight_sample_north(u1, u2).phi_deg - 90.0)).max() < 3.0
+    assert np.abs(wrapped_deg(phasors.eight_sample_north(u1, u2).phi_deg - 90.0)).max() < 3.0
 
 
 def pulses_and_averages(
@@ -115,11 +115,11 @@ def pulses_and_averages(
 def test_heading_from_the_pulses_of_a_table_turning_either_way(sense: int) -> None:
     heading = np.arange(0.0, 360.0, 7.5)
     u1, u2 = oriented(*pulses_and_averages(heading, sense), sense)
-    for method in (eight_sample_north, quadrant_north, single_north):
+    for method in (phasors.eight_sample_north, quadrant_north, single_north):
         found = heading_deg(method(u1, u2).phi_deg, sense)
         assert np.abs(wrapped_deg(found - heading)).max() < 1e-9
     np.testing.assert_allclose(
-        wrapped_deg(phase_deg(heading, sense) - eight_sample_north(u1, u2).phi_deg), 0, atol=1e-9
+        wrapped_deg(phase_deg(heading, sense) - phasors.eight_sample_north(u1, u2).phi_deg), 0, atol=1e-9
     )
     with pytest.raises(ValueError, match=r"neither \+1 nor -1"):
         oriented(u1, u2, 0)
@@ -128,25 +128,25 @@ def test_heading_from_the_pulses_of_a_table_turning_either_way(sense: int) -> No
 @pytest.mark.parametrize("sense", [1, -1])
 def test_misplaced_pulses_are_calibrated(sense: int) -> None:
     at_mark = oriented(*pulses_and_averages(np.array([20.0, 110.0]), sense, a_deg=0.4, b_deg=-1.1), sense)
-    known = calibrate_index(*at_mark, phase_deg(np.array([20.0, 110.0]), sense))
+    known = phasors.calibrate_index(*at_mark, phase_deg(np.array([20.0, 110.0]), sense))
     assert known.f5_deg == pytest.approx(sense * 0.4, abs=1e-9)
     assert known.f2_deg == pytest.approx(sense * -1.1, abs=1e-9)
     heading = np.arange(0.0, 360.0, 7.5)
     u1, u2 = oriented(*pulses_and_averages(heading, sense, a_deg=0.4, b_deg=-1.1), sense)
     for found in (
-        eight_sample_north(u1, u2, gains=known.gains, f2_deg=known.f2_deg, f5_deg=known.f5_deg),
+        phasors.eight_sample_north(u1, u2, gains=known.gains, f2_deg=known.f2_deg, f5_deg=known.f5_deg),
         quadrant_north(u1, u2, f5_deg=known.f5_deg),
         single_north(u1, u2, f2_deg=known.f2_deg),
     ):
         assert np.abs(wrapped_deg(heading_deg(found.phi_deg, sense) - heading)).max() < 1e-9
-    ignored = wrapped_deg(heading_deg(eight_sample_north(u1, u2).phi_deg, sense) - heading)
+    ignored = wrapped_deg(heading_deg(phasors.eight_sample_north(u1, u2).phi_deg, sense) - heading)
     np.testing.assert_allclose(np.abs(ignored), 0.35, atol=1e-3)  # mean of both placements
 
 
 def test_the_eight_samples_do_not_tell_a_turn_of_both_pulses() -> None:
     """(21)'s own f5 is not in them: phi + f2 and phi + f5 is all there is, until a placement is known."""
     u1, u2 = samples(np.array([30.0]), f2=2.0, f5=2.0)
-    for found in (literal_north(u1, u2).north, quadrant_north(u1, u2), eight_sample_north(u1, u2)):
+    for found in (literal_north(u1, u2).north, quadrant_north(u1, u2), phasors.eight_sample_north(u1, u2)):
         assert found.phi_deg[0] == pytest.approx(32.0, abs=1e-9)
     assert literal_north(u1, u2, f5_deg=2.0).north.phi_deg == pytest.approx(30.0, abs=1e-6)
 
@@ -159,7 +159,7 @@ def test_gains_and_an_amplitude_that_changes_between_positions() -> None:
     assert np.abs(wrapped_deg(unlike.phi_deg - phi)).max() < 1e-9
     u1, u2 = samples(phi, f1=1.1, f2=1.5, f4=0.9, f5=-2.0)
     u1, u2 = grown * (u1 - 0.3), grown * (u2 + 0.2)
-    right = eight_sample_north(u1, u2, gains=(1.1, 0.9), f2_deg=1.5, f5_deg=-2.0)
+    right = phasors.eight_sample_north(u1, u2, gains=(1.1, 0.9), f2_deg=1.5, f5_deg=-2.0)
     np.testing.assert_allclose(wrapped_deg(right.phi_deg - phi), 0.0, atol=1e-9)
     np.testing.assert_allclose(right.amplitude, grown.mean(), rtol=1e-9)
     paper = quadrant_north(u1, u2, f5_deg=-2.0)
@@ -172,25 +172,25 @@ def test_pulses_near_or_beyond_ninety_degrees() -> None:
     assert np.isnan([beyond.phi_deg, beyond.std_deg]).all()
     assert np.isfinite(quadrant_north(*samples(np.array([10.0]), f2=85.0)).phi_deg).all()
     with pytest.raises(FitError, match=r"B-FIT-111.*100\.0 degrees"):
-        eight_sample_north(u1, u2, f2_deg=100.0)
+        phasors.eight_sample_north(u1, u2, f2_deg=100.0)
     with pytest.raises(FitError, match="B-FIT-111"):  # lock-in 1 has the wrong sign: the sense was not told
-        calibrate_index(*pulses_and_averages(np.array([20.0]), -1), phase_deg(np.array([20.0]), -1))
+        phasors.calibrate_index(*pulses_and_averages(np.array([20.0]), -1), phase_deg(np.array([20.0]), -1))
 
 
 def test_wrong_shapes_and_lost_values() -> None:
     with pytest.raises(FitError, match=r"B-FIT-110.*\(3,\)"):
-        eight_sample_north(np.ones(3), np.ones(3))
+        phasors.eight_sample_north(np.ones(3), np.ones(3))
     with pytest.raises(FitError, match="B-FIT-110"):
         quadrant_north(np.ones((2, 4)), np.ones(4))
     with pytest.raises(FitError, match="B-FIT-113"):
-        calibrate_index(np.zeros((2, 4)), np.zeros((2, 4)), 20.0)
+        phasors.calibrate_index(np.zeros((2, 4)), np.zeros((2, 4)), 20.0)
     u1, u2 = samples(np.array([10.0, 20.0, 30.0]))
     u1[1, 2] = np.nan
-    for method in (eight_sample_north, quadrant_north):
+    for method in (phasors.eight_sample_north, quadrant_north):
         found = method(u1, u2)
         np.testing.assert_array_equal(np.isfinite(found.phi_deg), [True, False, True])
         np.testing.assert_array_equal(np.isfinite(found.std_deg), [True, False, True])
-    silent = eight_sample_north(np.zeros(4), np.zeros(4))
+    silent = phasors.eight_sample_north(np.zeros(4), np.zeros(4))
     assert np.isnan(silent.phi_deg)
 
 
@@ -228,8 +228,8 @@ def noisy() -> np.ndarray:
     return model(None, *TRUE) + 0.01 * np.random.default_rng(81).normal(size=8)
 
 
-def known(samples: np.ndarray) -> IndexCalibration:
-    return calibrate_index(samples[:4], samples[4:], PHI_deg)
+def known(samples: np.ndarray) -> phasors.IndexCalibration:
+    return phasors.calibrate_index(samples[:4], samples[4:], PHI_deg)
 
 
 def test_every_constant_and_its_uncertainty_are_those_of_a_non_linear_fit(noisy: np.ndarray) -> None:
@@ -262,7 +262,7 @@ def azimuth(method: str, samples: np.ndarray, constants: np.ndarray) -> float:
     u1, u2 = samples[:4], samples[4:]
     if method == "least_squares":
         gains = (f1 / np.sqrt(f1 * f4), f4 / np.sqrt(f1 * f4))
-        return float(eight_sample_north(u1, u2, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg).phi_deg)
+        return float(phasors.eight_sample_north(u1, u2, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg).phi_deg)
     if method == "single":
         return float(single_north(u1, u2, f2_deg=f2_deg).phi_deg)
     return float(quadrant_north(u1, u2, f5_deg=f5_deg).phi_deg)
@@ -274,7 +274,7 @@ def test_noise_and_uncertainty_with_known_constants(noisy: np.ndarray) -> None:
     gains = (f1 / np.sqrt(f1 * f4), f4 / np.sqrt(f1 * f4))
 
     def phi_deg(samples: np.ndarray) -> float:
-        return float(eight_sample_north(samples[:4], samples[4:], gains=gains, f2_deg=f2, f5_deg=f5).phi_deg)
+        return float(phasors.eight_sample_north(samples[:4], samples[4:], gains=gains, f2_deg=f2, f5_deg=f5).phi_deg)
 
     at_1, at_2, ones = np.deg2rad(STEPS + f2), np.deg2rad(STEPS + f5), np.ones(4)
     design = np.block([
@@ -282,7 +282,7 @@ def test_noise_and_uncertainty_with_known_constants(noisy: np.ndarray) -> None:
         [gains[1] * np.column_stack((np.cos(at_2), -np.sin(at_2))), np.outer(ones, (0.0, 1.0))],
     ])  # fmt: skip
     left = np.linalg.lstsq(design, noisy)[1]
-    found = eight_sample_north(noisy[:4], noisy[4:], gains=gains, f2_deg=f2, f5_deg=f5)
+    found = phasors.eight_sample_north(noisy[:4], noisy[4:], gains=gains, f2_deg=f2, f5_deg=f5)
     assert found.noise == pytest.approx(np.sqrt(left[0] / 4.0), rel=1e-9)
     steps = [(phi_deg(noisy + 1e-5 * one) - phi_deg(noisy - 1e-5 * one)) / 2e-5 for one in np.eye(8)]
     assert found.std_deg == pytest.approx(float(found.noise) * np.linalg.norm(steps), rel=0.02)

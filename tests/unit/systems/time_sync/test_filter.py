@@ -13,9 +13,8 @@ from sync_flights import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, fligh
 
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
-from bench.systems.time_sync.estimators.kalman.innovation import nis_summary
+from bench.systems.time_sync.estimators.kalman.innovation import filled_noise, nis_summary
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, ImuSamples
-from bench.systems.time_sync.estimators.kalman.stream import filled_noise
 from sim_instruments.worlds.time_sync.flight.egi import EgiRuns
 from sim_instruments.worlds.time_sync.flight.imu import imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath

@@ -22,8 +22,7 @@ from bench.analysis.doubt import weigh
 from bench.commands.importing import guess
 from bench.model.errors import FitError, InputErrors
 from bench.systems.time_sync import phase_history
-from bench.systems.time_sync.estimators.sar.phase_history import compressed, scene_of
-from bench.systems.time_sync.estimators.sar.response import impulse_response
+from bench.systems.time_sync.estimators.sar.response import compressed, impulse_response, scene_of
 
 Array = NDArray[np.float64]
 C_m_s = 299_792_458.0

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from bench.maths import samples, stamps
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators import port_clocks
 from bench.systems.time_sync.estimators.stamp_grid import grid_s
@@ -150,15 +151,15 @@ def test_difference_of_two_ports() -> None:
 def test_a_step_of_the_clock_is_found(step_s: float) -> None:
     tags_s, counter, *_ = port(5)
     tags_s[1234:] += step_s
-    assert port_clocks.first_step(tags_s, counter) == 1234
+    assert stamps.first_step(tags_s, counter) == 1234
 
 
 def test_lost_frames_are_no_step_and_too_few_tell_nothing() -> None:
     tags_s, counter, *_ = port(5)
     keep = np.random.default_rng(1).random(tags_s.size) > 0.3
-    assert port_clocks.first_step(tags_s[keep], counter[keep]) is None
-    assert port_clocks.first_step(tags_s[:2], counter[:2]) is None
-    assert port_clocks.tag_noise_s(np.arange(20.0), np.arange(0, 40, 2)) == 0.0  # no two frames in a row
+    assert stamps.first_step(tags_s[keep], counter[keep]) is None
+    assert stamps.first_step(tags_s[:2], counter[:2]) is None
+    assert stamps.tag_noise_s(np.arange(20.0), np.arange(0, 40, 2)) == 0.0  # no two frames in a row
     tags_s, counter, stamps_s, *_ = port(1, duration_s=2.0)
     with pytest.raises(FitError, match=r"B-SYNC-009.*100 frames"):
         port_clocks.port_clock(tags_s, counter, stamps_s)
@@ -175,21 +176,21 @@ def smooth(seed: int = 1) -> Array:
 def test_one_bad_reading_is_found(size: float, at: int) -> None:
     values = smooth()
     values[at, 1] += size
-    assert port_clocks.odd_readings(values, COUNTER).tolist() == [at]
+    assert samples.off_course(values, COUNTER).tolist() == [at]
 
 
 def test_three_of_three_thousand_are_found_and_not_a_fourth() -> None:
     values = smooth()
     values[[100, 900, 1700, 2500], 0] += [40.0, 30.0, 20.0, 10.0]
-    assert port_clocks.odd_readings(values, COUNTER).tolist() == [100, 900, 1700]
+    assert samples.off_course(values, COUNTER).tolist() == [100, 900, 1700]
 
 
 def test_no_reading_of_a_kink_a_step_or_a_gap_is_bad_and_few_are_not_judged() -> None:
     for seed in range(200):
-        assert port_clocks.odd_readings(smooth(seed), COUNTER).size == 0
+        assert samples.off_course(smooth(seed), COUNTER).size == 0
     stepped, beside, counter = smooth(), smooth(), COUNTER.copy()
     stepped[1000:, 0] += 5.0
     beside[1001] += 50.0
     counter[1000:] += 5
     for values, numbers in ((stepped, COUNTER), (beside, counter), (smooth()[:40], COUNTER[:40])):
-        assert port_clocks.odd_readings(values, numbers).size == 0
+        assert samples.off_course(values, numbers).size == 0

@@ -20,8 +20,8 @@ from bench.model.errors import FitError, InputError
 from bench.report.document import study_html
 from bench.systems.time_sync.estimators.sar.response import SEARCH_m
 from bench.systems.time_sync.study import study as published
+from bench.systems.time_sync.study import tasks
 from bench.systems.time_sync.study.document import study_chapters, study_document, study_json
-from bench.systems.time_sync.study.flight import fly, headings, setup_of
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     BASE,
@@ -115,7 +115,7 @@ def test_predicted_shift_has_both_terms_with_their_signs() -> None:
 
 def test_headings_against_scipy_and_the_uncertainty_of_an_rms_against_draws() -> None:
     yaw = np.random.default_rng(3).uniform(-3.0, 3.0, 7)
-    assert headings(yaw) == pytest.approx(Rotation.from_euler("z", yaw[:, None]).as_matrix(), abs=1e-15)
+    assert tasks.headings(yaw) == pytest.approx(Rotation.from_euler("z", yaw[:, None]).as_matrix(), abs=1e-15)
     draws = np.random.default_rng(5).standard_normal((20_000, 50))
     assert np.sqrt(np.mean(draws**2, axis=1)).std() == pytest.approx(published.rms_std(1.0, 50), rel=0.02)
 
@@ -145,7 +145,7 @@ def test_the_image_shows_what_navigation_is_off_by() -> None:
     """One run of 11 seconds: a solution 1.5 m ahead on average that drifts by 5 mm/s towards the target, by hand."""
     imaged = Group(0.02, augmented=False, noise=TIGHT)
     task = Task("image", "linear", 11.0, (Group(0.02, augmented=False, noise=BASE), imaged), runs=1, seed=2)
-    flown = fly(task)
+    flown = tasks.fly(task)
     fine = flown.run.fine
     assert fine is not None
     assert fine.t_s[0] == pytest.approx(0.9, abs=0.006)
@@ -188,7 +188,7 @@ def test_position_is_held_while_the_radar_is_on_and_only_then() -> None:
     options = StudyOptions()
     for task in published.tasks_of(options)[:-1]:
         opens_s = 490.0 if task.kind == "image" else math.inf
-        setup = setup_of(task)
+        setup = tasks.setup_of(task)
         assert setup.hold_position_from_s == opens_s
         assert setup.fine_from_s <= opens_s
         assert setup.offset0_s == 0.0  # whatever the true one

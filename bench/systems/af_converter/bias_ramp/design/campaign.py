@@ -22,7 +22,7 @@ import numpy as np
 from scipy import special
 
 from bench.analysis import FALSE_DOUBT, Document, Estimates, Floats, Planned, Trace
-from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, blind, reached
+from bench.design import LEAST_POWER, Given, Key, Power, blind, reached
 from bench.maths.tests import SMALLEST
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
@@ -278,16 +278,11 @@ class Ramps:
 
     def written(self, candidate: Candidate, length_s: float, name: str, heading: Sequence[str]) -> str:
         """Return the ramp as a sequence of this name. Raises: InputError B-DES-005."""
-        plan = self._given.plan
-        text = SequenceText(self._given.text, plan.files[f"sequences/{plan.name}.yaml"])
         duration_s, windows = self.duration_s(candidate, length_s), self._windows_of(candidate)
-        text.set_value(("sequence",), name, "")
-        if "title" in text.tree:
-            title = f"AF-converter bias and hysteresis over temperature as planned, {windows} windows"
-            text.set_value(("title",), f"{title} of {length_s:g} s, {duration_s / 3600.0:.1f} hours", "")
-        for key, value in (("duration", f"{duration_s:.10g} s"), ("records", f"{windows}")):
-            if key in text.tree:
-                text.set_value((key,), value, "")
+        title = f"AF-converter bias and hysteresis over temperature as planned, {windows} windows"
+        heads = {"duration": f"{duration_s:.10g} s", "records": str(windows)}
+        title = f"{title} of {length_s:g} s, {duration_s / 3600.0:.1f} hours"
+        text = self._given.renamed(name, title=title, **heads)
         write_steps(text, self._template, candidate.rates, candidate.holds)
         return text.text(heading)
 

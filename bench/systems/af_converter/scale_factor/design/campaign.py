@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Departure, Estimates, Material, Planned, powers
-from bench.design import Given, Key, Power, SequenceText, blind, reached, slot_s, weakest
+from bench.design import Given, Key, Power, blind, reached, slot_s, weakest
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
@@ -286,16 +286,10 @@ class Campaigns:
 
     def written(self, candidate: Candidate, length_s: float, name: str, heading: Sequence[str]) -> str:
         """Return the campaign as a sequence of this name. Raises: InputError B-DES-005."""
-        plan = self._given.plan
-        text = SequenceText(self._given.text, plan.files[f"sequences/{plan.name}.yaml"])
         duration_s = self.duration_s(candidate, length_s)
-        records = self.extent(candidate)[1]
-        text.set_value(("sequence",), name, "")
-        if "title" in text.tree:
-            text.set_value(("title",), f"AF-converter scale factor as planned, {duration_s / 3600.0:.1f} hours", "")
-        for key, value in (("duration", f"{duration_s:.10g} s"), ("records", f"{records}")):
-            if key in text.tree:
-                text.set_value((key,), value, "")
+        title = f"AF-converter scale factor as planned, {duration_s / 3600.0:.1f} hours"
+        records = str(self.extent(candidate)[1])
+        text = self._given.renamed(name, title=title, duration=f"{duration_s:.10g} s", records=records)
         write_levels(text, self._template, candidate.levels_A)
         write_length(text, length_s, self._template.dwell_s)
         channels = [candidate.channels_at(number) for number in range(len(candidate.stops))]

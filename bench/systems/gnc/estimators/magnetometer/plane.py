@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from bench.maths.arrays import Floats
+from bench.maths.arrays import Floats, rms
 from bench.systems.gnc.estimators.magnetometer.ellipse import EllipseFit, PlaneParameters, fit_ellipse
 
 EXTREMES, ELLIPSE = "extremes", "ellipse"
@@ -69,7 +69,7 @@ def compare_methods(x_out: Floats, y_out: Floats, noise: float | None = None) ->
     both = {EXTREMES: extremes.parameters, ELLIPSE: ellipse.parameters}
     rolls = {name: roll_deg(*parameters.corrected(x_out, y_out)) for name, parameters in both.items()}
     difference = (rolls[EXTREMES] - rolls[ELLIPSE] + 180.0) % 360.0 - 180.0
-    largest = (float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max()))
+    largest = (rms(difference), float(np.abs(difference).max()))
     return _compared(ellipse, extremes, largest)
 
 

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.maths.arrays import Flags, Floats
+from bench.maths.samples import few, scatter
 from bench.maths.tests import chi2_tail, of_many
 
 FEWEST_BLOCKS = 7
@@ -43,9 +44,8 @@ _LOOSE = 1e-15  # of the largest information: what has less is open, and its unc
 _CARRIED = 1e-3  # a block that leaves less than this part of a direction to the others carries it alone
 _SUBSETS, _TIMES = 20, 3  # subsets, and readings of each per coefficient
 _SEED = 1984  # the same readings give the same answer
-_FAR = 10.0 * 1.4826  # medians: ten standard deviations of normal noise
+_FAR = 10.0  # standard deviations of normal noise
 _ROUNDING = 1e-9  # of the size of the cloud
-LARGEST_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -238,8 +238,8 @@ def odd_readings(points: Floats) -> Flags:
     coefficients = np.linalg.svd(columns[subsets], full_matrices=False)[2][:, -1]
     distances = [_distance(unit, columns, each) for each in coefficients]
     best = min(distances, key=lambda each: float(np.median(each)))
-    odd = np.asarray(best > max(_FAR * float(np.median(best)), _ROUNDING))
-    return odd if odd.sum() <= max(1.0, LARGEST_SHARE * count) else nothing
+    odd = np.asarray(best > max(_FAR * float(scatter(best)), _ROUNDING))
+    return odd if few(int(odd.sum()), count) else nothing
 
 
 def _monomials(points: Floats) -> Floats:

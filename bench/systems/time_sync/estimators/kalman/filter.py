@@ -32,7 +32,19 @@ import numpy as np
 from bench.maths.arrays import Floats
 from bench.maths.strapdown import Strapdown, earth_rate, gradient, small_rotation
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, History, NisSums, innovation, motion_noise
+from bench.systems.time_sync.estimators.kalman.innovation import (
+    EgiSample,
+    History,
+    Keeping,
+    NisSums,
+    block_of,
+    egi_samples,
+    filled_noise,
+    first_sample,
+    imu_steps,
+    innovation,
+    motion_noise,
+)
 from bench.systems.time_sync.estimators.kalman.setup import (
     OFFSET,
     STATES,
@@ -42,14 +54,6 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     FilterSetup,
     ImuDensities,
     ImuSource,
-)
-from bench.systems.time_sync.estimators.kalman.stream import (
-    Keeping,
-    block_of,
-    egi_samples,
-    filled_noise,
-    first_sample,
-    imu_steps,
 )
 
 _EGI = 9  # errors of the EGI: position, velocity, rotation vector

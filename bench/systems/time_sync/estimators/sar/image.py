@@ -28,21 +28,18 @@ _NOISE_RATIO = 8.0  # of the highest magnitude over the median
 _ELEMENTS_AT_ONCE = 1 << 15  # pulses times pixels that stay in the processor's cache
 BLOCK_PHASE_rad = 0.07  # over a block of pulses at the edge of a cut or chip: costs 0.002 dB there
 FLOOR_dB = -80.0
+_PULSES_AT_ONCE, _MOST_TARGETS = 500, 3
 
 
-_PULSES_AT_ONCE = 500
-
-
-def point_targets(pulses: Pulses, positions_m: Floats, ground_down_m: float = 0.0, most: int = 3) -> Floats:
+def point_targets(pulses: Pulses, positions_m: Floats) -> Floats:
     """Return places of the strongest point targets on level ground to the right of the track, before any image is made.
 
     Pulses turned in phase for the middle of the scene leave each target a tone along the track, whose frequency says
     how far ahead of the middle it stands, in the gate of its range. A straight flight cannot tell level ground from any
     other height.
 
-    Args:    pulses.   positions_m: (n, 3) antenna at the pulses, north, east, down.   ground_down_m: of the ground.
-             most: targets at most.
-    Returns: (k, 3), strongest first; good to a resolution cell or two.
+    Args:    pulses.   positions_m: (n, 3) antenna at the pulses, north, east, down, which is 0 at the ground.
+    Returns: (k, 3), three at the most, strongest first; good to a resolution cell or two.
     Raises:  FitError B-SYNC-010 if no target stands out of the noise.
     Source:  deramped polar format of a spotlight, Carrara, Goodman, Majewski, Spotlight Synthetic Aperture Radar
              (1995), chapter 3.
@@ -57,10 +54,9 @@ def point_targets(pulses: Pulses, positions_m: Floats, ground_down_m: float = 0.
     offsets_m = (np.arange(gates) - gates // 2) * pulses.spacing_m
 
     def place(azimuth_m: float, out_m: float) -> Floats:
-        down_m = ground_down_m - middle[2]
-        level_m = np.sqrt(max((range_m + out_m) ** 2 - down_m**2, 0.0))
+        level_m = np.sqrt(max((range_m + out_m) ** 2 - middle[2] ** 2, 0.0))
         point = middle + azimuth_m * ahead + level_m * right
-        point[2] = ground_down_m
+        point[2] = 0.0
         return np.asarray(point)
 
     reference_m = np.linalg.norm(positions_m - place(0.0, 0.0), axis=1)
@@ -75,7 +71,7 @@ def point_targets(pulses: Pulses, positions_m: Floats, ground_down_m: float = 0.
     step_m = float(np.linalg.norm(track)) / (len(positions_m) - 1)
     azimuth_m = np.fft.fftshift(np.fft.fftfreq(len(aligned), step_m)) * 0.5 * pulses.wavelength_m * range_m
     stands_out(picture, len(aligned))
-    return np.array([place(*peak) for peak in peaks(picture, azimuth_m, offsets_m, most)])
+    return np.array([place(*peak) for peak in peaks(picture, azimuth_m, offsets_m, _MOST_TARGETS)])
 
 
 def stands_out(picture: Floats, pulses: int) -> None:
