@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
-from batch_sample import calibrations
 from browser_rig import PageServer, visiting
 from playwright.sync_api import Browser, Page
+from report_sample import calibrations
 from shown_run import ShownRun
 
 from bench.report.batch.document import batch_html

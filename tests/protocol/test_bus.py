@@ -3,7 +3,7 @@
 import threading
 
 import pytest
-from known_drivers import IDENTIFY, NO_ERROR, slow
+from exchanges import IDENTIFY, NO_ERROR, slow
 from scripted import CLEAR, SILENT, TIMEOUT, ScriptedResource, make, refused, scripted
 
 from bench.model.clock import VirtualClock

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from known_drivers import CONTROLS, IDENTIFY, MAKE_SAFE, said
+from exchanges import CONTROLS, IDENTIFY, MAKE_SAFE, said
 from scripted import CLEAR, SILENT, TIMEOUT, make, refused, scripted
 
 import instruments

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from exchanges import Call, Row, does, exchange, gives, refuses, row
-from known_drivers import IDENTIFY, NO_ERROR
+from exchanges import IDENTIFY, NO_ERROR, Call, Row, does, exchange, gives, refuses, row
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from scripted import BUS_ERROR, CLEAR, POLL, SILENT, TIMEOUT, Scripts, make, refused, scripted

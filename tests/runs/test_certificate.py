@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from dcc_checker import problems, xsd
 from dcc_sample import EXAMPLE, expected, read_certificate
-from import_sample import RAMP, ramp_rows, write_ramp
+from imported_logs import RAMP, ramp_rows, write_ramp
 from rehearsal import Inside, bench, writable_copy
 
 from bench.analysis import results_json

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from planned_step import planned
+from plan_sample import planned
 from record_sample import frame
 
 from bench.frame import FrameDefinition, LinkDecoder

@@ -6,8 +6,8 @@ from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
-import report_boxes
-from report_words import code_names
+import report_sample
+from report_sample import code_names
 
 from bench.session.service import read_view
 from bench.session.view import analyse_view, report_of
@@ -21,11 +21,11 @@ def test_page_and_paper_are_legible_and_name_what_counts(
     name: str, short: tuple[Path, CompletedProcess[str]], ramp: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = short[0] if name == "scale_factor" else ramp
-    figures = report_boxes.recorded_figures(monkeypatch)
+    figures = report_sample.recorded_figures(monkeypatch)
     view = read_view(folder)
     report = report_of(view, *analyse_view(view))
     assert len(figures) == FIGURES[name] == sum(len(section.pictures) for section in report.sections)
-    assert [report_boxes.flaws(figure) for figure in figures] == [[]] * len(figures)
+    assert [report_sample.flaws(figure) for figure in figures] == [[]] * len(figures)
     assert report.pdf().startswith(b"%PDF-")
     page = report.html()
     assert (folder / "report.html").read_text(encoding="utf-8") == page  # the run and the session say the same

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from browser_rig import PageServer, Visitor, chromium, metrics, visiting
-from fast_run import HOURS, FastRun
+from shown_run import HOURS, FastRun
 from playwright.sync_api import CDPSession
 
 LOOK_ms = 20_000

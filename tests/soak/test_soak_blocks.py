@@ -16,8 +16,7 @@ from fault_schedule import TimedFault
 from hypothesis import given
 from hypothesis import strategies as st
 from soak_blocks import Block, soaked_block
-from soak_campaign import ROOT, SHORT, Campaign, Soaked
-from soak_shrink import shortest, write_test, written_test
+from soak_campaign import ROOT, SHORT, Campaign, Soaked, shortest, write_test, written_test
 
 NEEDED = (TimedFault(12.5, "trip"), TimedFault(40.0, "stuck", "port_a", ("55",), 3.0))
 OTHERS = [TimedFault(float(at), "drop", "port_b", (0.01,), 60.0) for at in range(50, 55)]

@@ -19,11 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import archive_mess
 import archive_sample
 import pyarrow.parquet
 import pytest
-from archive_mess import ALTERED, COMPUTED, KINDS, LOCKED, SHORT, WRONG
+from archive_sample import ALTERED, COMPUTED, KINDS, LOCKED, SHORT, WRONG_KINDS
 from fsspec.implementations.local import LocalFileSystem
 from rehearsal import Inside
 from waiting import until
@@ -82,7 +81,7 @@ def mess(request: pytest.FixtureRequest, recorded_archive: Path, tmp_path_factor
     if count > len(KINDS):
         campaigns, source = archive_sample.many(60), tmp_path_factory.mktemp("recorded")
         archive_sample.record(campaigns, source)
-    due = archive_mess.make(root, [source / campaign.name for campaign in campaigns], count)
+    due = archive_sample.make(root, [source / campaign.name for campaign in campaigns], count)
     made = Mess(root, due, archive_sample.concerned(campaigns), at)
     add(made.url, [str(root)], computed_here, lambda _: None)
     return made
@@ -182,7 +181,7 @@ def same(refit: Refit, outcome: bytes, whole: Refit) -> bool:
 
 
 def test_a_refit_says_of_each_session_what_verify_said(mess: Mess, whole: Refit) -> None:
-    lost = Counter(kind for kind in mess.kinds().values() if kind in (SHORT, WRONG))
+    lost = Counter(kind for kind in mess.kinds().values() if kind in (SHORT, WRONG_KINDS))
     failed = Counter(f"damaged {row['code']}" for row in whole.rows() if row["code"])
     assert {kind: failed[kind] for kind in lost} == lost
     assert {row["session"] for row in whole.rows() if not row["code"]} == mess.sessions()

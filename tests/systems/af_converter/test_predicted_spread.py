@@ -20,8 +20,7 @@ import dmm_simulation
 import fit_simulation as sim
 import numpy as np
 import pytest
-from bias_simulation import MASTER_ppm
-from ramp_spread import errors_of, place
+from bias_simulation import MASTER_ppm, errors_of, place
 from rehearsal import ROOT
 from scipy import stats
 from spread_study import PROBABILITY, judged

@@ -17,8 +17,8 @@ import bias_simulation
 import doubt_bias_ramp as wrong
 import numpy as np
 import pytest
+from bias_simulation import Place, place, stated_errors
 from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, Switch, sorted_classes, worst_bias
-from ramp_spread import Place, place, stated_errors
 from rehearsal import ROOT
 from scipy import stats
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gnc_sessions import recorded_unit
+from gnc_rig import recorded_unit
 from imu_fit_simulation import EARTH_DEG_S, body_to_local, local_rate_deg_s
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gnc_campaigns import rewritten
+from gnc_campaigns import GIVEN, SHORTEST, given, rewritten
 from scipy import stats
-from shorter_calibration import GIVEN, SHORTEST, given
 
 from bench.analysis import FALSE_DOUBT
 from bench.design import reached

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gnc_sessions import Session, TURN_s, calibration_settings, recorded_unit, run_session, share_covered
+from gnc_rig import Session, TURN_s, calibration_settings, recorded_unit, run_session, share_covered
 from rehearsal import ROOT
 
 MATRICES = tuple(f"{kind}_{what}" for kind in ("accel", "gyro") for what in ("scale_error", "cross_coupling"))

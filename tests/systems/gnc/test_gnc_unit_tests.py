@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from gnc_exchanges import exchanges, material
+from gnc_rig import exchanges, material
 from one_estimate import one, value
 from rehearsal import SEED, Inside, Watched, go_on
 

@@ -9,8 +9,7 @@ from functools import cache
 import doubt_gnc as wrong
 import pytest
 from doubt_classes import WRONG, Seen, newly_believed, sorted_classes
-from gnc_campaigns import at_rate, calibration_study
-from shorter_calibration import form_of, given, written
+from gnc_campaigns import at_rate, calibration_study, form_of, given, written
 from spread_study import Study
 
 FORMS = {"given": form_of(given()), "shorter": form_of(written())}

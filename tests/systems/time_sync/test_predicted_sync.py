@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from one_estimate import one as estimate_of
 from scipy import stats
-from sync_flights import wandering_egi
+from sync_rig import wandering_egi
 
 from bench.analysis import Planned, Prediction
 from bench.plan import Plan, compile_sequence

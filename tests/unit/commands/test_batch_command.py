@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from batch_sample import LIMIT, coupling, results
+from report_sample import LIMIT, coupling, results
 
 from bench.commands import batch as command
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError

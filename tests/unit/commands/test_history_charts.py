@@ -7,11 +7,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import charts_sample
 import numpy as np
 import pytest
-from charts_sample import Documents
-from store_database import new_history
+import store_sample
+from store_sample import Documents, new_history
 
 from bench import cli
 from bench.model.errors import ExitStatus
@@ -45,11 +44,11 @@ def url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def unit(step_ppm: float, simulated: bool = False) -> Documents:
     steps = np.where(np.arange(18) >= 15, step_ppm, 0.0)
-    return charts_sample.unit("A1", 30.0 * np.arange(18), SEED, np.zeros(2), steps, simulated=simulated)
+    return store_sample.unit("A1", 30.0 * np.arange(18), SEED, np.zeros(2), steps, simulated=simulated)
 
 
 def test_a_signal_is_exit_status_1_and_says_when_since_and_how_much(say: Say, url: str, tmp_path: Path) -> None:
-    ordered = charts_sample.written(url, unit(90.0))
+    ordered = store_sample.written(url, unit(90.0))
     status, text, _ = say("charts", "--uut", "A1", "--plot", str(tmp_path / "charts.svg"))
     assert status == ExitStatus.VERDICT_FAIL
     assert "NGU A1: 9 charts, one false signal in 200 points of all together" in text
@@ -64,7 +63,7 @@ def test_a_signal_is_exit_status_1_and_says_when_since_and_how_much(say: Say, ur
 
 
 def test_no_signal_and_simulated_ones_are_exit_status_0(say: Say, url: str) -> None:
-    charts_sample.written(url, unit(90.0, simulated=True))
+    store_sample.written(url, unit(90.0, simulated=True))
     status, text, _ = say("charts")
     assert status == 0
     assert "(SIMULATED)" in text
@@ -72,7 +71,7 @@ def test_no_signal_and_simulated_ones_are_exit_status_0(say: Say, url: str) -> N
 
 
 def test_freeze_and_adjusted(say: Say, url: str) -> None:
-    ordered = charts_sample.written(url, unit(90.0))
+    ordered = store_sample.written(url, unit(90.0))
     status, text, _ = say("freeze", "--until", "2015-01-31", "--by", "A. Meyer", "--reason", "first months")
     assert (status, text) == (0, "NGU A1: 9 calibrations until 2015-01-31, by A. Meyer\n")
     status, text, _ = say("charts")
@@ -93,7 +92,7 @@ def test_freeze_and_adjusted(say: Say, url: str) -> None:
 
 
 def test_what_is_refused(say: Say, url: str, tmp_path: Path) -> None:
-    charts_sample.written(url, unit(0.0))
+    store_sample.written(url, unit(0.0))
     refused = (
         (("charts", "--certificates", "--uut", "A1"), "B-CLI-011"),
         (("charts", "--bench", "bench_9"), "B-STORE-009"),

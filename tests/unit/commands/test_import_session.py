@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from import_sample import LOG, SHORT
+from imported_logs import LOG, SHORT
 
 from bench.commands import import_log
 from bench.commands.import_log import import_log as import_file

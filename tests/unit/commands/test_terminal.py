@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from planned_step import planned
+from plan_sample import planned
 from top_sample import NOW_S, FakeFeed, SetClock, document
 
 from bench.commands import progress as progress_module

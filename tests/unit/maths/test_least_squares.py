@@ -8,8 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import scipy.optimize
-from polynomial_columns import polynomial_columns
-from strd_linear import PROBLEMS, Problem
+from strd_linear import PROBLEMS, Problem, polynomial_columns
 
 import bench.maths.least_squares as core
 from bench.maths.extended import Extended

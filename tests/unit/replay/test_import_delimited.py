@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 import pytest
-from import_sample import LOG, SHORT
+from imported_logs import LOG, SHORT
 
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from batch_sample import LIMIT, SEED, calibrations, coupling, results
+from report_sample import LIMIT, SEED, calibrations, coupling, results
 
 from bench.analysis import estimate
 from bench.report.batch.document import batch_document, batch_html, batch_json

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from report_sample import estimate, small_model, unsound
+from report_sample import estimate_entry, small_model, unsound
 
 from bench import analysis
 from bench.analysis import documents, estimates_of
@@ -35,14 +35,14 @@ def model(*estimates: dict[str, Any], campaign: str = "scale_factor", **more: An
 
 def offset(quantity: str, value: float | None, expanded: float = 0.0, **more: Any) -> dict[str, Any]:
     unit = "ppm" if quantity == "time_offset_drift" else "s"
-    found = estimate(quantity, unit, 0.0, expanded, method="augmented_loose")
+    found = estimate_entry(quantity, unit, 0.0, expanded, method="augmented_loose")
     return (unsound(found, "refused") if value is None else found | {"value": value}) | more
 
 
 def wrong(item: str, count: float, unit: str) -> dict[str, Any]:
     verdict = "fail" if count else "pass"
     judged = {"limit": 0.0, "verdict": verdict, "conformance_probability": 0.0 if count else 1.0}
-    return estimate(f"{item}_wrong", "1", count, 0.0) | {"conditions": {"unit": unit}} | judged
+    return estimate_entry(f"{item}_wrong", "1", count, 0.0) | {"conditions": {"unit": unit}} | judged
 
 
 # --- limits and verdicts -----------------------------------------------------------------------------------------
@@ -114,7 +114,7 @@ def test_an_answer_is_an_amount(value: float, unit: str, bounds: dict[str, float
 
 
 def test_a_value_without_uncertainty_has_four_digits_and_whole_numbers_all() -> None:
-    (bare,) = estimates_of({"estimates": [estimate("observability", "1", 0.000388125, 0.0)]})
+    (bare,) = estimates_of({"estimates": [estimate_entry("observability", "1", 0.000388125, 0.0)]})
     for value, shown in ((0.000388125, "0.0003881"), (521.454, "521.5"), (12345.0, "12345")):
         assert value_text(bare.model_copy(update={"value": value})) == shown
 
@@ -142,8 +142,8 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
     for channel, polarity in at:
         where = {"channel": channel, "polarity": polarity}
         leak_nA, lag_min = 10.0 * channel + polarity, 5.0 * channel + polarity
-        rows.append(estimate("switch_leakage", "nA", leak_nA, 1.0, **where, temperature_degC=20.0))
-        rows.append(estimate("thermal_lag", "min", lag_min, 1.0, **where))
+        rows.append(estimate_entry("switch_leakage", "nA", leak_nA, 1.0, **where, temperature_degC=20.0))
+        rows.append(estimate_entry("thermal_lag", "min", lag_min, 1.0, **where))
     assert [table.rows for table in pivot_tables(model(*rows), ENGLISH)] == [
         (("1", "11.0 ± 1.0"), ("2", "21.0 ± 1.0")),
         (("1", "9.0 ± 1.0"), ("2", "19.0 ± 1.0")),
@@ -157,13 +157,13 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
 
 
 def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None:
-    table = coverage_table(model(wrong("cpu", 0.0, "U-1"), estimate("supply_voltage", "V", 5.0, 0.01)), ENGLISH)
+    table = coverage_table(model(wrong("cpu", 0.0, "U-1"), estimate_entry("supply_voltage", "V", 5.0, 0.01)), ENGLISH)
     assert table is not None
     assert [row[0] for row in table.rows] == ["supply voltage"]
 
 
 def counted(quality: dict[str, int], frame_sha256: str) -> set[str]:
-    told = model(estimate("bias", "A", 1.0, 0.1))
+    told = model(estimate_entry("bias", "A", 1.0, 0.1))
     results = {**told.results, "quality": quality, "provenance": {"frame_sha256": frame_sha256}}
     table = summary_table(replace(told, results=results), ENGLISH)
     assert table is not None
@@ -213,7 +213,7 @@ def test_what_is_odd_and_moves_nothing_is_a_note_of_the_report_as_of_the_results
 
 def stated(quantity: str, U: float | None, channel: int, sensor: float = 0.0, unit: str = "ppm") -> dict[str, Any]:
     common = {"common": {"standards": {}, "campaign": {SENSOR: sensor}}} if sensor else {}
-    found = estimate(quantity, unit, 1.0, U or 0.0, channel=channel)
+    found = estimate_entry(quantity, unit, 1.0, U or 0.0, channel=channel)
     if U is None:
         return unsound(found)
     return found | {"std_uncertainty": U / 2.0, "coverage_factor": 2.0, **common}

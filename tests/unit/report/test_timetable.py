@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from planned_step import planned
+from plan_sample import planned
 from report_sample import SamplePlan, sample_steps
 
 from bench.model.shipped import find_shipped

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from planned_step import planned
+from plan_sample import planned
 from rehearsal import ROOT
 from trend_sample import run_short, short_plan
 

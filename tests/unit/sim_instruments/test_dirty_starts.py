@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvisa
-from lock_in_rig import Turning
-from north_bench import NorthBench
+from gnc_rig import open_table
+from lock_in_rig import NorthBench, Turning
 from pyvisa.resources import MessageBasedResource
 from scripted import Log, refused
 from sim_bench import ADDRESSES, DRIVERS, Bench, open_bench
-from table_rig import open_table
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError

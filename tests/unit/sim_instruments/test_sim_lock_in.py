@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lock_in_rig import Turning, amplifier, trace
-from north_bench import NorthBench
+from lock_in_rig import NorthBench, Turning, amplifier, trace
 from scipy.special import gammainc
 
 from bench.model.errors import InstrumentError

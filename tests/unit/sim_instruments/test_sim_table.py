@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gnc_rig import TableRig, open_table
 from scripted import refused
-from table_rig import TableRig, open_table
 
 from bench.model.clock import NS
 from bench.model.errors import InputError

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import select
-from store_database import BACKENDS, new_history
-from store_sample import calibrations
+from store_sample import BACKENDS, calibrations, new_history
 
 from bench.model.clock import NS, VirtualClock
 from bench.store import (

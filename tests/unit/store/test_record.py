@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import store_sample
 from sqlalchemy import func, select
-from store_database import BACKENDS, new_history
+from store_sample import BACKENDS, new_history
 
 from bench.analysis import documents
 from bench.model.clock import VirtualClock

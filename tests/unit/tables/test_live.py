@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from feed_stand_in import NAMES, FeedStandIn
 from matplotlib.figure import Figure
+from top_sample import NAMES, FeedStandIn
 
 import bench
 from bench.model.clock import WallClock

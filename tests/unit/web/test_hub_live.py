@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from feed_stand_in import NAMES, T0, FeedStandIn
 from record_sample import write_sample
+from top_sample import NAMES, T0, FeedStandIn
 from web_rig import RUN, Page, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect

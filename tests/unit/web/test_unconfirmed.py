@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from feed_plan import MANIFEST, small_plan
-from top_sample import NOW_S, SetClock, document
+from top_sample import MANIFEST, NOW_S, SetClock, document, small_plan
 
 from bench.commands.progress import doing
 from bench.model.events import event_of

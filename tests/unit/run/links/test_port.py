@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 import serial
-from planned_step import planned
+from plan_sample import planned
 from run_rig import Rig, frame
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from planned_step import planned
+from plan_sample import planned
 from scipy.signal import lfilter
 
 from bench.model.clock import NS, VirtualClock, to_ns

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-import north_coverage as sim_coverage
+import fog_material as sim_coverage
 import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, Gyro, NorthRig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import north_simulation as sim
+import fog_material as sim
 import numpy as np
 import pytest
 from fog_signal import FogParameters, eight_samples

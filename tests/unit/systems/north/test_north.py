@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
-from north_coverage import eight_of, rows_of, waveform_of
+from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign, eight_of, rows_of, waveform_of
 from one_estimate import every as of
 from one_estimate import table_of
 

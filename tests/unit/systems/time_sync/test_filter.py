@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sync_flights import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, flight, setup
+from sync_rig import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, flight, setup
 
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.filter import run_filter

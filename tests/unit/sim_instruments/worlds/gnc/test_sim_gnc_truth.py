@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from gnc_sensor_bench import QUIET, Table, at, module, posed, times_ns, trapezoid, turning
+from gnc_campaigns import QUIET, Table, at, module, posed, times_ns, trapezoid, turning
 from scipy.integrate import dblquad
 
 from bench.model.clock import NS
