@@ -1,5 +1,4 @@
-"""Salvage: the shortest make-up sequence, a session made with it, and both together; and who may go on with a session.
-"""
+"""Salvage: the shortest make-up sequence, a session made with it, both together; and who may go on with a session."""
 
 from __future__ import annotations
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,11 +32,6 @@ from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.gnc.options import FAULTS
 
 SOUND = "S-00"
-SHORT = (
-    "cpu_carry", "timer_slow", "sdram_address_short", "flash_weak_cell", "imu_frozen", "gps_no_satellites",
-    "ad_reference", "io_swapped", "spi_receive_bit", "sci_silent", "can_identifier", "current_high",
-    "contact_resistance",
-)  # fmt: skip
 
 
 def summary(folder: Path, unit: str) -> tuple[set[str], float]:
@@ -46,28 +40,20 @@ def summary(folder: Path, unit: str) -> tuple[set[str], float]:
     return {item for item, verdict in found["items"].items() if verdict != "pass"}, float(found["elapsed_s"])
 
 
-def run_with(inside: Inside, names: Sequence[str], out: Path) -> None:
-    """One session: a sound unit, then one unit for each fault."""
-    units = {f"F-{FAULTS[name].code:02}": name for name in names}
+@pytest.mark.parametrize("shorted", [False, pytest.param(True, marks=pytest.mark.sweep)])
+def test_every_fault_fails_exactly_its_items(inside: Inside, tmp_path: Path, shorted: bool) -> None:
+    """One session: a sound unit, then one unit for each fault; ``shorted``: that whose supply is latched off."""
+    units = {f"F-{FAULTS[name].code:02}": name for name in FAULTS if (name == "supply_short") == shorted}
     words = ["--set", f"units={','.join([SOUND, *units])}"]
     words += ["--set", "world.faults=" + ",".join(f"{unit}={name}" for unit, name in units.items())]
-    done = inside("run", "gnc_unit_test", *words, "--clock", "virtual", "--seed", "5", "--out", str(out))
+    done = inside("run", "gnc_unit_test", *words, "--clock", "virtual", "--seed", "5", "--out", str(tmp_path))
     assert done.returncode == 1, done.stderr[-2000:]
-    (folder,) = (path for path in out.iterdir() if path.is_dir())
+    (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert (folder / "results.json").is_file(), done.stderr[-2000:]
     failed, elapsed_s = summary(folder, SOUND)
     assert (failed, 8.0 <= elapsed_s <= 10.0) == (set(), True)
     found = {name: summary(folder, unit)[0] for unit, name in units.items()}
-    assert found == {name: set(FAULTS[name].fails) for name in names}
-
-
-def test_a_fault_of_each_item_fails_exactly_its_items(inside: Inside, tmp_path: Path) -> None:
-    run_with(inside, SHORT, tmp_path)
-
-
-@pytest.mark.sweep
-def test_every_fault_fails_exactly_its_items(inside: Inside, tmp_path: Path) -> None:
-    run_with(inside, list(FAULTS), tmp_path)
+    assert found == {name: set(FAULTS[name].fails) for name in units.values()}
 
 
 @pytest.mark.sweep

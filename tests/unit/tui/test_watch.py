@@ -1,5 +1,4 @@
-"""``bench top``: what is known of a run that is watched, how every state is drawn, and the view as a person meets it.
-"""
+"""``bench top``: what is known of a run that is watched, how each state is drawn, and the view as a person meets it."""
 
 from __future__ import annotations
 

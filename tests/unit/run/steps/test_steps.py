@@ -1,5 +1,4 @@
-"""Single steps and the timeline: readings, prompts, commands, waits and slip; and soaks that the lag of the unit ends.
-"""
+"""Single steps and the timeline: readings, prompts, commands, waits, slip; and soaks that the lag of the unit ends."""
 
 from __future__ import annotations
 
