@@ -1,4 +1,4 @@
-"""The parts of a shorter plan that belong to no system; and the search against designs that are published as the best."""
+"""The parts of a shorter plan that belong to no system; and the search against designs published as the best."""
 
 from __future__ import annotations
 
