@@ -1,5 +1,4 @@
-"""Short campaigns end to end: the bias ramp, contiguous over chamber commands; the DMM method and zeros in every range.
-"""
+"""Short campaigns end to end: the bias ramp, and the DMM method with zeros in every range."""
 
 from __future__ import annotations
 

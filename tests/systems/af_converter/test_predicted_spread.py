@@ -12,7 +12,7 @@ import copy
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ import pytest
 from bias_simulation import MASTER_ppm, errors_of, place
 from rehearsal import ROOT, rehearsed
 from scipy import stats
-from spread_study import PROBABILITY, judged
+from spread_study import PROBABILITY, judged, spread
 from units_campaign import CUTS, OF_ONE, compiled_text, cut, single_plan, units_plan
 
 from bench.analysis import Estimate, Material, Planned, Reading, estimates_of
@@ -56,11 +56,6 @@ FEW_degC = (5.0, 20.0)
 FEW_s, BETWEEN_s = 2 * 9000.0 + 5 * 15 * 120.0, 2 * 15 * 120.0  # few temperatures: all of it, and between visits
 Place = tuple[Any, ...]
 Record = Callable[[str, object], None]
-
-
-def rms(scores: Mapping[Place, Iterable[float]]) -> dict[Place, float]:
-    """Return the root mean square of errors over predicted standard uncertainties, by place."""
-    return {where: float(np.sqrt(np.mean(np.square(list(each))))) for where, each in scores.items()}
 
 
 def campaigns_of(seed: int) -> tuple[sim.SimulatedCampaign, sim.SimulatedCampaign]:
@@ -110,7 +105,7 @@ def scale_ratios(count: int) -> dict[Place, float]:
                     place = scale_place(entry)
                     scores[place].append((entry.value - scale_truth(campaign, entry)) / expected[place])
     assert {len(each) for each in scores.values()} == {count}
-    return rms(scores)
+    return spread(scores)
 
 
 @pytest.mark.slow
@@ -166,7 +161,7 @@ def meter_ratios(campaigns: int) -> dict[Place, float]:
         for entry in determine_by_meter(dmm_simulation.material(campaign, readings, both=False), "joint").estimates:
             found.setdefault(meter_place(entry), []).append(entry.value - meter_truth(campaign, entry))
     assert found.keys() == expected.keys()
-    return {where: float(np.sqrt(np.mean(np.square(errors)))) / expected[where] for where, errors in found.items()}
+    return spread(found, expected)
 
 
 @pytest.mark.slow
@@ -223,8 +218,7 @@ def ramp_ratios(campaigns: int) -> dict[Place, float]:
     for seed in range(FIRST_RAMP, FIRST_RAMP + campaigns):
         for where, error in errors_of(seed, kinds, constants.thermal_lag_s or 0.0).items():
             found.setdefault(where, []).append(error)
-    shown = {where: errors for where, errors in found.items() if where in expected}
-    return {where: float(np.sqrt(np.mean(np.square(errors)))) / expected[where] for where, errors in shown.items()}
+    return spread({where: errors for where, errors in found.items() if where in expected}, expected)
 
 
 @pytest.mark.slow
@@ -441,9 +435,9 @@ def with_spread(folder: Path, spread: str) -> Plan:
 
 
 def test_a_spread_that_is_none_or_in_another_unit_is_refused(tmp_path: Path) -> None:
-    for spread in ("-25 ppm", "0 ppm"):
+    for of_units in ("-25 ppm", "0 ppm"):
         with pytest.raises(InputErrors, match="no standard deviation"):
-            with_spread(tmp_path, f"dsf_n_residual: {spread}")
+            with_spread(tmp_path, f"dsf_n_residual: {of_units}")
     plan = with_spread(tmp_path, "dsf_n_residual: 1 mA")
     with pytest.raises(FitError, match=r"spread of dsf_n_residual is in A, and the quantity is in ppm") as refused:
         list(predicted_lines(plan, predicted(plan)))

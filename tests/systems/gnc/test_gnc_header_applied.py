@@ -1,5 +1,4 @@
-"""imu_coefficients.h, compiled and applied to simulated sessions; units of Table 3 class against the simulated truth.
-"""
+"""imu_coefficients.h, compiled and applied to simulated sessions; whole calibrations against the simulated truth."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Deviations that nobody declared, told in time and once; the trend beside a run, which changes nothing and may fail.
-"""
+"""Deviations that nobody declared, told in time and once; the trend beside a run, which changes nothing."""
 
 from __future__ import annotations
 

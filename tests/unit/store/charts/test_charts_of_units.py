@@ -216,6 +216,9 @@ def test_the_wrong_certificate_is_the_one_that_signals(url: str) -> None:
         assert change is not None
         assert abs(change.size - 60.0) < 35.0  # and what this certificate and those before it are off by chance
         assert series.scatter_std == pytest.approx(2.0, rel=0.25)
+    until = date(2019, 12, 31)
+    for subject_of, count in ((("unit", "U3"), 10), (("station", "bench_1"), 40)):  # its own, and nobody else's
+        assert freeze(url, subject_of, (None, until), 100.0, "A. Meyer", "all")["calibrations"] == count
 
 
 def test_certificates_that_hold_and_simulated_units_give_no_signal(good_history: str, url: str, tmp_path: Path) -> None:
