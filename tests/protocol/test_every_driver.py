@@ -200,9 +200,8 @@ def test_options_that_are_unknown_or_impossible_are_told(name: str) -> None:
             for value in ("nonsense", ["x"], [True], True, -1e9, 1e9, math.nan, math.inf)
         ]
         assert all(wrong is not None and wrong[0] == option and option in wrong[1] for wrong in option_is_wrong)
-    with pytest.raises(InputError, match="unknown option 'colour'") as caught:
+    with pytest.raises(InputError, match=r"B-INST-020: .*unknown option 'colour'"):
         make(name, [], colour="red")
-    assert caught.value.code == "B-INST-020"
 
 
 @pytest.mark.parametrize("name", DRIVERS)

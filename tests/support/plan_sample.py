@@ -117,6 +117,14 @@ def changed(old: str, new: str, text: str = SEQUENCE) -> str:
     return text.replace(old, new, 1)
 
 
+def reworded(text: str, *changes: tuple[str, str], once: bool = False) -> str:
+    """Return a text with other words, each of which must stand there; ``once``: in one place only."""
+    for old, new in changes:
+        assert text.count(old) == 1 if once else old in text, old
+        text = text.replace(old, new)
+    return text
+
+
 def mistakes(path: Path, overrides: dict[str, str] | None = None) -> list[InputError]:
     """Everything that loading, compiling and checking find."""
     try:

@@ -1,4 +1,4 @@
-"""Folders of 27 kinds of damage, each in one count; and refits that are stopped in every way lose and double nothing."""
+"""Folders of 27 kinds of damage, each in one count; refits that are stopped in every way lose and double nothing."""
 
 from __future__ import annotations
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from doubt_gnc import Form
 from imu_material import record_of
+from plan_sample import reworded
 from rehearsal import ROOT
 from scipy.linalg import sqrtm
 from scipy.spatial.transform import Rotation
@@ -55,12 +56,10 @@ def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
 
 def rewritten(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) -> Plan:
     """A shipped sequence with other words in it."""
-    text = (ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8")
-    for old, new in cuts:
-        assert old in text
-        text = text.replace(old, new)
     path = tmp_path / f"{name}.yaml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(
+        reworded((ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8"), *cuts), encoding="utf-8"
+    )
     return compile_sequence(path, None, settings)
 
 

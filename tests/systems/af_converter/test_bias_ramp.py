@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plan_sample import reworded
 from rehearsal import ROOT, Rehearsal, Watched, rehearsed
 from units_campaign import cut
 
@@ -121,11 +122,7 @@ INTEGRATED = [
 
 def tiny_plan(folder: Path, name: str = "bias_ramp_short", cuts: list[tuple[str, str]] = TINY) -> Plan:
     """A campaign cut down to 15 or 20 windows."""
-    text = (ROOT / "sequences" / f"{name}.yaml").read_text()
-    for old, new in cuts:
-        assert old in text, old
-        text = text.replace(old, new)
-    (folder / "tiny.yaml").write_text(text)
+    (folder / "tiny.yaml").write_text(reworded((ROOT / "sequences" / f"{name}.yaml").read_text(), *cuts))
     plan = compile_sequence(folder / "tiny.yaml")
     assert check_plan(plan) == []
     return plan

@@ -439,9 +439,8 @@ def test_a_spread_that_is_none_or_in_another_unit_is_refused(tmp_path: Path) -> 
         with pytest.raises(InputErrors, match="no standard deviation"):
             with_spread(tmp_path, f"dsf_n_residual: {of_units}")
     plan = with_spread(tmp_path, "dsf_n_residual: 1 mA")
-    with pytest.raises(FitError, match=r"spread of dsf_n_residual is in A, and the quantity is in ppm") as refused:
+    with pytest.raises(FitError, match=r"B-FIT-051: .*spread of dsf_n_residual is in A, and the quantity is in ppm"):
         list(predicted_lines(plan, predicted(plan)))
-    assert refused.value.code == "B-FIT-051"
 
 
 def test_of_an_analysis_that_predicts_nothing_nothing_is_said(tmp_path: Path) -> None:

@@ -104,9 +104,8 @@ def test_a_value_is_read_back_with_its_interval() -> None:
 
 
 def test_nothing_read_is_refused() -> None:
-    with pytest.raises(FitError, match="no reading of the session has a value") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-160: .*no reading of the session has a value"):
         analyse(material({}))
-    assert caught.value.code == "B-FIT-160"
 
 
 def points(

@@ -84,9 +84,8 @@ def test_everything_is_listed_with_its_origin(lab: Path) -> None:
     assert origins["instruments", "hp_3458a"].startswith("inertial-bench ")
     assert origins["analyses", "scale_factor"].startswith("inertial-bench ")
     assert "first_check" in bench("list", "sequences")
-    with pytest.raises(InputError, match="no kind") as caught:
+    with pytest.raises(InputError, match=r"B-CLI-011: .*no kind"):
         bench("list", "drivers")
-    assert caught.value.code == "B-CLI-011"
 
 
 def test_an_own_file_stands_in_for_an_installed_one_and_it_is_said(lab: Path) -> None:

@@ -316,9 +316,8 @@ def test_what_a_person_wrote_is_no_markup_and_loses_no_character(no_korean_font:
 
 def test_without_typst_the_error_names_the_extra(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "typst", None)
-    with pytest.raises(InputError, match=r"inertial-bench\[pdf\]") as caught:
+    with pytest.raises(InputError, match=r"B-REP-001: .*inertial-bench\[pdf\]"):
         report.pdf()
-    assert caught.value.code == "B-REP-001"
 
 
 def test_page_and_paper_have_the_same_sections(report: Report) -> None:

@@ -68,9 +68,8 @@ def supply(bench: Bench, seed: int) -> None:
     driver.configure(VOLTAGE_V, 1.5, 18.0)
     seen = bench.world.instruments["supply"]
     if seen.tripped:
-        with pytest.raises(InstrumentError, match="latched") as caught:
+        with pytest.raises(InstrumentError, match=r"B-INST-018: .*latched"):
             driver.output_on()
-        assert caught.value.code == "B-INST-018"
         assert not seen.on
         seen.tripped = ""  # a person has looked and cleared it
     driver.output_on()

@@ -381,8 +381,7 @@ def test_what_is_no_answer(told: bytes, tmp_path: Path) -> None:
         writer.write(told)
 
     async def task(line: FeedLine) -> None:
-        with pytest.raises(FeedGone) as caught:
+        with pytest.raises(FeedGone, match="B-RUN-100: "):
             await line.poll(0)
-        assert caught.value.code == "B-RUN-100"
 
     asyncio.run(with_answers(tmp_path, answer, task))

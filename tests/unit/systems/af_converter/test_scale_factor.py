@@ -406,9 +406,8 @@ def test_a_degree_the_windows_do_not_determine_is_refused(mistake: str) -> None:
         windows.fg_count[3:] = 0
     else:
         windows.unit_degC[:] = 20.0 + 0.01 * np.sin(windows.times_s)
-    with pytest.raises(FitError, match="do not determine a polynomial of degree 3") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-026: .*do not determine a polynomial of degree 3"):
         fit_oscillator(windows, FG_Hz)
-    assert caught.value.code == "B-FIT-026"
 
 
 def test_residuals_that_hang_together_widen_the_interval() -> None:

@@ -136,9 +136,8 @@ def test_hysteresis_can_be_switched_off() -> None:
     world = open_world("af_converter", clock=VirtualClock(), seed=1, station=station(), options=options)
     world.close()
     assert not world.unit.truth.hysteresis_A.any()
-    with pytest.raises(InputError, match="hysteresis") as caught:
+    with pytest.raises(InputError, match=r"B-NGU-001: .*hysteresis"):
         NguTruth(4, {"hysteresis": "no"})
-    assert caught.value.code == "B-NGU-001"
 
 
 # --- the unit in time ------------------------------------------------------------------------------------------------
