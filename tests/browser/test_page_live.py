@@ -203,7 +203,6 @@ def drag(page: Page, part: float) -> None:
     plot = page.locator("figure.graph.wide").last.locator(".plot")
     plot.scroll_into_view_if_needed()
     before, box = history(page), plot.bounding_box()
-    assert box is not None
     left, width = box["x"] + 70, box["width"] - 80  # inside the axes
     height = box["y"] + box["height"] / 2
     for _ in range(ATTEMPTS):  # a page that is busy takes a drag that is over in no time for a click
@@ -307,8 +306,6 @@ def test_what_is_not_sound_stands_before_everything_else(browser: Browser, serve
         page = visitor.open_run(doubted.name)
         expect(page.locator("#estimates-doubt")).to_contain_text("DOUBTFUL, 1 estimate: The levels are not on a line.")
         said, first = page.locator("#estimates-doubt").bounding_box(), page.locator("#graphs").bounding_box()
-        assert said is not None
-        assert first is not None
         assert said["y"] < first["y"]
         rows = page.locator("#estimates tbody tr")
         expect(rows.nth(1)).to_contain_text("doubtful")

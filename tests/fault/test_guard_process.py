@@ -218,7 +218,6 @@ def test_the_drill_finds_the_bench_safe_and_says_where_it_cannot_begin(served: S
     assert [(trial["kill"], trial["still_on"]) for trial in found["trials"]] == [("SIGKILL", {}), ("SIGSTOP", {})]
     assert served.on() == []
     newest = latest_drill(out, station)
-    assert newest is not None
     assert newest["utc"] == found["utc"]
     served.fault("identity", "calibrator", "FLUKE,5500E,1,1")
     with pytest.raises(RunError) as refused:

@@ -46,7 +46,6 @@ def worst_u(rehearsal: Rehearsal) -> float:
 
 def ended_with(rehearsal: Rehearsal, code: str) -> BenchError:
     error = rehearsal.run.outcome.error
-    assert error is not None
     assert error.code == code
     assert error.exit_status is ExitStatus.SAFE_AFTER_FAULT
     return error

@@ -43,7 +43,6 @@ class Served:
         """End it by a signal; return its exit status."""
         self.process.send_signal(number)
         status = self.process.wait(START_S)
-        assert self.process.stdout is not None
         self.process.stdout.close()
         return status
 
@@ -136,7 +135,6 @@ class Controller:
         if self.process.poll() is None:
             os.kill(self.process.pid, signal.SIGKILL)
         self.process.wait()
-        assert self.process.stdout is not None
         self.process.stdout.close()
 
 
@@ -178,5 +176,4 @@ class ServedPage:
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
-        assert self.process.stdout is not None
         self.process.stdout.close()

@@ -77,7 +77,6 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, list[R
 
 def compensated(program: Path, row: RecordRow) -> np.ndarray:
     """(n, 8): rates, forces, field across z, from the counts of a record and the steps of the specification."""
-    assert row.samples is not None
     columns = row.samples.columns
     values = [columns["gyro"] * 0.005, columns["accel"] * 1e-3, columns["mag"][:, :2] * 120e-6]
     lines = "\n".join(" ".join(map(repr, one)) for one in np.column_stack(values).tolist())

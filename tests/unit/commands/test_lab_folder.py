@@ -48,7 +48,6 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_new_folder_can_be_used_at_once(lab: Path) -> None:
     found = lab_here()
-    assert found is not None
     assert (found.folder, found.name) == (lab.resolve(), "Our laboratory")
     assert "First check of NGU-2" in bench("check", "first_check")
     assert "golden frames are right" in bench("frame", "check", "my_unit")

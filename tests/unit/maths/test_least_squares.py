@@ -279,7 +279,6 @@ def test_shared_errors_are_not_read_out_of_a_misfit() -> None:
     values = 0.01 * (at - 20.0) ** 3
     shared = (1.8 * (1 + 1e-6 * values))[:, None]
     fit = fit_temperature(at, values, 0.01 * np.eye(5), shared, 20.0)
-    assert fit is not None
     np.testing.assert_allclose(fit.coefficients, np.polynomial.polynomial.polyfit(at - 20.0, values, 2), atol=1e-9)
     own = np.sqrt(
         np.sum(fit.residual**2) / 2.0 * np.linalg.inv(np.vander(at - 20.0, 3).T @ np.vander(at - 20.0, 3))[2, 2]
@@ -290,7 +289,6 @@ def test_shared_errors_are_not_read_out_of_a_misfit() -> None:
 
 def test_two_temperatures_give_a_slope_one_gives_nothing_and_equal_ones_are_refused() -> None:
     two = fit_temperature(np.array([20.0, 35.0]), np.array([1.0, 4.0]), np.eye(2), np.zeros((2, 0)), 20.0)
-    assert two is not None
     np.testing.assert_allclose(two.coefficients, [1.0, 0.2])
     assert fit_temperature(np.array([20.0]), np.array([1.0]), np.eye(1), np.zeros((1, 0)), 20.0) is None
     with pytest.raises(FitError, match="B-FIT-001"):

@@ -69,14 +69,12 @@ def test_the_table_of_the_verdicts_tells_a_size_from_a_difference() -> None:
     width = offset("time_offset_uncertainty", 7.5e-3, limit=10e-3, **judged)
     difference = offset("stamps_difference", -3e-3, 8e-3, limit=5e-3, **judged)
     table = verdict_table(model(width, difference, campaign="time_sync"), ENGLISH)
-    assert table is not None
     assert [row[3:5] for row in table.rows] == [("≤ 10", "ms"), ("± 5", "ms")]
 
 
 def test_the_unit_that_failed_stands_for_its_item_where_nothing_may_be_wrong() -> None:
     units = [wrong("memory", count, f"U-{number}") for number, count in enumerate((0.0, 2.0, 1.0))]
     table = verdict_table(model(*units), ENGLISH)
-    assert table is not None
     row = dict(zip(table.headers, table.rows[0], strict=True))
     assert row["worst: value ± U"] == "2"
     assert row["conformance"] == "–"  # no uncertainty, no probability
@@ -108,7 +106,6 @@ def test_the_first_page_says_that_a_run_has_not_ended_and_that_its_recording_is_
 def test_an_answer_is_an_amount(value: float, unit: str, bounds: dict[str, float], allowed: str, answer: str) -> None:
     prompt = {"step": 1, "text": "Set to 65 degC?", "value": value, "unit": unit, "by": "simulation", **bounds}
     table = prompt_table(model(prompts=(prompt,)), KOREAN)
-    assert table is not None
     said = tuple(text.replace("\u00a0", " ") for text in table.rows[0][1:])
     assert said == ("Set to 65 °C?", allowed, answer, KOREAN("by.simulation"))
 
@@ -122,7 +119,6 @@ def test_a_value_without_uncertainty_has_four_digits_and_whole_numbers_all() -> 
 def test_a_refused_value_has_no_unit() -> None:
     told = model(offset("time_offset", None), offset("time_offset_from_stamps", 9.7e-3, 2.8e-3), campaign="time_sync")
     table = other_table(told, ENGLISH)
-    assert table is not None
     assert [row[2:] for row in table.rows] == [("refused", "–"), ("9.7 ± 2.8", "ms")]
 
 
@@ -149,7 +145,6 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
         (("1", "9.0 ± 1.0"), ("2", "19.0 ± 1.0")),
     ]
     by_channel = channel_table(model(*rows), ENGLISH)
-    assert by_channel is not None
     assert by_channel.rows == (("1", "6.0 ± 1.0", "4.0 ± 1.0"), ("2", "11.0 ± 1.0", "9.0 ± 1.0"))
 
 
@@ -158,7 +153,6 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
 
 def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None:
     table = coverage_table(model(wrong("cpu", 0.0, "U-1"), estimate_entry("supply_voltage", "V", 5.0, 0.01)), ENGLISH)
-    assert table is not None
     assert [row[0] for row in table.rows] == ["supply voltage"]
 
 
@@ -166,7 +160,6 @@ def counted(quality: dict[str, int], frame_sha256: str) -> set[str]:
     told = model(estimate_entry("bias", "A", 1.0, 0.1))
     results = {**told.results, "quality": quality, "provenance": {"frame_sha256": frame_sha256}}
     table = summary_table(replace(told, results=results), ENGLISH)
-    assert table is not None
     return {"records", "frames", "frames lost", "frames bad"} & {row[0] for row in table.rows}
 
 
@@ -231,7 +224,6 @@ ACHIEVED = (
 
 def test_what_is_not_as_predicted_is_named_with_the_error_that_explains_it() -> None:
     said, table = agreement_parts(model(*ACHIEVED, predicted=tuple(PREDICTED)), ENGLISH)
-    assert table is not None
     assert table.rows[0] == ("Scale-factor error N", "ppm", "2 of 3", "20 to 22", "20 to 22", "1.00 to 1.01")
     assert table.rows[2] == ("Bias", "nA", "1", "8.0", "12", "1.50")
     by_sensor, by_nothing, below = said

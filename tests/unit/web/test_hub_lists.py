@@ -154,7 +154,6 @@ def test_partial_fits_are_put_behind_each_other() -> None:
     found = None
     for records in (1, 2, 2, 3):
         found = joined(found, {"records": records, "rows": [row(10.0 + records)]}, 5.0)
-    assert found is not None
     assert found["rows"][0]["history"] == [[1, 11.0, 1.0, 2.0], [2, 12.0, 1.0, 2.0], [3, 13.0, 1.0, 2.0]]
     assert found["rows"][0]["value"] == 13.0
     for records in range(4, 500):

@@ -195,7 +195,6 @@ def test_a_replay_has_the_results_of_the_session(page: Page) -> None:
 def test_a_run_that_is_not_there_closes_the_connection(page: Page) -> None:
     with watching(page, run="20000101T000000Z_nothing") as connection, pytest.raises(ConnectionClosed) as closed:
         until(connection, "snapshot")
-    assert closed.value.rcvd is not None
     assert closed.value.rcvd.code == 4404
 
 
@@ -245,7 +244,6 @@ def closed_with(connection: ClientConnection) -> tuple[int, str]:
     """Return code and reason, behind all that was sent before; nothing else would ever close it."""
     with pytest.raises(ConnectionClosed) as closed:
         until(connection, "never")
-    assert closed.value.rcvd is not None
     return closed.value.rcvd.code, closed.value.rcvd.reason
 
 

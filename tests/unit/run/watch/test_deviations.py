@@ -314,7 +314,6 @@ def test_the_trend_made_again_from_the_recording_is_the_same(recorded: tuple[Pat
 def test_single_readings_have_the_least_and_greatest_values_of_the_trend(recorded: tuple[Path, Heard]) -> None:
     folder = recorded[0]
     span = TrendReader(folder).span_s()
-    assert span is not None
     raw = raw_window(folder, [*GYROS, "bench.setpoint"], span[0] + 5, span[0] + 15)
     seconds = history(folder, GYROS, span[0] + 5, span[0] + 15, 100)
     assert (raw.bucket_s, seconds.bucket_s) == (0.0, 1.0)

@@ -85,7 +85,6 @@ def test_an_adjustment_is_no_signal_and_its_calibrations_say_so(any_url: str) ->
     assert all(np.isnan(series.score[17]) and np.isfinite(series.score[18]) for series in subject.series)
     assert [row["state"] for row in list_calibrations(any_url, Filters())][15:19] == [None, "as_found", "as_left", None]
     told = show_calibration(any_url, left).adjustment
-    assert told is not None
     assert (told["state"], told["what"], told["stated_by"]) == ("as_left", "gain resistor", "A. Meyer")
 
 
@@ -103,7 +102,6 @@ def test_a_person_begins_a_phase_and_it_stays(any_url: str) -> None:
         any_url, ("unit", None), (date(2015, 3, 1), date(2015, 11, 30)), 300.0, "B. Kim", "new phase after the repair"
     )
     later = chart_unit(any_url, Filters())
-    assert later.phase is not None
     assert (later.phase["stated_by"], later.run_length) == ("B. Kim", 300.0)
     assert {(series.first, series.score.size) for series in later.series} == {(9, 12)}
     assert signalled(later) == set()
@@ -213,7 +211,6 @@ def test_the_wrong_certificate_is_the_one_that_signals(url: str) -> None:
         (signal, place, change), *others = series.signals
         assert {at for _, at, _ in others} <= {YEARS - 2, YEARS - 1}  # its EWMA and CUSUM, and still a year later
         assert (signal.kind, place) == ("shewhart", YEARS - 2)
-        assert change is not None
         assert abs(change.size - 60.0) < 35.0  # and what this certificate and those before it are off by chance
         assert series.scatter_std == pytest.approx(2.0, rel=0.25)
     until = date(2019, 12, 31)
@@ -251,7 +248,6 @@ def test_a_bench_that_is_off_is_found_by_all_units_on_it(url: str) -> None:
     signs = {np.sign(signal.statistic) for signal, _, _ in off.shown[0].signals}
     assert signs == {1.0}
     change = off.shown[0].signals[0][2]
-    assert change is not None
     assert abs(change.size - 60.0) < change.expanded
     assert good_history.shown[0].signals[0][0].statistic < 0.0  # two benches alone do not tell which of them is off
 
@@ -293,7 +289,6 @@ def test_no_drift_and_no_agreement_across_an_adjustment(url: str, states: dict[i
     comparison = compare_unit(url, Filters(None, None, "dsf_n"))
     assert comparison.series.level.tolist() == [0] * 6 + [1] * 6
     (parameter,) = comparison.parameters
-    assert parameter.line is not None
     assert abs(parameter.line.rate) < 60.0  # 500 ppm within 91 days would be 2,000 a year
     assert np.isnan(parameter.en[[0, 6]]).all()
     assert np.nanmax(np.abs(parameter.en)) < 2.0

@@ -192,7 +192,6 @@ def log_of(seed: int, *, instant: bool = False) -> dict[str, Array]:
     (row,) = recording.material().rows
     parts = []
     for unit, samples in (("imu", row.samples), ("egi", row.beside["egi"])):
-        assert samples is not None
         columns = {name: samples.scaled(name) for name in samples.columns if name not in ("tick", "mode", "status")}
         columns = {
             f"{name}_{axis}".rstrip("_"): column[:, at] if column.ndim > 1 else column

@@ -47,7 +47,6 @@ class MqttBroker:
     def start(self) -> None:
         words = [_python(), str(PROGRAM), str(self.port), str(self._users), USER, SECRET]
         self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        assert self.process.stdout is not None
         assert self.process.stdout.readline() == "listening\n"
 
     def kill(self) -> None:
