@@ -33,8 +33,7 @@ LIMIT_ppm = {"gyro": 8.0, "accelerometer": 5.0}
 
 
 def results_of(folder: Path) -> dict[str, object]:
-    found: dict[str, object] = json.loads((folder / "results.json").read_text())
-    return found
+    return json.loads((folder / "results.json").read_text())
 
 
 def test_a_campaign_ends_with_its_files_and_exit_status_0(short: Short) -> None:

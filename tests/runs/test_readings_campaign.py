@@ -65,8 +65,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, probes: None) -> SESSION:
 
 
 def results_of(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "results.json").read_text())
-    return found
+    return json.loads((folder / "results.json").read_text())
 
 
 # --- check and run ---------------------------------------------------------------------------------------------------

@@ -100,8 +100,7 @@ def soaked(sequence: str, seed: int, folder: Path, *words: str) -> dict[str, Any
     command = [sys.executable, str(soak_hourly.__file__), sequence, str(seed), str(folder), *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **ALLOCATOR})
     assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def judge(found: dict[str, Any], hours: float) -> None:

@@ -144,8 +144,7 @@ class Refit:
         return (self.trial / OUTCOME).read_bytes()
 
     def rows(self) -> list[dict[str, Any]]:
-        rows: list[dict[str, Any]] = pyarrow.parquet.read_table(self.trial / OUTCOME).to_pylist()
-        return rows
+        return pyarrow.parquet.read_table(self.trial / OUTCOME).to_pylist()
 
     def sessions(self) -> list[str]:
         """Return the sessions that are done, as they stand in the journal."""

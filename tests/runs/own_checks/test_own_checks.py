@@ -48,8 +48,7 @@ def run(check: str, *more: object) -> tuple[Result, Path]:
 
 
 def results_of(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "results.json").read_text())
-    return found
+    return json.loads((folder / "results.json").read_text())
 
 
 def values(folder: Path) -> dict[str, dict[str, Any]]:

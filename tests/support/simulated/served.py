@@ -54,8 +54,7 @@ class Served:
 
     def state(self) -> dict[str, Any]:
         """What the bench really does at this moment."""
-        found: dict[str, Any] = ask(self.folder / "control.sock", ["state"])["state"]
-        return found
+        return ask(self.folder / "control.sock", ["state"])["state"]
 
     def until(self, true: Callable[[dict[str, Any]], object], what: str) -> dict[str, Any]:
         """Wait for something that the bench really does; return its state."""

@@ -79,8 +79,7 @@ def plan_of(name: str) -> Plan:
 
 @cache
 def problem() -> Campaigns:
-    found: Any = problem_of(plan_of(GIVEN), LAG_s)
-    return found
+    return problem_of(plan_of(GIVEN), LAG_s)
 
 
 @cache

@@ -45,8 +45,7 @@ def given() -> Plan:
 
 @cache
 def problem() -> Ramps:
-    found: Any = problem_of(given(), None)
-    return found
+    return problem_of(given(), None)
 
 
 @cache

@@ -35,8 +35,7 @@ def found() -> Proposal:
 
 
 def problem() -> Calibrations:
-    known: Any = found().problem
-    return known
+    return found().problem
 
 
 @pytest.mark.validates(

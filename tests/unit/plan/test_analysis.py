@@ -109,8 +109,7 @@ def reading(expect: str) -> str:
 
 
 def expected(plan: Plan) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = plan.campaign["expected"]
-    return entries
+    return plan.campaign["expected"]
 
 
 def refused(tmp_path: Path, body: str, head: str = HEAD) -> tuple[str, str]:

@@ -100,8 +100,7 @@ class Subscriber:
 
 def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as free:
-        port: int = free.getsockname()[1]
-        return port
+        return free.getsockname()[1]
 
 
 @pytest.fixture
