@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 import pyvisa
+from pyvisa.constants import StatusCode
+from pyvisa.errors import VisaIOError
 
 from bench.model.clock import Clock, VirtualClock, WallClock
 from sim_instruments.served.process import InstrumentServers
@@ -294,6 +296,15 @@ def threads() -> set[str]:
 def session_count() -> int:
     """How many HiSLIP sessions are served."""
     return sum(thread.name.startswith("hislip session") for thread in threading.enumerate())
+
+
+def timed_out(call: Callable[[], object]) -> bool:
+    """Return whether a call of the bus comes to its time limit."""
+    try:
+        call()
+    except VisaIOError as error:
+        return bool(error.error_code == StatusCode.error_timeout)
+    return False
 
 
 def descriptors() -> int:

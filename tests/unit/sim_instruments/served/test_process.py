@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import serial
-from sim_bench import Bench, open_bench
+from sim_bench import Bench, descriptors, open_bench
 
 from bench.model.clock import NS, WallClock
 from bench.model.errors import InputError, InputErrors
@@ -51,10 +51,6 @@ class Line:
 
     def write(self, name: str, sent: bytes) -> None:
         self.sent += sent
-
-
-def descriptors() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 @pytest.fixture
