@@ -95,28 +95,23 @@ def test_an_estimate_without_uncertainty_must_say_that_it_is_not_sound(
     assert (bool(soaked.violations), soaked.flagged) == (violated, flagged)
 
 
-def soaked(sequence: str, seed: int, folder: Path, *words: str) -> dict[str, Any]:
+@pytest.mark.parametrize(
+    ("sequence", "seed", "words", "hours"),
+    [
+        pytest.param("scale_factor_short", 1, (), 2.0, marks=pytest.mark.slow),
+        pytest.param("scale_factor_38h", 0, ("held",), 38.0, marks=pytest.mark.sweep),
+    ],
+)
+def test_what_hours_of_a_campaign_hold(
+    tmp_path: Path, sequence: str, seed: int, words: tuple[str, ...], hours: float
+) -> None:
     """One campaign in a fresh process: what earlier tests left in memory would hide or feign a growth."""
-    command = [sys.executable, str(soak_hourly.__file__), sequence, str(seed), str(folder), *words]
+    command = [sys.executable, str(soak_hourly.__file__), sequence, str(seed), str(tmp_path), *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **ALLOCATOR})
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
-
-
-def judge(found: dict[str, Any], hours: float) -> None:
-    assert found["violations"] == []
-    assert found["ended"] == "done"
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert (found["violations"], found["ended"]) == ([], "done")
     assert found["hours"][-1]["hour"] >= hours
-
-
-@pytest.mark.slow
-def test_two_hours(tmp_path: Path) -> None:
-    judge(soaked("scale_factor_short", 1, tmp_path), 2.0)
-
-
-@pytest.mark.sweep
-def test_what_is_held_for_38_hours(tmp_path: Path) -> None:
-    judge(soaked("scale_factor_38h", 0, tmp_path, "held"), 38.0)
 
 
 @pytest.mark.parametrize(

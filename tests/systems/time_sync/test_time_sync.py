@@ -250,25 +250,18 @@ def gone_on(killed: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.Mo
     assert not watched.worlds[-1].instruments["supply"].on
 
 
-def broken_off(sequence: str, settings: dict[str, str], folder: Path, number: int) -> Crashes:
-    return crashed_at(compile_sequence(sequence, None, settings), folder, {number})
-
-
-def test_a_turn_that_was_broken_off_is_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    killed = broken_off("time_sync_turn", TURN, tmp_path, 12)
-    assert killed.plan.steps[12].conditions["phase"] == "manoeuvre"
-    gone_on(killed, 12, tmp_path, monkeypatch)
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("number", [7, 8, 9])
-def test_an_acceleration_that_was_broken_off(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the manoeuvre, where a person is asked, in what comes behind it."""
-    gone_on(broken_off("time_sync_acceleration", ACCELERATION, tmp_path, number), number, tmp_path, monkeypatch)
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("number", [13, 18, 19])
-def test_a_flight_of_an_image_that_was_broken_off(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before the turn, where the radar is to be switched on, in the aperture."""
-    gone_on(broken_off("time_sync_sar", SAR, tmp_path, number), number, tmp_path, monkeypatch)
+@pytest.mark.parametrize(
+    ("name", "settings", "number"),
+    [
+        ("turn", TURN, 12),
+        *(pytest.param("acceleration", ACCELERATION, number, marks=pytest.mark.sweep) for number in (7, 8, 9)),
+        *(pytest.param("sar", SAR, number, marks=pytest.mark.sweep) for number in (13, 18, 19)),
+    ],
+)
+def test_a_flight_that_was_broken_off_is_flown_again(
+    name: str, settings: dict[str, str], number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a manoeuvre, where a person is asked, behind it; before the turn, the radar and in the aperture."""
+    killed = crashed_at(compile_sequence(f"time_sync_{name}", None, settings), tmp_path, {number})
+    assert name != "turn" or killed.plan.steps[12].conditions["phase"] == "manoeuvre"
+    gone_on(killed, number, tmp_path, monkeypatch)
