@@ -17,24 +17,25 @@ from typing import Any
 import pytest
 import soak_blocks
 import soak_campaign
-import soak_hourly
 from block_rows import add_row, in_blocks, read_rows, seeds_left
 from fault_schedule import TimedFault
 from hypothesis import given
 from hypothesis import strategies as st
 from soak_blocks import Block, soaked_block
 from soak_campaign import (
+    ALLOCATOR,
     ROOT,
     SHORT,
     Campaign,
+    Hour,
     Soaked,
     campaign_of,
+    grown,
     shortest,
     weigh_estimates,
     write_test,
     written_test,
 )
-from soak_hourly import ALLOCATOR, Hour, grown
 
 from bench.analysis import Estimate
 from bench.run import sequencer
@@ -106,7 +107,7 @@ def test_what_hours_of_a_campaign_hold(
     tmp_path: Path, sequence: str, seed: int, words: tuple[str, ...], hours: float
 ) -> None:
     """One campaign in a fresh process: what earlier tests left in memory would hide or feign a growth."""
-    command = [sys.executable, str(soak_hourly.__file__), sequence, str(seed), str(tmp_path), *words]
+    command = [sys.executable, str(soak_campaign.__file__), sequence, str(seed), str(tmp_path), *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **ALLOCATOR})
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])

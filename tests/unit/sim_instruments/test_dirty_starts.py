@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvisa
+from fog_signal import NorthBench, Turning
 from gnc_rig import open_table
-from lock_in_rig import NorthBench, Turning
 from pyvisa.resources import MessageBasedResource
 from scripted import Log, refused
 from sim_bench import ADDRESSES, DRIVERS, Bench, open_bench

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lock_in_rig import NorthBench, Turning, amplifier, trace
+from fog_signal import NorthBench, Turning, amplifier, trace
 from scipy.special import gammainc
 
 from bench.model.errors import InstrumentError
