@@ -15,9 +15,9 @@ CEILINGS = {
     "tokens a line": 10.58,
     "files": 873,
     "dict[str, Any]": 509,
-    "lines of tests": 99_554,
-    "tests of several deep modules": 160,
-    "words of docs": 157_582,
+    "lines of tests": 98_050,
+    "tests of several deep modules": 151,
+    "words of docs": 157_442,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 83,
