@@ -65,9 +65,6 @@ def arrows() -> dict[str, set[str]]:
     return {name: graph().find_modules_directly_imported_by(name) & names for name in names}
 
 
-# --- contracts ---------------------------------------------------------------------------------------------------
-
-
 def is_kept(name: str, planted: tuple[str, str] | None = None, room: str | None = None) -> bool:
     """Return whether a contract, checked alone, holds; ``planted``: one more import, ``room``: one more package."""
     known: dict[str, type[Contract]] = dict(_get_built_in_contract_types())
@@ -97,9 +94,6 @@ def test_a_room_that_no_floor_names_is_refused() -> None:
     assert not is_kept("floors", room="bench.newroom")
 
 
-# --- circles and models ------------------------------------------------------------------------------------------
-
-
 def test_there_is_no_circle() -> None:
     assert circles(arrows()) == []
 
@@ -122,9 +116,6 @@ def test_instruments_know_floor_0_and_frames_only() -> None:
     known = {(name, to) for name, targets in arrows().items() if not name.startswith("bench") for to in targets}
     allowed = ("bench.model", "bench.frame", "instruments", "sim_instruments")
     assert {(name, to) for name, to in known if not to.startswith(allowed)} == set()
-
-
-# --- rooms and faces ---------------------------------------------------------------------------------------------
 
 
 def past_a_face(imports: grimp.ImportGraph, module: str, packages: set[str]) -> set[str]:

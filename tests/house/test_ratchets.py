@@ -15,7 +15,7 @@ CEILINGS = {
     "tokens a line": 10.58,
     "files": 873,
     "dict[str, Any]": 509,
-    "lines of tests": 98_050,
+    "lines of tests": 97_776,
     "tests of several deep modules": 151,
     "words of docs": 157_442,
 }

@@ -124,8 +124,6 @@ _ROW = re.compile(
     r"^\| (?P<what>[^|]+) \| (?P<against>[^|]+) \| (?P<figure>[^|]+) \| `(?P<test>[^`]+)` \|$", re.MULTILINE
 )
 
-# --- links -------------------------------------------------------------------------------------------------------
-
 
 def test_links_lead_somewhere() -> None:
     broken = [
@@ -135,9 +133,6 @@ def test_links_lead_somewhere() -> None:
         if not (page.parent / target).exists()
     ]
     assert broken == []
-
-
-# --- fault matrix ------------------------------------------------------------------------------------------------
 
 
 def fault_rows() -> dict[int, list[str]]:
@@ -167,9 +162,6 @@ def test_row_names_its_tests_and_its_target(number: int) -> None:
         marks(path, name)
     assert bool(in_sweep) == bool(target)
     assert not target or f"\n{target.strip('`')}:" in text_of(TOP / "Makefile")
-
-
-# --- validation record -------------------------------------------------------------------------------------------
 
 
 def marked() -> dict[str, tuple[str, str]]:

@@ -121,9 +121,6 @@ def notes(driver: Any) -> list[str]:
     return [text for _, _, text, _ in driver.test_log.lines if text.startswith("<")]
 
 
-# --- questions ---------------------------------------------------------------------------------------------------
-
-
 def test_an_instrument_that_hears_no_poll_is_reopened_at_once_or_its_interface_cleared() -> None:
     again = Scripts([[(CLEAR, None), *START, LADDER_VOLTS]])
     supply = make("hp_6632b", [*START, (QUESTION, TIMEOUT), (POLL, BUS_ERROR)], rungs={"reopen": again})
@@ -201,8 +198,6 @@ def test_nothing_is_asked_while_an_old_reply_may_still_come() -> None:
             supply.raw("VOLT?")
 
 
-# --- commands in doubt -------------------------------------------------------------------------------------------
-
 CURR = "CURR 1.5E+00"
 REST = "CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01! | VOLT 1.5E+01! | "
 REST += "CURR? -> 1.5 | VOLT:PROT? -> 18.0 | VOLT? -> 15.0"
@@ -274,9 +269,6 @@ ROWS = [
 @pytest.mark.parametrize("case", ROWS, ids=lambda case: case.claim)
 def test_what_is_in_doubt_is_looked_at(case: Row) -> None:
     case.play()
-
-
-# --- in a hurry --------------------------------------------------------------------------------------------------
 
 
 def test_in_a_hurry_the_first_silence_is_told_and_afterwards_the_session_gets_into_step() -> None:

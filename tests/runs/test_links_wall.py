@@ -227,9 +227,6 @@ def test_the_links_give_their_sign_of_life(bench: Bench) -> None:
     assert bench.health.silence_s()[LINKS] < 1.0  # nobody is left to read, and somebody looks for the ports
 
 
-# --- a disk that stalls --------------------------------------------------------------------------------------------
-
-
 class StallingFile:
     def __init__(self, file: AppendFile, gate: threading.Event) -> None:
         self._file, self._gate = file, gate

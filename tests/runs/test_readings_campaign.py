@@ -68,9 +68,6 @@ def results_of(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "results.json").read_text())
 
 
-# --- check and run ---------------------------------------------------------------------------------------------------
-
-
 def test_the_check_knows_steps_duration_and_disk_use(tmp_path: Path) -> None:
     plan = probe_plan(tmp_path)
     summary = summarise(plan)
@@ -122,9 +119,6 @@ def test_material_has_each_reading_with_time_arguments_and_conditions(session: S
         assert material.trace.air_degC[inside] == pytest.approx([degC] * int(inside.sum()), abs=1.0)
 
 
-# --- what reads a session --------------------------------------------------------------------------------------------
-
-
 def test_every_reader_of_a_session_takes_it(session: SESSION) -> None:
     folder = session[1]
     assert "every number is identical" in command("replay", folder)
@@ -169,9 +163,6 @@ def test_the_page_and_the_terminal_show_readings(tmp_path: Path) -> None:
         assert any("12 readings" in line.plain for line in lines)
     assert (recorded["records"]["done"], recorded["records"]["planned"]) == (RECORDS, RECORDS)
     assert documents[-1]["records"]["done"] == documents[-1]["records"]["last"][0]["number"]  # up to a second old
-
-
-# --- stopped and gone on with ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -244,9 +235,6 @@ def test_a_record_that_is_interrupted_is_taken_again(act: Callable[[RunContext],
     assert [row.window.number for row in rows] == list(range(1, RECORDS + 1))
     assert [row.readings for row in rows] == [ROUNDS * READINGS] * RECORDS
     assert rows == list(done.outcome.rows)
-
-
-# --- readings without a value ----------------------------------------------------------------------------------------
 
 
 def open_leads(world: World) -> None:

@@ -47,9 +47,6 @@ def crashes(tmp_path_factory: pytest.TempPathFactory, probes: None) -> Crashes:
     return crashed_at(deciding_plan(folder), folder, {9, 13, 14, 28, IF, 66, CHOOSE, 72})
 
 
-# --- undisturbed -----------------------------------------------------------------------------------------------------
-
-
 def test_a_loop_stops_by_its_reading(crashes: Crashes) -> None:
     """The air rises by 1 degC a minute, so that it passes 35 degC in the seventh or eighth turn of two minutes."""
     loop = [one for one in decided(crashes.whole) if one[0] < IF]
@@ -102,9 +99,6 @@ def test_what_decided_is_not_made_up(crashes: Crashes, tmp_path: Path) -> None:
         command("recover", folder, "--make-up", tmp_path / "rest.yaml")
 
 
-# --- killed and gone on with -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("number", [9, 13, 14, 28, IF, 66, CHOOSE, 72])
 def test_a_killed_run_goes_on_with_what_was_decided(crashes: Crashes, number: int, tmp_path: Path) -> None:
     """Nothing is decided twice, the ways taken are those of the undisturbed run, and a replay gives the same bytes."""
@@ -133,9 +127,6 @@ def test_the_commands_go_on_and_replay_to_the_same_bytes(crashes: Crashes, tmp_p
         assert "every number is identical" in command("replay", folder)
     first, second = ((folder / "results.json").read_bytes() for folder in folders)
     assert first == second
-
-
-# --- nothing to decide by, and no turn left --------------------------------------------------------------------------
 
 
 def failing(times: int) -> AtMeter:

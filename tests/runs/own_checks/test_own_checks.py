@@ -178,8 +178,6 @@ def test_nothing_judged_is_said_once_before_and_after(lab: Path) -> None:
     assert {"rail_meter_voltage", "supply_current"} <= values(folder).keys()
 
 
-# --- ways that are not taken ---------------------------------------------------------------------------------------
-
 HEAD = """\
 sequence: ways
 station: unit_bench_sim

@@ -91,8 +91,6 @@ def test_the_chamber_ramps_as_planned_and_the_unit_lags(replayed: Replayed) -> N
     assert 15.0 < top.air_degC - top.unit_degC < 25.0
 
 
-# --- the run against its replay ------------------------------------------------------------------------------------
-
 TINY = [
     ("sequence: bias_ramp_short", "sequence: tiny"),
     ("analysis: bias_ramp", "analysis: none"),

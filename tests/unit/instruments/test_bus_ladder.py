@@ -282,9 +282,6 @@ def test_what_is_no_reading_is_never_a_number(bench: Bench, name: str, reading: 
         assert caught.value.code in ("B-INST-007", "B-INST-004"), text
 
 
-# --- the safe state of a chamber and of a supply -----------------------------------------------------------------
-
-
 @pytest.mark.parametrize("dialect", ["3800", "8800"])
 def test_a_running_chamber_is_held_and_a_stopped_one_left_stopped(bench: Bench, dialect: str) -> None:
     device = bench.world.instruments["thermotron_3800"]
@@ -337,9 +334,6 @@ def test_a_supply_goes_off_or_stays_as_it_is(bench: Bench, name: str, safe_state
     supply.output_on()
     supply.make_safe()
     assert bench.world.instruments[name].on is on
-
-
-# --- what somebody else has changed ------------------------------------------------------------------------------
 
 
 def prepared(bench: Bench, name: str) -> tuple[Any, Callable[[], None]]:
@@ -403,8 +397,6 @@ def test_a_meter_that_was_switched_off_meanwhile_does_not_go_on_measuring(bench:
     with refused("B-INST-011", "RANGE"):
         meter.ask("RANGE?", float)
 
-
-# --- remarks of the VISA library ---------------------------------------------------------------------------------
 
 REMARK = """
 import warnings, instruments.wire

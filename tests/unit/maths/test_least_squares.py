@@ -152,9 +152,6 @@ def test_rounded_powers_are_refused_where_they_would_not_give_nine_digits() -> N
         solve(columns, np.array(problem.y), np.eye(82), names(problem))
 
 
-# --- the accurate path against the plain one -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("full", [True, False])
 def test_both_paths_agree_where_both_are_good(monkeypatch: pytest.MonkeyPatch, full: bool) -> None:
     rng = np.random.default_rng(31)
@@ -205,9 +202,6 @@ def test_dependent_exact_columns_are_named() -> None:
     design = Extended(np.hstack((powers.high, other)), np.hstack((powers.low, 0 * other)))
     with pytest.raises(FitError, match=r"B-FIT-001: .*do not determine a, b, c, d, e: rank 5 of 6"):
         solve(design, np.ones(20), np.eye(20), "abcdef")
-
-
-# --- the arithmetic --------------------------------------------------------------------------------------------------
 
 
 def exact(number: Extended) -> list[Fraction]:

@@ -60,9 +60,6 @@ def outcomes(found: Batch) -> dict[str, str]:
     return {unit.serial: str(outcome) for unit, outcome in found.outcomes.items()}
 
 
-# --- verdicts and yield --------------------------------------------------------------------------------------------
-
-
 def test_a_unit_passes_if_no_session_of_it_fails() -> None:
     found = batch_of(
         results("s1", "A", [coupling(GOOD)]),
@@ -124,9 +121,6 @@ def test_equal_serial_numbers_of_two_models_are_two_units() -> None:
     }  # fmt: skip
 
 
-# --- distributions -------------------------------------------------------------------------------------------------
-
-
 def test_statistics_are_those_of_the_values() -> None:
     documents = calibrations(50)
     values = [
@@ -174,9 +168,6 @@ def test_a_count_that_must_be_zero() -> None:
     assert outcomes(found) == {"U0": "pass", "U1": "fail", "U2": "fail"}
     assert found.worst[-1][1].unit.serial == "U0"
     json.loads(batch_json(found, "test"))
-
-
-# --- what is written -----------------------------------------------------------------------------------------------
 
 
 def test_the_file_says_what_was_added_and_is_the_same_again() -> None:

@@ -197,8 +197,6 @@ def test_entries_that_may_not_be_are_refused(wrong: dict[str, Any], said: str) -
         laboratory(**wrong)
 
 
-# --- under an accreditation -------------------------------------------------------------------------------------
-
 CAPABLE = [
     {"quantity": "dsf_n", "range": ["-1000 ppm", "1000 ppm"], "cmc": "20 ppm", "method": "scale_factor"},
     {"quantity": "bias", "range": ["-1 uA", "1 uA"], "cmc": "0.5 nA", "method": "scale_factor"},

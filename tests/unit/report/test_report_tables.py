@@ -45,9 +45,6 @@ def wrong(item: str, count: float, unit: str) -> dict[str, Any]:
     return estimate_entry(f"{item}_wrong", "1", count, 0.0) | {"conditions": {"unit": unit}} | judged
 
 
-# --- limits and verdicts -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("limits", "size", "text"),
     [
@@ -88,9 +85,6 @@ def test_the_first_page_says_that_a_run_has_not_ended_and_that_its_recording_is_
     said = first_page(cut, None, ENGLISH).doubt
     assert said[0] == ENGLISH("doubt.incomplete")
     assert "at 3 places" in said[1]
-
-
-# --- values ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -148,9 +142,6 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
     assert by_channel.rows == (("1", "6.0 ± 1.0", "4.0 ± 1.0"), ("2", "11.0 ± 1.0", "9.0 ± 1.0"))
 
 
-# --- what is not there -------------------------------------------------------------------------------------------
-
-
 def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None:
     table = coverage_table(model(wrong("cpu", 0.0, "U-1"), estimate_entry("supply_voltage", "V", 5.0, 0.01)), ENGLISH)
     assert [row[0] for row in table.rows] == ["supply voltage"]
@@ -169,9 +160,6 @@ def test_nothing_is_counted_that_cannot_be() -> None:
     assert counted(none, "abc") == set()
     assert counted({**none, "records": 7}, "") == {"records"}
     assert counted({**none, "records": 7}, "abc") == {"records", "frames", "frames lost", "frames bad"}
-
-
-# --- chapters ----------------------------------------------------------------------------------------------------
 
 
 def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
@@ -199,9 +187,6 @@ def test_what_is_odd_and_moves_nothing_is_a_note_of_the_report_as_of_the_results
     manifest = {"session": "s", "planned": {"prepare_s": 0.0}, "campaign": {"analysis": "scale_factor"}}
     made = model_of(SessionView(manifest, [], {}, ""), PLAIN, found)
     assert list(made.notes[:2]) == ["It is odd.", "A note."]
-
-
-# --- predicted and achieved --------------------------------------------------------------------------------------
 
 
 def stated(quantity: str, U: float | None, channel: int, sensor: float = 0.0, unit: str = "ppm") -> dict[str, Any]:

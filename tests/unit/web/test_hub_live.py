@@ -237,9 +237,6 @@ def test_the_list_and_the_document_show_a_living_run(page: Page, feed: FeedStand
     assert page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"][0]["state"] == "stopped"
 
 
-# --- the end of a login, and of a page ---------------------------------------------------------------------------
-
-
 def closed_with(connection: ClientConnection) -> tuple[int, str]:
     """Return code and reason, behind all that was sent before; nothing else would ever close it."""
     with pytest.raises(ConnectionClosed) as closed:

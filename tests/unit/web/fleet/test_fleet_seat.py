@@ -164,8 +164,6 @@ def test_whatever_a_bench_says_the_page_of_the_others_goes_on(seat: Seat, runs: 
     assert ".." not in text
 
 
-# --- what a bench tells of its runs ------------------------------------------------------------------------------
-
 LOST = {"run": RUN, "state": "lost", "attention": "much", "bench": {"state": "unknown"}, "guard": None}
 
 

@@ -140,9 +140,6 @@ def test_hysteresis_can_be_switched_off() -> None:
         NguTruth(4, {"hysteresis": "no"})
 
 
-# --- the unit in time ------------------------------------------------------------------------------------------------
-
-
 def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
     """Mean bias of a block against the truth at its gates, on the ramp and where the play is crossed: < 0.005 nA."""
     truth, thermal = NguTruth(2), ramped()
@@ -155,9 +152,6 @@ def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
             offset = thermal.play_offset_degC(t_ns, truth.half_width_degC[number - 1])
             mean_A = truth.bias_A(number, unit_degC, t_ns / NS, offset).mean()
             assert abs(block.bias_A[number - 1] - mean_A) < 5e-12
-
-
-# --- the truth list --------------------------------------------------------------------------------------------------
 
 
 def bias_campaign_windows() -> list[RecordWindow]:
