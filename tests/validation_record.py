@@ -51,7 +51,6 @@ class _Record:
         items[:] = chosen
         for item in chosen:
             marker = item.get_closest_marker("validates")
-            assert marker is not None
             self.items[_test(item.nodeid)] = (marker.args[0], marker.kwargs["against"])
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:

@@ -48,7 +48,7 @@ class Palette:
 
 
 # Blue, orange, green, purple and yellow after Okabe and Ito, moved in lightness until each stands out from its card and
-# any two are told apart by people who do not see red, green or blue (tests/unit/web/test_colours.py has the rule).
+# any two are told apart by people who do not see red, green or blue (tests/unit/web/test_pages.py has the rule).
 PALETTES = {
     "dark": Palette(
         card="#171d24",

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from browser_rig import PATIENCE_MS, PageServer, chromium
 from playwright.sync_api import Browser, expect
-from shown_run import ShownRun
-from situations import stage_living, stage_over
+from shown_run import ShownRun, stage_living, stage_over
 
 expect.set_options(timeout=PATIENCE_MS)
 
@@ -37,7 +36,7 @@ def shown(server: PageServer, request: pytest.FixtureRequest) -> Iterator[ShownR
 
 @pytest.fixture(scope="session")
 def living(server: PageServer) -> Iterator[dict[str, ShownRun]]:
-    """Runs in the situations of tests/support/page/situations.py, by the name of the situation."""
+    """Runs in the situations of tests/support/page/shown_run.py, by the name of the situation."""
     runs = stage_living(server.out)
     yield runs
     for run in runs.values():

@@ -14,10 +14,8 @@ import pytest
 import store_sample
 from browser_rig import PageServer, until, visiting
 from playwright.sync_api import Browser, Page, expect
-from shown_run import ShownRun
-from situations import LIVING, state_of
-from test_axe import DESK, PHONE, nothing_is_wrong
-from test_reach import well_led
+from shown_run import LIVING, ShownRun, state_of
+from test_axe import DESK, PHONE, nothing_is_wrong, well_led
 from test_situations import picture
 
 from bench.model.clock import WallClock

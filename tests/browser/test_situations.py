@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from browser_rig import PageServer, visiting
 from playwright.sync_api import Browser, Page, expect
-from shown_run import ShownRun
-from situations import LIVING, OVER, state_of
+from shown_run import LIVING, OVER, ShownRun, state_of
 
 pytestmark = pytest.mark.waits
 

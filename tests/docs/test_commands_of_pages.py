@@ -1,23 +1,38 @@
-"""Every command in the pages: run, or checked in place of a long run, or at least parsed."""
+"""Every block of the pages: commands are run, or checked in place of a long run, or at least parsed; the tutorial is
+executed by a shell and shows what it prints; YAML holds the schema of what it is, Python runs.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import shutil
+import subprocess
+import sys
+import textwrap
+import tomllib
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
 from commands_not_run import MOST_CHECKED, MOST_PARSED, NOT_RUN
-from doc_blocks import ROOT, Block, blocks, words_of
+from doc_blocks import PAGES, ROOT, Block, blocks, blocks_of, words_of
+from jsonschema import Draft202012Validator
+from pydantic import RootModel
 from rehearsal import Inside, writable_copy
 
 from bench.cli import app
+from bench.model.manual import Manual
+from bench.model.yamlio import parse_yaml
+from bench.plan import json_schemas, mapping_schema
+from bench.web.fleet.fleet_file import FleetFile
 
 GOLDEN = ROOT / "tests" / "golden" / "sessions"
-TUTORIAL = "docs/tutorial.md"  # is executed by a shell: test_tutorial.py
+TUTORIAL = "docs/tutorial.md"  # is executed by a shell
 BLOCKS = [block for block in blocks("sh") if block.page != TUTORIAL]
 QUICK = {"first_check"}
 SESSION_OF = {
@@ -127,3 +142,139 @@ def test_few_commands_are_not_run() -> None:
     assert unused == []
     assert counted["parsed"] <= MOST_PARSED
     assert counted["checked"] <= MOST_CHECKED
+
+
+SCHEMAS = {
+    **json_schemas(),
+    "mapping": mapping_schema(),
+    "manual of an instrument": Manual.model_json_schema(),
+    "fleet": FleetFile.model_json_schema(),
+}
+NAMES = {  # what a piece of a module stands in
+    "docs/adding-a-system.md": """
+from types import SimpleNamespace
+from bench.analysis import Analysis, Material
+from sim_instruments.worlds.common.terminals import Source, Terminals
+self = SimpleNamespace(terminals=Terminals())
+""",
+    "docs/adding-an-analysis.md": """
+from collections.abc import Callable
+import pytest
+from bench.analysis import Analysis, Material
+""",
+    "docs/adding-an-instrument.md": """
+from bench.model.ports import Effect, Parameter, action
+from instruments.values import exponent_form
+""",
+    "docs/lab-folder.md": """
+from bench.model.declaration import AnalysisDeclaration
+METHODS = ("mean",)
+""",
+}
+RUN_ELSEWHERE = {
+    "docs/python.md": "tests/runs/test_python_api.py",
+    "docs/session-format.md": "tests/support/stranger_page.py",
+    "docs/tutorial.md": "tests/docs/test_commands_of_pages.py",
+}
+
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+
+
+class AnyDocument(RootModel[Any]):
+    """A YAML document of any form, as the loader of the bench reads it."""
+
+
+def document_of(block: Block) -> dict[str, Any]:
+    """Return the document that a block is a part of: a list of steps is one of a sequence."""
+    content = parse_yaml(block.text, block.place, AnyDocument).model.root
+    return {"steps": content} if isinstance(content, list) else content
+
+
+@pytest.mark.parametrize("block", blocks("yaml"), ids=lambda block: block.place)
+def test_yaml_holds_its_schema(block: Block) -> None:
+    """Find the kind of file that has all its keys, and hold each value against the schema of its key."""
+    document = document_of(block)
+    kinds = [kind for kind, schema in SCHEMAS.items() if document.keys() <= schema["properties"].keys()]
+    assert kinds, f"{block.place}: no kind of file has the keys {', '.join(document)}"
+    problems = {}
+    for kind in kinds:
+        part = {**SCHEMAS[kind], "required": []}
+        problems[kind] = [error.message for error in Draft202012Validator(part).iter_errors(document)]
+    assert [] in problems.values(), f"{block.place}: {problems}"
+
+
+@pytest.mark.parametrize("block", blocks("python"), ids=lambda block: block.place)
+def test_python_runs(block: Block) -> None:
+    if block.page in RUN_ELSEWHERE:
+        assert Path(block.page).name in (ROOT / RUN_ELSEWHERE[block.page]).read_text(encoding="utf-8")
+        return
+    exec(compile(NAMES.get(block.page, "") + textwrap.dedent(block.text), block.place, "exec"), {"__name__": "page"})
+
+
+@pytest.mark.parametrize("block", blocks("toml"), ids=lambda block: block.place)
+def test_toml_is_that_of_the_example(block: Block) -> None:
+    shown = tomllib.loads(block.text)["project"]["entry-points"]
+    example = ROOT / "examples" / "resistance_thermometer" / "pyproject.toml"
+    assert shown.items() <= tomllib.loads(example.read_text(encoding="utf-8"))["project"]["entry-points"].items()
+
+
+def test_every_block_with_a_language_is_looked_at() -> None:
+    """JSON is the manifests of the session format, from which tests/unit/record writes sessions; what is written for
+    Prometheus is read by tests/unit/web/telemetry."""
+    known = {"sh", "yaml", "python", "toml", "text", "nginx", "prometheus"}
+    found = [block for page in PAGES for block in blocks_of(page) if block.language not in known]
+    assert {(block.language, block.page) for block in found} == {("json", "docs/session-format.md")}
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_a_notebook_was_executed_in_order_without_an_error(path: Path) -> None:
+    """``make site`` executes them anew and fails with any cell."""
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert "error" not in {output["output_type"] for cell in cells for output in cell["outputs"]}
+
+
+INSTALL = "pip install "  # needs a package index; .ci/wheel installs the wheel and uses it from an empty folder
+
+
+def shell_with_bench(folder: Path) -> dict[str, str]:
+    """Return an environment in which ``bench`` is this source and ``python`` this interpreter."""
+    programs = folder / "programs"
+    programs.mkdir()
+    for name, words in (("bench", f"{sys.executable} -m bench"), ("python", sys.executable)):
+        (programs / name).write_text(f'#!/bin/sh\nexec {words} "$@"\n')
+        (programs / name).chmod(0o755)
+    return {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT), "COLUMNS": "160"}
+
+
+def plain(text: str) -> str:
+    """Return a text with single spaces: how wide a table is drawn does not matter."""
+    return " ".join(text.split())
+
+
+def run(block: Block, place: Path, environment: dict[str, str]) -> tuple[str, Path]:
+    """Return what a block of commands says, and the folder in which it leaves the shell."""
+    leave = place / ".left"
+    done = subprocess.run(
+        ["sh", "-euc", f"{block.text}\npwd > {leave}"], cwd=place, env=environment, check=False,
+        capture_output=True, text=True, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    said = done.stdout + done.stderr
+    assert done.returncode == 0, f"{block.place}: {said}"
+    return said, Path(leave.read_text().strip())
+
+
+@pytest.mark.slow
+def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
+    (tmp_path / "inertial-bench").symlink_to(ROOT)
+    environment, place, said, compared = shell_with_bench(tmp_path), tmp_path, "", 0
+    for block in blocks_of(ROOT / "docs" / "tutorial.md"):
+        if block.file:
+            (place / block.file).write_text(block.text)
+        elif block.language == "sh" and INSTALL not in block.text:
+            said, place = run(block, place, environment)
+        elif block.language == "text":
+            lines = block.text.splitlines()
+            assert [line for line in lines if plain(line) not in plain(said)] == [], f"{block.place}: {said}"
+            compared += len(lines)
+    assert compared >= 10

@@ -1,6 +1,5 @@
-"""The guard as a process, on a bench served in real time: killed, stopped and hung controllers, a dead guard.
-
-What counts is what the simulated instruments really do, never a readback of the bench's own.
+"""The guard as a process, on benches served in real time: killed, stopped and hung controllers, a dead guard, a machine
+that sleeps. What counts is what the simulated instruments really do, never a readback of the bench's own.
 """
 
 from __future__ import annotations
@@ -12,22 +11,28 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from controller import FSYNC_S
-from served import SAFE_S, Controller, Served
+from kill_drill import LONGEST_S, RECORDS, SEQUENCE, Process, after_some_records, session_in
+from served import SAFE_S, Controller, Served, serving
 from waiting import until
 
-from bench.model.clock import WallClock
+from bench.commands.session import replay
+from bench.model.clock import NS, WallClock
 from bench.model.errors import RunError
 from bench.plan import load_station
+from bench.record import SessionReader
+from bench.replay import replay_rows
 from bench.run.bench.drill import drill, latest_drill
+from bench.run.guard.diary import read_diary
 from bench.run.watch.disk import LATE_S
 
 pytestmark = [pytest.mark.waits, pytest.mark.limit(SAFE_S)]
 
-SEQUENCE = """\
+STIMULUS = """\
 sequence: stimulus
 station: af_bench_sim
 frame: {{port_a: ngu_a, port_b: ngu_b}}
@@ -58,7 +63,7 @@ def start(served: Served, tmp_path: Path, out: Path) -> Iterator[Start]:
     def start(act: str = "none", end: int = 600, station: Path | None = None) -> Controller:
         sequence = tmp_path / "stimulus.yaml"
         on, chamber = (1, "") if station is None else (5, CHAMBER)
-        sequence.write_text(SEQUENCE.format(on=on, then=on + 1.5, end=end, chamber=chamber))
+        sequence.write_text(STIMULUS.format(on=on, then=on + 1.5, end=end, chamber=chamber))
         begun.append(Controller(station or served.station, sequence, out, act))
         return begun[-1]
 
@@ -213,7 +218,6 @@ def test_the_drill_finds_the_bench_safe_and_says_where_it_cannot_begin(served: S
     assert [(trial["kill"], trial["still_on"]) for trial in found["trials"]] == [("SIGKILL", {}), ("SIGSTOP", {})]
     assert served.on() == []
     newest = latest_drill(out, station)
-    assert newest is not None
     assert newest["utc"] == found["utc"]
     served.fault("identity", "calibrator", "FLUKE,5500E,1,1")
     with pytest.raises(RunError) as refused:
@@ -237,3 +241,150 @@ def test_killed_at_random_instants(served: Served, start: Start) -> None:
         assert off_after_s(served, moment_s) <= SAFE_S  # negative: nothing was on
         controller.kill()
         shutil.rmtree(controller.out)
+
+
+SPINNING = """\
+sequence: spinning
+station: gnc_bench_sim
+frame: {rs422: gnc_422}
+timeline:
+  - {at: 0 s, call: {turntable.set_limits: {axis: 1, rate: 300 deg/s, acceleration: 300 deg/s2}}}
+  - {at: 4 s, call: {turntable.set_limits: {axis: 2, rate: 300 deg/s, acceleration: 300 deg/s2}}}
+  - {at: 8 s, call: {turntable.set_limits: {axis: 3, rate: 300 deg/s, acceleration: 300 deg/s2}}}
+  - {at: 12 s, call: turntable.close_interlock}
+  - {at: 23 s, call: {turntable.spin: {axis: 1, rate: -250 deg/s}}}
+  - {at: 26 s, call: {turntable.spin: {axis: 3, rate: 270 deg/s}}}
+  - {at: 29 s, call: {turntable.measure_rate: {axis: 3}}}
+  - {at: 600 s, call: turntable.open_interlock}
+"""
+STREAMING = """\
+sequence: streaming
+station: rlg_bench_sim
+frame: {edges: time_tags, rlg: rlg_housekeeping}
+prepare:
+  - supply.configure: {voltage: 15 V, current_limit: 1 A, over_voltage: 16.5 V}
+  - supply.output_on
+  - settle: 5 s
+  - tagger.configure: {clock: 20 MHz}
+  - tagger.start
+  - settle: 5 s
+steps:
+  - supply.measure_current
+  - settle: 10 min
+finally:
+  - tagger.stop
+  - supply.output_off
+"""
+ENDS = [signal.SIGKILL, signal.SIGSTOP]
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with serving(tmp_path_factory.mktemp("table"), of="gnc_bench_sim") as served:
+        yield served
+
+
+def table_of(instruments: dict[str, Any]) -> tuple[object, ...]:
+    return instruments["turntable"]["rates_deg_s"], instruments["turntable"]["interlocks"]
+
+
+def tagger_of(instruments: dict[str, Any]) -> tuple[object, ...]:
+    return instruments["tagger"]["measuring"], instruments["supply"]["on"]
+
+
+def drilled(bench: Served, tmp_path: Path, sequence: str, number: signal.Signals, spoken: str) -> Iterator[Any]:
+    """Yield the instruments while all is on, end the controller by a signal, and yield them when its guard is done."""
+    path = tmp_path / "sequence.yaml"
+    path.write_text(sequence)
+    controller = Controller(bench.station, path, tmp_path / "out")
+    try:
+        controller.wait_for(spoken)
+        time.sleep(0.5)
+        yield bench.state()["instruments"]
+        moment_s = time.monotonic()
+        os.kill(controller.process.pid, number)
+        assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
+        yield bench.state()["instruments"]
+        roles = ("turntable",) if "turntable" in sequence else ("tagger", "supply")
+        after_s = bench.changed_s(*roles) - moment_s
+        print(f"{number.name}: at rest {after_s:.2f} s after")
+        assert 0 < after_s <= SAFE_S
+    finally:
+        controller.kill()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", ENDS)
+def test_a_killed_or_stopped_controller_leaves_a_table_at_rest_with_open_interlocks(
+    table: Served, tmp_path: Path, number: signal.Signals
+) -> None:
+    spinning, rest = drilled(table, tmp_path, SPINNING, number, "measure_rate")
+    assert table_of(spinning)[0] == [-250.0, 0.0, 270.0]
+    assert table_of(rest) == ([0.0] * 3, ["Open"] * 3)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("number", ENDS)
+def test_a_killed_or_stopped_controller_leaves_no_stream_and_no_supply(tmp_path: Path, number: signal.Signals) -> None:
+    with serving(tmp_path / "bench", of="rlg_bench_sim") as bench:
+        streaming, rest = drilled(bench, tmp_path, STREAMING, number, "measure_current")
+    assert (tagger_of(streaming), tagger_of(rest)) == ((True, True), (False, False))
+
+
+STOPPED_S = 5.0
+AHEAD_S = 0.5  # the guard goes on before its controller, and must not take it for dead
+
+
+def stopped_together(served: Served, process: Process, guard: int) -> tuple[float, float]:
+    """Stop both while the calibrator is on, and let both go on; returns when the controller stopped and went on, s."""
+    until(lambda: served.on() == ["calibrator", "switch"], "a stimulus that is on", each_s=0.02)
+    stopped_s = time.monotonic()
+    for pid in (guard, process.pid):
+        os.kill(pid, signal.SIGSTOP)
+    time.sleep(STOPPED_S)
+    assert served.on() == ["calibrator", "switch"]  # nobody is there
+    os.kill(guard, signal.SIGCONT)
+    time.sleep(AHEAD_S)
+    awake_s = time.monotonic()
+    os.kill(process.pid, signal.SIGCONT)
+    return stopped_s, awake_s
+
+
+@pytest.mark.slow
+def test_the_stimulus_goes_off_and_the_point_is_taken_again(served: Served, out: Path) -> None:
+    words = ["run", SEQUENCE, "--station", str(served.station), "--clock", "wall", "--out", str(out)]
+    out.mkdir()
+    process = Process(out / "said", *words)
+    try:
+        after_some_records(out)
+        folder = session_in(out)
+        assert folder is not None
+        guard = next(fields["pid"] for _, _, fields in SessionReader(folder).events("guard"))
+        stopped_s, awake_s = stopped_together(served, process, guard)
+        until(lambda: not served.on(), "outputs that are off", awake_s + SAFE_S - time.monotonic(), each_s=0.02)
+        off_s = served.changed_s("calibrator") - awake_s
+        print(f"off {off_s:.2f} s after both went on")
+        assert 0.0 < off_s <= SAFE_S
+        assert process.ended_by(LONGEST_S) == 0, process.said()
+    finally:
+        process.end()
+    assert served.on() == []
+    _judge(folder, stopped_s, awake_s)
+
+
+def _judge(folder: Path, stopped_s: float, awake_s: float) -> None:
+    """The session tells it, no record was taken across it, and all its numbers are found again."""
+
+    def events(kind: str) -> list[dict[str, Any]]:
+        return [fields for _, _, fields in SessionReader(folder).events(kind)]
+
+    (suspend,), (hold,), (armed,) = events("suspend"), events("hold"), events("armed")
+    assert suspend["seen"] == "late beat"
+    assert STOPPED_S <= suspend["seconds"] <= awake_s - stopped_s + 1.0
+    assert (hold["by"], hold["step"]) == ("suspend", armed["step"])
+    windows = [row.window for row in replay_rows(folder, strict=True).measurement_rows]
+    assert len({window.step for window in windows}) == len(windows) == RECORDS
+    for window in windows:
+        assert window.t_end_ns < stopped_s * NS or window.t_start_ns > awake_s * NS
+    assert [entry["what"] for entry in read_diary(folder / "guard.jsonl")] == ["ready", "asleep", "dismissed"]
+    assert replay(folder, as_json=False) == 0

@@ -148,19 +148,19 @@ def test_a_hundred_kills(pool: list[Served], tmp_path: Path) -> None:
 
 
 @pytest.mark.sweep
-def test_twenty_stops(pool: list[Served], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("act", "count", "first_s", "last_s"),
+    [
+        (stopped, STOPS, 4.0, RUN_S),
+        (held_and_killed, OTHERS, 12.0, 0.8 * RUN_S),
+        (without_guard, OTHERS, 12.0, 0.8 * RUN_S),
+    ],
+)
+def test_stopped_and_killed_while_holding_and_without_its_guard(
+    pool: list[Served], tmp_path: Path, act: Act, count: int, first_s: float, last_s: float
+) -> None:
     rng = np.random.default_rng(SEED + 1)
-    done = all_of(pool, tmp_path / "out", [((float(at),), stopped) for at in rng.uniform(4.0, RUN_S, STOPS)])
-    print(told(done))
-    assert troubles(done) == []
-    assert max(one.worst_s for one in done) <= SAFE_S
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("act", [held_and_killed, without_guard])
-def test_killed_while_holding_and_without_its_guard(pool: list[Served], tmp_path: Path, act: Act) -> None:
-    rng = np.random.default_rng(SEED + 2)
-    done = all_of(pool, tmp_path / "out", [((float(at),), act) for at in rng.uniform(12.0, 0.8 * RUN_S, OTHERS)])
+    done = all_of(pool, tmp_path / "out", [((float(at),), act) for at in rng.uniform(first_s, last_s, count)])
     print(told(done))
     assert troubles(done) == []
     assert max(one.worst_s for one in done) <= SAFE_S

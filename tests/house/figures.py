@@ -67,8 +67,7 @@ def counted() -> dict[str, float]:
 def walked() -> dict[str, float]:
     """Return the figures of the ways, from a process of its own. Raises: CalledProcessError if the rehearsal fails."""
     command = [sys.executable, str(Path(__file__).with_name("ways.py")), "--json"]
-    figures: dict[str, float] = json.loads(subprocess.run(command, cwd=TOP, check=True, stdout=subprocess.PIPE).stdout)
-    return figures
+    return json.loads(subprocess.run(command, cwd=TOP, check=True, stdout=subprocess.PIPE).stdout)
 
 
 def last_row() -> dict[str, str]:

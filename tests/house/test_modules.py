@@ -54,15 +54,9 @@ def _without_collector() -> Iterator[None]:
     gc.enable()
 
 
-# --- size --------------------------------------------------------------------------------------------------------
-
-
 def test_files_are_small() -> None:
     lines = {name_of(path): len(text_of(path).splitlines()) for path in EVERY_FILE}
     assert {name: count for name, count in lines.items() if count > MOST_LINES_FILE} == {}
-
-
-# --- time and chance ---------------------------------------------------------------------------------------------
 
 
 def asks(nodes: list[ast.AST]) -> set[str]:
@@ -108,9 +102,6 @@ def test_the_search_finds_what_it_forbids() -> None:
     assert chances(unseeded) == {"random", "np.random.default_rng in line 2", "np.random.normal in line 3"}
 
 
-# --- processes ---------------------------------------------------------------------------------------------------
-
-
 def commands(tree: ast.Module) -> list[list[str]]:
     """Return the words of every list or tuple that begins with the Python that runs."""
     return [
@@ -125,9 +116,6 @@ def test_own_processes_ignore_the_folder_they_start_in() -> None:
     every = {name_of(path): found for path in places if (found := commands(tree_of(path)))}
     assert set(every) == {"bench/model/processes.py", "bench/run/preflight/of_bench.py"}, "use bench.model.processes"
     assert {words[1] for found in every.values() for words in found} == {"'-P'"}
-
-
-# --- error codes -------------------------------------------------------------------------------------------------
 
 
 @cache

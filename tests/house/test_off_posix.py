@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 import pytest
-from import_sample import LOG, SHORT
+from imported_logs import LOG, SHORT
 from rehearsal import GOLDEN_SEQUENCE, ROOT
 
 PROGRAM = [sys.executable, str(ROOT / "tests" / "support" / "off_posix.py")]

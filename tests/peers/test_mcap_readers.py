@@ -38,8 +38,7 @@ def read(golden: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, An
     command = ["node", str(PROGRAM), READERS, str(file), *schemas]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    topics: dict[str, Any] = json.loads(done.stdout)
-    return topics
+    return json.loads(done.stdout)
 
 
 def tables_of(session: Session) -> dict[str, pd.DataFrame]:

@@ -1,14 +1,20 @@
-"""Time limits, transcript and the recovery ladder, seen through a driver."""
+"""The bus seen through a driver: time limits, transcript, and every rung of the recovery ladder by exact events."""
+
+from __future__ import annotations
 
 import threading
+from typing import Any
 
 import pytest
-from known_drivers import IDENTIFY, NO_ERROR, slow
-from scripted import CLEAR, SILENT, TIMEOUT, ScriptedResource, make, refused, scripted
+from exchanges import IDENTIFY, NO_ERROR, Call, Row, does, exchange, gives, refuses, row, slow
+from pyvisa.constants import StatusCode
+from pyvisa.errors import VisaIOError
+from scripted import BUS_ERROR, CLEAR, POLL, SILENT, TIMEOUT, ScriptedResource, Scripts, make, refused, scripted
 
 from bench.model.clock import VirtualClock
-from bench.model.errors import ExitStatus
+from bench.model.errors import ExitStatus, InstrumentError
 from instruments.bus import BusSession, bus_lock
+from instruments.commands import Setting
 
 VOLTS = (b"MEAS:VOLT?\n", b"+1.00000E+01\n")
 START = IDENTIFY["hp_6632b"]
@@ -100,3 +106,204 @@ def test_one_lock_per_bus_and_another_thread_waits_for_it() -> None:
     thread.join(5)
     assert not thread.is_alive()
     assert supply.test_resource.events == []
+
+
+QUESTION = b"MEAS:VOLT?\n"
+LADDER_VOLTS = (QUESTION, b"+1.00000E+01\n")
+MUTE = [(QUESTION, TIMEOUT), *SILENT]
+DEAD_QUEUE = [(b"SYST:ERR?\n", TIMEOUT), *SILENT]
+GONE = VisaIOError(StatusCode.error_resource_not_found)
+OTHER = b"HEWLETT-PACKARD,6632B,US00000009,A.01.01\n"
+
+
+def notes(driver: Any) -> list[str]:
+    """What the transcript says beside commands and replies."""
+    return [text for _, _, text, _ in driver.test_log.lines if text.startswith("<")]
+
+
+def test_an_instrument_that_hears_no_poll_is_reopened_at_once_or_its_interface_cleared() -> None:
+    again = Scripts([[(CLEAR, None), *START, LADDER_VOLTS]])
+    supply = make("hp_6632b", [*START, (QUESTION, TIMEOUT), (POLL, BUS_ERROR)], rungs={"reopen": again})
+    assert supply.measure_voltage() == 10.0
+    assert supply.test_resource.closed
+    assert supply.test_resource.events == again.leftovers() == []
+    assert supply.test_clock.now_ns() == 500_000_000
+    assert notes(supply)[-4:] == ["<close>", "<pause>", "<open>", "<device clear>"]
+    script = [*START, *MUTE, *DEAD_QUEUE, (CLEAR, None), LADDER_VOLTS]
+    supply = make("hp_6632b", script, rungs={"interface_clear": lambda: None})
+    assert supply.measure_voltage() == 10.0
+    assert supply.test_resource.events == []
+
+
+def test_the_ladder_to_its_top(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three tries, two reopenings after 0.5 s and 1 s, the interface clear, and a last try."""
+    cleared: list[int] = []
+    silent_again = [(CLEAR, None), (b"*IDN?\n", TIMEOUT), *SILENT]
+    again = Scripts([silent_again, GONE, [(CLEAR, None), *START, *MUTE]])
+    script = [*START, *MUTE, NO_ERROR, *MUTE, NO_ERROR, *MUTE]
+    supply = make("hp_6632b", script, rungs={"reopen": again, "interface_clear": lambda: cleared.append(1)})
+    monkeypatch.setattr("instruments.ladder.CLIMB_S", 9.0)
+    with refused("B-INST-001", r"no answer to 'MEAS:VOLT\?'"):
+        supply.measure_voltage()
+    assert supply.test_resource.events == again.leftovers() == []
+    assert cleared == [1]
+    assert supply.test_clock.now_ns() == 1_500_000_000
+    pauses = [line[3] for line in supply.test_log.lines if line[2] == "<pause>"]
+    assert pauses == [0, 500_000_000, 1_000_000_000]  # no longer than half a second without a sign of life
+    assert [note for note in notes(supply) if note in ("<open>", "<interface clear>", "<close>")] == [
+        "<close>", "<open>", "<close>", "<open>", "<interface clear>", "<close>", "<open>",
+    ]  # fmt: skip
+
+
+def test_a_broken_bus_is_reopened_without_another_try_and_garbage_is_no_reason() -> None:
+    again = Scripts([[(CLEAR, None), *START, LADDER_VOLTS]])
+    supply = make("hp_6632b", [*START, (QUESTION, BUS_ERROR)], rungs={"reopen": again})
+    assert supply.measure_voltage() == 10.0
+    assert again.leftovers() == []
+    once = [(QUESTION, b"?#\n"), (CLEAR, None)]
+    script = [*START, *once, NO_ERROR, *once, NO_ERROR, *once]
+    supply = make("hp_6632b", script, rungs={"reopen": Scripts([]), "interface_clear": lambda: pytest.fail("no")})
+    with refused("B-INST-004"):
+        supply.measure_voltage()
+
+
+@pytest.mark.parametrize("reply", [OTHER, b"ACME,9999,0,1\n"])
+def test_another_instrument_after_reopening_gets_no_other_command(reply: bytes) -> None:
+    again = Scripts([[(CLEAR, None), (b"*IDN?\n", reply)]])
+    supply = make("hp_6632b", [*START, (QUESTION, BUS_ERROR)], rungs={"reopen": again})
+    supply.kept = (Setting("CURR?", 1.0, 0.005, "A"),)
+    with refused("B-INST-016", "US36001234"):
+        supply.measure_voltage()
+    assert again.leftovers() == []
+    with refused("B-INST-010"):
+        supply.output_on()
+
+
+def test_a_setting_that_was_lost_meanwhile_ends_the_recovery() -> None:
+    lost = [(b"CURR?\n", b"5.12000E-01\n")]
+    again = Scripts([[(CLEAR, None), *START, *lost]])
+    supply = make("hp_6632b", [*START, (QUESTION, BUS_ERROR)], rungs={"reopen": again})
+    supply.kept = (Setting("CURR?", 1.0, 0.005, "A"),)
+    with refused("B-INST-011", "CURR"):
+        supply.measure_voltage()
+
+
+def test_nothing_is_asked_while_an_old_reply_may_still_come() -> None:
+    """Neither a device clear nor the question who is there gets through: the next question is not asked at all."""
+    broken = [(CLEAR, TIMEOUT), (CLEAR, TIMEOUT), (b"*IDN?\n", TIMEOUT)]
+    with scripted("hp_6632b", [*START, (QUESTION, TIMEOUT), (POLL, 16), *broken, *broken]) as supply:
+        with refused("B-INST-001", "MEAS:VOLT"):
+            supply.measure_voltage()
+        with refused("B-INST-001", "an earlier question may still come"):
+            supply.raw("VOLT?")
+
+
+CURR = "CURR 1.5E+00"
+REST = "CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01! | VOLT 1.5E+01! | "
+REST += "CURR? -> 1.5 | VOLT:PROT? -> 18.0 | VOLT? -> 15.0"
+NO_QUEUE = "SYST:ERR? -> <timeout> | <silent>"
+CONFIGURE = (15.0, 1.5, 18.0)
+DONE = does("configure", *CONFIGURE)
+
+
+def not_done(code: str, match: str) -> Call:
+    return refuses(code, match, "configure", *CONFIGURE)
+
+
+@pytest.mark.parametrize(
+    ("script", "seen", "call", "note"),
+    [
+        (f"{CURR} | {NO_QUEUE} | CURR? -> 1.5 | {REST}", None, DONE, "<CURR 1.5E+00 took effect: 1.5 reads back>"),
+        (f"<timeout> | <silent> | CURR? -> 0.7 | {CURR}! | CURR? -> 1.5 | {REST}", 0.7, DONE,
+         "<CURR 1.5E+00 is sent again: it had no effect>"),
+        (f"{CURR} | {NO_QUEUE} | CURR? -> 0.7 | {CURR} | {NO_QUEUE} | CURR? -> 0.7", 0.7,
+         not_done("B-INST-011", r"0\.7 reads back"), ""),  # it is not sent a third time
+        *[(f"{CURR} | {NO_QUEUE} | CURR? -> 0.7", seen, not_done("B-INST-011", r"0\.7 reads back"), "")
+          for seen in (None, 0.2)],  # neither what was nor what is wanted
+        (f'{CURR} | {NO_QUEUE} | CURR? -> 0.7 | {CURR} | SYST:ERR? -> -222,"Data out of range" | <ok>', 0.7,
+         not_done("B-INST-005", "-222"), ""),
+        (f"{CURR} | {NO_QUEUE} | CURR? -> <timeout> | <silent> | {NO_QUEUE}", None,
+         not_done("B-INST-001", "SYST:ERR"), ""),
+    ],
+)  # fmt: skip
+def test_a_command_in_doubt_is_read_back_and_sent_again_once_if_it_had_no_effect(
+    script: str, seen: float | None, call: Call, note: str
+) -> None:
+    with scripted("hp_6632b", exchange("hp_6632b", f"<start> | {script}")) as supply:
+        supply.seen["CURR?"] = seen
+        call.on(supply)
+        assert not note or note in notes(supply)
+
+
+SET = does("identify"), does("__setattr__", "programmed_A", 0.01)
+OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | <timeout> | <silent> | "
+TRIP = 'ISR? -> 4096 | FAULT? -> 501 | <ok> | EXPLAIN? 501 -> "Compliance" | STBY'
+DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
+CLOSE = f"<start> | :OPEN ALL! | :CLOS:STAT? -> (@) | :CLOS (@1!1!3) | {NO_QUEUE} | "
+CLOSED = ":CLOS:STAT? -> (@1!1!3)"
+RUN = "IDEN? -> Thermotron 8800 1.0 | <ok> | RUNM -> <timeout> | <silent> | "
+SET_UP = "PRESET NORM! | INBUF ON! | END ALWAYS! | DCI 1.0E-01! | NPLC 100! | NDIG 8! | AZERO ON! | TRIG HOLD!"
+LOST = f"{SET_UP.partition('NPLC')[0]}NPLC 100 | ERRSTR? -> <timeout> | <silent>"
+ROWS = [
+    row("fluke_5720a", "OPER that took effect", f"{OPERATE}ISR? -> 1 | ISR? -> 4097 | <ok>", *SET, does("operate")),
+    row("fluke_5720a", "OPER from standby without a fault",
+        f"{OPERATE}ISR? -> 4096 | <ok> | OPER | ISR? -> 1 | ISR? -> 4097 | <ok>", *SET, does("operate")),
+    row("fluke_5720a", "OPER of one that tripped", f"{OPERATE}{TRIP}",
+        *SET, refuses("B-INST-013", "Compliance", "operate")),
+    row("fluke_5720a", "OPER of one that is dead", f"{OPERATE}{DEAD}", *SET, refuses("B-INST-001", "OPER", "operate")),
+    row("fluke_5720a", "standby is sent again until it reads back",
+        "<start> | <timeout> | <silent> | ISR? -> 4097 | STBY! | ISR? -> 4096", does("standby")),
+    row("keithley_7002", "a relay that closed", f"{CLOSE}{CLOSED} | {CLOSED}", does("route", 3, 1)),
+    row("keithley_7002", "a relay that did not", f"{CLOSE}:CLOS:STAT? -> (@) | :CLOS (@1!1!3)! | {CLOSED} | {CLOSED}",
+        does("route", 3, 1)),
+    row("keithley_7002", "another relay", f"{CLOSE}:CLOS:STAT? -> (@1!1!4)",
+        refuses("B-INST-011", "1!1!4", "route", 3, 1)),
+    row("thermotron_3800", "a chamber that runs", f"{RUN}MODE? -> 16 | MODE? -> 16", does("run"), dialect="8800"),
+    row("thermotron_3800", "a chamber that does not", f"{RUN}MODE? -> 2 | RUNM -> 0 | <ok> | MODE? -> 16 | MODE? -> 16",
+        does("run"), dialect="8800"),
+    row("hp_3458a", "the set-up of a meter begins again from its preset",
+        f"<start> | {LOST} | {SET_UP} | RANGE? -> 1.0E-01", gives(0.1, "configure_current", 0.1)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ROWS, ids=lambda case: case.claim)
+def test_what_is_in_doubt_is_looked_at(case: Row) -> None:
+    case.play()
+
+
+def test_in_a_hurry_the_first_silence_is_told_and_afterwards_the_session_gets_into_step() -> None:
+    script = "<start> | STBY | FAULT? -> <timeout> | STBY"
+    with scripted("fluke_5720a", exchange("fluke_5720a", script)) as calibrator:
+        calibrator.identify()
+        calibrator.test_resource.timeouts_ms.clear()
+        with calibrator.quick(0.4), refused("B-INST-001"):
+            calibrator.make_safe()
+        assert set(calibrator.test_resource.timeouts_ms) == {400}
+    script = "<start> | STBY | FAULT? -> <timeout> | STBY | STBY | <clear> | <ok> | ISR? -> 4096"
+    with scripted("fluke_5720a", exchange("fluke_5720a", script)) as calibrator:
+        with calibrator.quick(0.4), pytest.raises(InstrumentError):
+            calibrator.make_safe()
+        calibrator.make_safe()
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("fluke_5720a", b"STBY\n"),
+        ("keithley_7002", b":OPEN ALL\n"),
+        ("hp_6632b", b"OUTP OFF\n"),
+        ("agilent_e3631a", b"OUTP OFF\n"),
+        ("agilent_33250a", b"OUTP OFF\n"),
+        ("thermotron_3800", b"HOLD\n"),
+    ],
+)
+def test_a_mute_instrument_that_nobody_has_identified_hears_the_safe_command(name: str, command: bytes) -> None:
+    script = [(IDENTIFY[name][0][0], TIMEOUT), (command, None)]
+    with scripted(name, script) as driver, driver.quick(0.4), refused("B-INST-001"):
+        driver.make_safe()
+
+
+def test_the_reply_to_the_question_of_a_controller_that_is_gone_is_not_an_identity() -> None:
+    script = [(b"*IDN?\n", b"1.0E-02,A,0\n"), (CLEAR, None), *IDENTIFY["fluke_5720a"]]
+    with scripted("fluke_5720a", script) as calibrator:
+        assert calibrator.identify().model == "5720A"

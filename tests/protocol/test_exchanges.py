@@ -20,7 +20,6 @@ from instruments.krohn_hite_3988 import Display, read_display
 NS = 1_000_000_000
 ROWS: list[Row] = []
 
-# --- function generator ----------------------------------------------------------------------------------------------
 
 NAME = "agilent_33250a"
 PLAIN = (
@@ -40,7 +39,6 @@ ROWS += [
     row(NAME, "an error is told", CONFLICT, refuses("B-INST-005", "-221 Settings conflict", "square", 1e7, 2.5)),
 ]  # fmt: skip
 
-# --- meter of volts and ohms -----------------------------------------------------------------------------------------
 
 NAME = "agilent_34401a"
 VOLTS, OHMS = "<start> | CONF:VOLT:DC!", "<start> | CONF:FRES 1.0E+03! | FRES:NPLC 10!"
@@ -64,7 +62,6 @@ ROWS += [
         f"{DOUBT} | FRES:NPLC 1! | READ? ~> +1.0E+02 | <ok>", gives(100.0, "measure_resistance", 100.0, 1)),
 ]  # fmt: skip
 
-# --- logger ----------------------------------------------------------------------------------------------------------
 
 NAME = "agilent_34970a"
 SCAN, JUNCTION = "<start> | ROUT:SCAN (@101,102)!", "TEMP:TRAN:TC:RJUN:TYPE? (@101,102)"
@@ -100,7 +97,6 @@ ROWS += [
         thermocouple="none", channels=[]),
 ]  # fmt: skip
 
-# --- counter ---------------------------------------------------------------------------------------------------------
 
 NAME = "agilent_53230a"
 GATE = '<start> | FUNC "FREQ 1"! | FREQ:GATE:SOUR TIME! | FREQ:GATE:TIME 1.0E+00!'
@@ -121,7 +117,6 @@ ROWS += [
         refuses("B-INST-005", "External reference", "identify"), does("identify")),
 ]  # fmt: skip
 
-# --- supply of the rails ---------------------------------------------------------------------------------------------
 
 NAME = "agilent_e3631a"
 SET = "CURR? -> +5.00000000E-01 | VOLT? -> -1.50000000E+01"
@@ -141,7 +136,6 @@ ROWS += [
         refuses("B-INST-011", "", "configure", 3, -15.0, 0.5), leaves={"configured": {}}),
 ]  # fmt: skip
 
-# --- meter of the loop current ---------------------------------------------------------------------------------------
 
 NAME = "hp_3458a"
 SET_UP = "<start> | PRESET NORM! | INBUF ON! | END ALWAYS! | DCI {}! | NPLC 100! | NDIG 8! | AZERO ON! | TRIG HOLD!"
@@ -167,7 +161,6 @@ ROWS += [
         gives((pytest.approx(0.7), 1.0, "degC", ANY), "self_calibration")),
 ]  # fmt: skip
 
-# --- supply of the unit ----------------------------------------------------------------------------------------------
 
 NAME = "hp_6632b"
 LIMITS = "CURR 1.5E+00! | CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01!"
@@ -198,7 +191,6 @@ ROWS += [
         refuses("B-INST-009", "", "make_safe")),
 ]  # fmt: skip
 
-# --- switch ----------------------------------------------------------------------------------------------------------
 
 NAME = "keithley_7002"
 OPENED = "<start> | :OPEN ALL! | :CLOS:STAT? -> (@)"
@@ -227,7 +219,6 @@ ROWS += [
         refuses("B-INST-004", "", "closed")),
 ]  # fmt: skip
 
-# --- band-pass filter ------------------------------------------------------------------------------------------------
 
 NAME = "krohn_hite_3988"
 SENT = "CH 1;IG 0;OG 0;DC | CH 1;{0} | CH 2;IG 0;OG 0;DC | CH 2;{1}"
@@ -248,7 +239,6 @@ ROWS += [
           ("a kilohertz", "00 .5000E+3 01.1 00 DC"))],
 ]  # fmt: skip
 
-# --- inclination sensor ----------------------------------------------------------------------------------------------
 
 NAME = "leica_nivel_220"
 MEASURED = [
@@ -273,7 +263,6 @@ ROWS += [
           refuses("B-INST-004", "", "measure")) for what, reply in NOT_MEASURED.items()],
 ]  # fmt: skip
 
-# --- chamber, in both dialects ---------------------------------------------------------------------------------------
 
 NAME = "thermotron_3800"
 BACK = "MRMP1? -> 0.5 | SETP1? -> -10.0"

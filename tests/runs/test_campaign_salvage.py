@@ -1,22 +1,48 @@
-"""Salvage: the shortest make-up sequence, a session made with it, and both together give what the campaign promised."""
+"""Salvage: the shortest make-up sequence, a session made with it, both together; and who may go on with a session."""
 
 from __future__ import annotations
 
 import json
+import shutil
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rehearsal import SEED, Rehearsal, crashed_at, rehearsed, shortened, tiny_plan
+from rehearsal import (
+    ROOT,
+    SEED,
+    Crashes,
+    Rehearsal,
+    assert_nothing_switched,
+    compiled,
+    copied,
+    crashed_at,
+    go_on,
+    kinds,
+    overheard,
+    rehearsed,
+    shortened,
+    tiny_plan,
+)
 
+from bench.analysis import results_json
 from bench.commands.fit import fit
 from bench.commands.recover import recover
-from bench.model.errors import ExitStatus, InputError
+from bench.commands.resume import resume
+from bench.model.clock import VirtualClock
+from bench.model.errors import ExitStatus, InputError, InstrumentError, SessionDamaged
 from bench.model.events import Skip
-from bench.plan import Plan, Step, check_plan, compile_sequence
+from bench.model.shipped import find_shipped
+from bench.plan import Plan, Step, check_plan, compile_sequence, frozen_plan, load_station
+from bench.record import Journal, SessionReader
 from bench.replay import replay_rows
+from bench.run.bench.talk import TalkSession
+from bench.run.resume import changed_files, read_stopped
+from bench.run.session import Conducted
+from bench.session.happenings import happenings
 from bench.session.makeup import make_up_sequence
 from bench.session.record_states import record_states
 from bench.session.service import merged, read_view
@@ -97,7 +123,13 @@ def test_both_sessions_together_give_what_was_promised(stopped: tuple[Path, Path
     assert starts == sorted(starts)
     assert [row.window.number for row in view.rows] == list(range(3, 24)) + list(range(26, 36))
     (note,) = [note for note in view.notes if note.startswith("Overlap, channel 1 at 25 degC")]
-    assert abs(float(note.split(":")[1].split()[0])) < 20.0
+    again = next(row for row in view.rows if row.window.number == 26)
+    (before, _) = (row for row in view.rows if row.window.conditions == again.window.conditions)
+    rates = [
+        (int(row.sums["npp"][0]) - int(row.sums["ppp"][0])) / int(row.sums["master_count"]) for row in (before, again)
+    ]
+    assert abs(change_ppm := 1e6 * (rates[1] / rates[0] - 1.0)) < 20.0
+    assert note.split(": ")[1] == f"{change_ppm:+.2f} ppm in the make-up session."
     whole, _ = analyse_view(read_view(stopped[1]))
     for name in ("dsf_n", "dsf_p"):
         for temperature_degC in (23.0, 25.0):
@@ -187,3 +219,134 @@ def test_the_flat_form_is_made_up_too(tmp_path: Path) -> None:
     kinds = [f"{step.role}.{step.name}" for step in made.phase("campaign") if step.kind in ("call", "verify", "unit")]
     assert kinds.index("calibrator.operate") < kinds.index("calibrator.operating")
     assert "supply.output_on" in kinds
+
+
+def test_another_standard_is_refused_before_any_stimulus(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    before = sorted(path.name for path in folder.iterdir())
+    heard: list[list[str]] = []
+
+    def exchange(world: World) -> None:
+        world.faults.instrument("rail_dmm").identity = "HEWLETT-PACKARD,34401A,4711,11-5-2"
+        heard.append(overheard(world))
+
+    with pytest.raises(InstrumentError) as caught:
+        go_on(folder, arrange=exchange)
+    assert caught.value.code in ("B-RES-006", "B-RUN-006")
+    assert_nothing_switched(heard[0])
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_a_living_run_is_not_gone_on_with(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    journal = Journal(folder)
+    with pytest.raises(InputError, match="B-RES-002"):
+        read_stopped(folder)
+    journal.close()
+    assert read_stopped(folder).plan.sha256 == crashes.plan.sha256
+
+
+def test_a_journal_of_another_version_is_refused_and_nothing_is_lost(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    path = folder / "journal.jsonl"
+    content = b""
+    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+        text = json.dumps({"v": 2, **json.loads(line[9:])}).encode()
+        content += b"%08x %b\n" % (zlib.crc32(text, number), text)
+    path.write_bytes(content)
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    with pytest.raises(InputError, match="B-REC-007") as caught:
+        resume(folder, None, None, as_json=False)
+    assert caught.value.exit_status == ExitStatus.BAD_INPUT
+    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
+
+
+def test_another_plan_is_refused_and_the_same_one_is_not(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "finally", tmp_path)
+    (tmp_path / "other").mkdir()
+    text = crashes.plan.texts["sequences/tiny.yaml"]
+    other = tmp_path / "other.yaml"
+    other.write_text(text.replace("dwell: 10 s", "dwell: 8 s").replace("duration: 2250 s\n", ""))
+    with pytest.raises(InputError, match="B-RES-005"):
+        resume(folder, str(other), None, as_json=False)
+    same = tmp_path / "same.yaml"
+    same.write_text(text)
+    assert resume(folder, str(same), None, as_json=False) == ExitStatus.PASS
+
+
+def test_a_session_without_a_plan_is_refused(tmp_path: Path) -> None:
+    station = load_station(find_shipped("stations", "af_bench_sim"))
+    with TalkSession(station, "dmm", VirtualClock(), tmp_path) as session:
+        session.send("ID?")
+        folder = session.folder
+    with pytest.raises(InputError, match="B-RES-003"):
+        read_stopped(folder)
+
+
+def test_a_session_that_lost_its_plan_is_refused(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    stopped = read_stopped(folder)
+    texts = dict(SessionReader(folder).texts)
+    changed = texts["plan.json"].replace('"current":0.1,', '"current":0.2,', 1)
+    assert changed != texts["plan.json"]
+    missing = {name: text for name, text in texts.items() if not name.startswith("stations/")}
+    for damaged in ({**texts, "plan.json": changed}, {**texts, "plan.json": "[{}]"}, missing):
+        with pytest.raises(SessionDamaged, match="B-RES-004"):
+            frozen_plan(folder, stopped.manifest, damaged)
+
+
+def test_the_frozen_plan_is_the_plan(crashes: Crashes) -> None:
+    stopped = read_stopped(crashes.at(kinds(crashes.plan)["between points"]))
+    assert stopped.plan.sha256 == crashes.plan.sha256
+    assert dict(stopped.plan.settings) == dict(crashes.plan.settings) == {"world.calibrator_gain": "off"}
+    assert dict(stopped.plan.station.world_options) == dict(crashes.plan.station.world_options)
+    assert dict(stopped.plan.campaign) == dict(crashes.plan.campaign)
+
+
+def own_files(folder: Path) -> Path:
+    """A sequence with its station and frames in folders of its own."""
+    for kind in ("stations", "frames"):
+        shutil.copytree(ROOT / kind, folder / kind)
+    (folder / "sequences").mkdir()
+    tiny_plan(folder)
+    return (folder / "tiny.yaml").rename(folder / "sequences" / "tiny.yaml")
+
+
+def test_a_changed_file_does_not_matter_and_is_reported(tmp_path: Path) -> None:
+    path = own_files(tmp_path)
+
+    def nothing(world: World, step: Step) -> None:
+        return None
+
+    def change(world: World, step: Step) -> None:
+        if step.kind == "soak" and step.phase == "campaign":
+            path.write_text("sequence: destroyed\n")
+            (tmp_path / "frames" / "ngu_a.yaml").unlink()
+
+    plan = compiled(path)
+    quiet, told = (rehearsed(tmp_path / act.__name__, plan, act=act, kept=("config",)) for act in (nothing, change))
+    assert quiet.events("config") == []
+    assert not any("on the disk" in text for text in quiet.watched.messages)
+    assert told.events("config") == [
+        {"file": "frames/ngu_a.yaml", "change": "gone"},
+        {"file": "sequences/tiny.yaml", "change": "changed"},
+    ]
+    undisturbed, changed = quiet.run, told.run
+    assert undisturbed.outcome.error is changed.outcome.error is None
+    assert "sequences/tiny.yaml is changed on the disk; the run used its own copy" in told.watched.messages
+    assert any(text.startswith("config at") for text in happenings(read_view(changed.folder)))
+    assert changed_files(plan.files, plan.texts) == {"frames/ngu_a.yaml": "gone", "sequences/tiny.yaml": "changed"}
+    the_same_but_for_the_hash(undisturbed, changed)
+
+
+def the_same_but_for_the_hash(first: Conducted, second: Conducted) -> None:
+    """Results to the last bit, and every byte and command; the session's own hash covers the event that says so."""
+    documents, payloads = [], []
+    for done in (first, second):
+        results, _ = analyse_view(read_view(done.folder))
+        assert results["provenance"].pop("session_sha256") == done.session_sha256
+        documents.append(results_json(results))
+        recorded = SessionReader(done.folder).messages(frozenset({"/link/", "/instrument/"}))
+        payloads.append([(one.topic, one.t_ns, one.payload) for one in recorded])
+    assert documents[0] == documents[1]
+    assert payloads[0] == payloads[1]

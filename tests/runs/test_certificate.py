@@ -1,4 +1,6 @@
-"""``bench certificate`` on recorded sessions: what is written, and every reason for which nothing is."""
+"""``bench certificate`` on recorded sessions, every reason for which none is written; reports of both campaigns on
+paper.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import report_sample
 from dcc_checker import problems, xsd
 from dcc_sample import EXAMPLE, expected, read_certificate
-from import_sample import RAMP, ramp_rows, write_ramp
+from imported_logs import RAMP, ramp_rows, write_ramp
 from rehearsal import Inside, bench, writable_copy
+from report_sample import code_names
 
 from bench.analysis import results_json
 from bench.commands import certificate as command
@@ -25,7 +29,8 @@ from bench.commands.requests import CertificateRequest
 from bench.model.errors import BenchError, ExitStatus
 from bench.record import SessionReader
 from bench.report.dcc import session_of
-from bench.session.view import analyse_view
+from bench.session.service import read_view
+from bench.session.view import analyse_view, report_of
 
 Short = tuple[Path, CompletedProcess[str]]
 TOKENS = {
@@ -272,3 +277,32 @@ def test_an_amended_certificate_names_what_it_replaces(real: Real, own: Callable
     assert b"<dcc:replacedUniqueIdentifier>EX-1<" in xml
     assert b"This certificate replaces EX-1. Reason: A name was wrong." in xml
     assert b"Next calibration, as agreed with the customer: 2001-01-01." in xml
+
+
+FIGURES = {"scale_factor": 7, "bias_ramp": 8}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["scale_factor", "bias_ramp"])
+def test_page_and_paper_are_legible_and_name_what_counts(
+    name: str, short: tuple[Path, CompletedProcess[str]], ramp: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = short[0] if name == "scale_factor" else ramp
+    figures = report_sample.recorded_figures(monkeypatch)
+    view = read_view(folder)
+    report = report_of(view, *analyse_view(view))
+    assert len(figures) == FIGURES[name] == sum(len(section.pictures) for section in report.sections)
+    assert [report_sample.flaws(figure) for figure in figures] == [[]] * len(figures)
+    assert report.pdf().startswith(b"%PDF-")
+    page = report.html()
+    assert (folder / "report.html").read_text(encoding="utf-8") == page  # the run and the session say the same
+    for text in (
+        "days left",
+        "answered by",
+        "No command of a person is recorded.",
+        "air of the laboratory",
+        "approved",
+    ):
+        assert text in page
+    assert "2000-01-01 00:00:00 UTC" in page
+    assert code_names(page) == set()

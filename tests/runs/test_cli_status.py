@@ -46,9 +46,6 @@ def only_session(out: Path) -> Path:
     return session
 
 
-# --- 0 and 1 -------------------------------------------------------------------------------------------------------
-
-
 def test_0_a_sequence_without_analysis_and_2_whoever_asks_for_one(tmp_path: Path, inside: Inside) -> None:
     done = inside("run", "timeline_example", "--out", str(tmp_path))
     assert done.returncode == 0
@@ -72,9 +69,6 @@ def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_pa
     for verdict, status in (("conditional_fail", ExitStatus.VERDICT_FAIL), ("conditional_pass", ExitStatus.PASS)):
         conditional = {"estimates": [results["estimates"][0] | {"verdict": one} for one in ("pass", verdict, "none")]}
         assert verdict_status(conditional, ()) == status
-
-
-# --- 2 -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -125,9 +119,6 @@ def test_2_settings_of_an_editor_are_not_spoiled(tmp_path: Path, inside: Inside)
     settings = json.loads((tmp_path / ".vscode" / "settings.json").read_text())
     assert settings["editor.tabSize"] == 2
     assert len(settings["yaml.schemas"]) >= 3
-
-
-# --- 3 -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", ["text", "json"])
@@ -195,9 +186,6 @@ def test_3_and_4_a_prompt_that_nobody_answers_or_that_the_operator_refuses(
     assert f"error {code}: " in capsys.readouterr().err
 
 
-# --- 4 -------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.waits
 def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, inside: Inside) -> None:
@@ -218,9 +206,6 @@ def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, in
     assert json.loads(recovered.stdout)
     assert recovered.returncode == 0, recovered.stdout
     print(f"safe {took_s:.1f} s after SIGINT")
-
-
-# --- 5 -------------------------------------------------------------------------------------------------------------
 
 
 def test_5_numbers_that_differ(golden: Path, tmp_path: Path, inside: Inside) -> None:
@@ -251,9 +236,6 @@ def test_5_a_damaged_session(golden: Path, tmp_path: Path, inside: Inside) -> No
     assert [inside(command, str(copy)).returncode for command in ("recover", "fit")] == [5, 5]
 
 
-# --- 70 ------------------------------------------------------------------------------------------------------------
-
-
 def test_70_an_error_nobody_foresaw(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def fails(*_: object) -> None:
         raise RuntimeError("two\nlines [/red]")
@@ -280,9 +262,6 @@ def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
     assert "B-INT-001" in capsys.readouterr().err
     session = only_session(tmp_path)
     assert not (session / "session.open").exists()
-
-
-# --- standard output -----------------------------------------------------------------------------------------------
 
 
 def test_json_is_one_document_and_nothing_else(golden: Path, tmp_path: Path, inside: Inside) -> None:

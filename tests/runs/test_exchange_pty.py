@@ -90,7 +90,8 @@ def served(board: Board, damage: Damage, clock: WallClock) -> Iterator[str]:
         os.close(far)
 
 
-def exchanged(total: int) -> None:
+@pytest.mark.parametrize("total", [300, pytest.param(2000, marks=pytest.mark.sweep)])
+def test_exchanges_with_damaged_frames(total: int) -> None:
     clock, board = WallClock(), Board()
     there, back = Damage(SEED), Damage(SEED + 1)
     with served(board, back, clock) as name:
@@ -121,12 +122,3 @@ def exchanged(total: int) -> None:
     assert len(reported) <= 3 + total // 200  # three attempts fail one time in a thousand
     assert retried > total // 50
     assert board.repeated > 0
-
-
-def test_300_exchanges_with_damaged_frames() -> None:
-    exchanged(300)
-
-
-@pytest.mark.sweep
-def test_2000_exchanges_with_damaged_frames() -> None:
-    exchanged(2000)

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
-from report_words import code_names, intervals_of_tables_alone
+from report_sample import code_names, intervals_of_tables_alone
 from typer.testing import CliRunner
 
 from bench.cli import app

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from archive_sample import sha256_of
 from rehearsal import ROOT, main_of
 
 from bench.model.errors import ExitStatus
@@ -48,10 +49,6 @@ def refused(done: tuple[int, str, str], code: str, status: int = 2) -> str:
     assert done[1] == ""
     assert f"error {code}: " in done[2]
     return done[2]
-
-
-def sha256_of(session: Path) -> str:
-    return str(json.loads((session / "results.json").read_text())["provenance"]["session_sha256"])
 
 
 def with_drift(session: Path, count: int, simulated: bool = True) -> str:

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from planned_step import planned
+from plan_sample import planned
 from record_sample import frame
 
 from bench.frame import FrameDefinition, LinkDecoder
@@ -227,9 +227,6 @@ def test_the_links_give_their_sign_of_life(bench: Bench) -> None:
     assert bench.health.silence_s()[LINKS] < 1.0  # nobody is left to read, and somebody looks for the ports
 
 
-# --- a disk that stalls --------------------------------------------------------------------------------------------
-
-
 class StallingFile:
     def __init__(self, file: AppendFile, gate: threading.Event) -> None:
         self._file, self._gate = file, gate
@@ -251,9 +248,10 @@ class StallingFiles(OsFiles):
         return StallingFile(super().create(path), self.gate)
 
 
-def stall(folder: Path, seconds: float) -> None:
+@pytest.mark.parametrize("seconds", [3.0, pytest.param(10.0, marks=pytest.mark.slow)])
+def test_a_disk_that_stalls_for_some_seconds_costs_nothing(tmp_path: Path, seconds: float) -> None:
     files = StallingFiles()
-    bench = Bench(folder, files)
+    bench = Bench(tmp_path, files)
     try:
         with keep_links(bench.context):
             assert bench.wait(lambda: bench.good("port_a") > 50 and bench.good("port_b") > 5, 10.0)
@@ -274,7 +272,7 @@ def stall(folder: Path, seconds: float) -> None:
         counts = reader.decoder.counts
         assert (counts.bad, counts.lost, counts.duplicate, counts.skipped_bytes) == (0, 0, 0, 0)
         assert sent[name] - 20 <= counts.frames <= sent[name]  # those of the end, after the ports were left
-    _assert_recorded(folder / "session", bench)
+    _assert_recorded(tmp_path / "session", bench)
 
 
 def _assert_recorded(session: Path, bench: Bench) -> None:
@@ -291,12 +289,3 @@ def _assert_recorded(session: Path, bench: Bench) -> None:
         longest_s = max(after - before for before, after in pairwise(stamps)) / NS
         print(f"{name}: {decoder.counts.frames} frames, longest time between two stamps {longest_s:.3f} s")
         assert longest_s < 1.5
-
-
-def test_a_disk_that_stalls_for_three_seconds_costs_nothing(tmp_path: Path) -> None:
-    stall(tmp_path, 3.0)
-
-
-@pytest.mark.slow
-def test_a_disk_that_stalls_for_ten_seconds_costs_nothing(tmp_path: Path) -> None:
-    stall(tmp_path, 10.0)

@@ -1,21 +1,25 @@
-"""``import bench``: light, then load, check, run and fit as on the command line, with its errors as exceptions."""
+"""``import bench`` and ``bench doctor``, and the revision that a session names: light, and as on the command line."""
 
 from __future__ import annotations
 
 import inspect
 import json
+import os
+import shutil
 import subprocess
 import sys
+import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, contents
+from mcap.stream_reader import StreamReader
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, bench, contents
 
 import bench as product
-from bench import api
+from bench import __version__, api
 from bench.model.errors import BenchError, FitError, InputError, InputErrors, RunError
 from bench.run.session import Conducted
 from bench.tables import Session
@@ -134,3 +138,107 @@ def test_the_example_of_the_page_is_executed(short: tuple[Path, Any]) -> None:
         capture_output=True, text=True, check=True, cwd=ROOT,
     )  # fmt: skip
     assert done.stdout == shown
+
+
+STATION = (ROOT / "stations" / "af_bench_sim.yaml").read_text(encoding="utf-8")
+
+
+def test_the_machine_and_a_station(tmp_path: Path) -> None:
+    done = bench("doctor", "--station", "af_bench_sim", "--bundle", str(tmp_path / "bundle.zip"), "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    document = json.loads(done.stdout)
+    found = {row["name"]: row for row in document["findings"]["findings"]}
+    installed = [f"{kind} of inertial-bench {__version__}" for kind in ("systems", "worlds", "instruments")]
+    assert list(found) == [*installed, "station file", "clock", "suspend", "mains", "memory, files", "versions"]
+    named = [(offer["kind"], offer["name"], offer["package"]) for offer in document["installed"]]
+    assert ("systems", "north", "bench.systems.north") in named
+    assert ("worlds", "fog_north", "sim_instruments.worlds.north") in named
+    assert named[-1] == ("instruments", "inertial-bench", "instruments")
+    assert found["station file"]["value"] == "10 instruments, 2 links"
+    assert document["software"]["packages"]["numpy"]
+    with zipfile.ZipFile(tmp_path / "bundle.zip") as archive:
+        assert archive.namelist() == ["doctor.json", "af_bench_sim.yaml"]
+        assert json.loads(archive.read("doctor.json")) == document
+        assert archive.read("af_bench_sim.yaml").startswith(b"#")
+
+
+def real_station() -> str:
+    """Return the simulated bench as if it were real, with a VISA library that is not there."""
+    text = STATION
+    changes = {
+        "simulated: true": "simulated: false",
+        '"@bench"': '"@ivi"',
+        text[text.index("world:") : text.index("instruments:")]: "",
+        "1999-": "2026-",
+        "2000-": "2030-",
+    }
+    changes |= {f"baud: {baud}": f"baud: {baud}, url: /dev/{baud}" for baud in (921600, 115200)}
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    return text
+
+
+@pytest.mark.parametrize(
+    ("text", "out", "err"),
+    [
+        (STATION.replace("GPIB0::4::INSTR", "nonsense"), "B-PLAN-012", "B-RUN-080"),
+        (real_station(), "", "B-RUN-002"),
+    ],
+    ids=["mistakes", "no VISA library"],
+)
+def test_a_station_that_cannot_be_used(text: str, out: str, err: str, tmp_path: Path, inside: Inside) -> None:
+    path = tmp_path / "station.yaml"
+    path.write_text(text, encoding="utf-8")
+    done = inside("doctor", "--station", str(path))
+    assert (done.returncode, out in done.stdout, done.stderr.count(err)) == (2, True, 1)
+    assert err != "B-RUN-002" or "@ivi" in done.stderr
+
+
+def test_a_bundle_that_cannot_be_written(tmp_path: Path, inside: Inside) -> None:
+    done = inside("doctor", "--bundle", str(tmp_path / "none" / "bundle.zip"))
+    assert done.returncode == 2
+    assert "B-CLI-007" in done.stderr
+
+
+SEALED = 20  # bytes in front of the payload: CRC, running number, time
+MAPPING = """
+mapping: bath
+uut: {model: DMM, serial: A-12}
+columns: {time: {role: time, format: unix, unit: s}, U: {role: reading, quantity: voltage, unit: V}}
+"""
+
+
+def git(root: Path, *words: str) -> str:
+    command = ["git", "-C", str(root), "-c", "user.name=nobody", "-c", "user.email=nobody@example.org", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def revision_in_session(root: Path, place: Path) -> str:
+    """Import a log with the bench that lies below ``root``; return the revision its session names."""
+    (place / "bath.yaml").write_text(MAPPING)
+    (place / "log.csv").write_text("time,U\n0,1.0\n1,1.1\n")
+    command = [sys.executable, "-m", "bench", "import", "bath.yaml", "log.csv", "--out", "out"]
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (segment,) = place.glob("out/*/session.0001.mcap")
+    with segment.open("rb") as stream:
+        manifest = next(record for record in StreamReader(stream).records if type(record).__name__ == "Message")
+    return str(json.loads(manifest.data[SEALED:])["software"]["git"])
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a checkout")
+def test_a_session_names_the_revision_of_the_checkout(tmp_path: Path) -> None:
+    revision = git(ROOT, "rev-parse", "HEAD")
+    assert revision_in_session(ROOT, tmp_path) in (revision, f"{revision} with local modifications")
+
+
+@pytest.mark.parametrize("pyproject", [None, '[project]\nname = "theirs"\n'])
+def test_the_repository_of_somebody_else_is_not_named(tmp_path: Path, pyproject: str | None) -> None:
+    root = tmp_path / "theirs"
+    shutil.copytree(ROOT / "bench", root / "bench")
+    if pyproject is not None:
+        (root / "pyproject.toml").write_text(pyproject)
+    git(tmp_path, "init", "-q", str(root))
+    git(root, "commit", "-q", "--allow-empty", "-m", "theirs")
+    assert revision_in_session(root, tmp_path) == "not a checkout"

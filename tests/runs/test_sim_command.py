@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 import serial
-from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from rehearsal import Inside, bench, shortened
 from served_bench import CLOCK, SEED, Served, powered_rack
+from sim_bench import timed_out
 
 from bench.commands.sim import sim
 from bench.frame import LinkDecoder, load_frame
@@ -58,7 +58,6 @@ def test_fourteen_instruments_answer_each_with_its_own_serial_number(served: Ser
     assert all(identities.values())
     for role in ("function_generator_2", "counter_2", "counter", "calibrator"):
         standard = served.station.instruments[role].standard
-        assert standard is not None
         assert identities[role].split(",")[2] == standard.serial
 
 
@@ -174,14 +173,6 @@ def is_gone(port: serial.Serial) -> bool:
             port.read(10_000)
     except serial.SerialException:
         return True
-    return False
-
-
-def timed_out(call: Any) -> bool:
-    try:
-        call()
-    except VisaIOError as error:
-        return bool(error.error_code == StatusCode.error_timeout)
     return False
 
 

@@ -20,9 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from block_rows import ROOT, add_row, in_blocks, read_rows, revision_of, seeds_left
 from soak_blocks import ROWS, Block, Failure, soaked_block
-from soak_campaign import SHORT
-from soak_hourly import ALLOCATOR
-from soak_shrink import write_test
+from soak_campaign import ALLOCATOR, SHORT, write_test
 
 LARGEST = 100  # seeds of the short campaign in a block: about a minute
 JUDGED = ("bench", "instruments", "sim_instruments", "frames", "sequences", "stations", "tests/support")

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from browser_rig import PageServer, Visitor, chromium, metrics, visiting
-from fast_run import HOURS, FastRun
 from playwright.sync_api import CDPSession
+from shown_run import HOURS, FastRun
 
 LOOK_ms = 20_000
 MOST_TIMES = 1.5

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from planned_step import planned
+from plan_sample import planned
 from run_rig import Listener, Operator, Sink
 
 from bench.frame import load_frame

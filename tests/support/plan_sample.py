@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from bench.model.errors import InputError, InputErrors
-from bench.plan import Plan, check_plan, compile_sequence
+from bench.plan import Plan, Step, check_plan, compile_sequence
+from bench.plan.step_kinds import step_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -114,6 +117,14 @@ def changed(old: str, new: str, text: str = SEQUENCE) -> str:
     return text.replace(old, new, 1)
 
 
+def reworded(text: str, *changes: tuple[str, str], once: bool = False) -> str:
+    """Return a text with other words, each of which must stand there; ``once``: in one place only."""
+    for old, new in changes:
+        assert text.count(old) == 1 if once else old in text, old
+        text = text.replace(old, new)
+    return text
+
+
 def mistakes(path: Path, overrides: dict[str, str] | None = None) -> list[InputError]:
     """Everything that loading, compiling and checking find."""
     try:
@@ -123,3 +134,29 @@ def mistakes(path: Path, overrides: dict[str, str] | None = None) -> list[InputE
     except InputError as error:
         return [error]
     return check_plan(plan)
+
+
+def planned(
+    kind: str, number: int = 0, *, phase: str = "campaign", at_s: float = 0.0, duration_s: float = 0.0, role: str = "",
+    name: str = "", conditions: Mapping[str, Any] | None = None, where: str = "", **arguments: Any,
+) -> Step:  # fmt: skip
+    """Return a step; arguments are named as in a plan file."""
+    usual: dict[str, dict[str, Any]] = {
+        "settle": {"bus_s": 0.0},
+        "record": {
+            "seconds": duration_s, "retry": 0, "max_lost": 0.0, "purpose": "measurement", "retry_step": number,
+        },
+        "soak": {
+            "temperature": 23.0, "ramp": 1.0, "slot": duration_s, "within": 1.0, "for": 60.0, "sensor": "unit",
+            "late": "hold", "hold_limit": duration_s,
+        },
+        "prompt": {"text": "", "confirm": "operator"},
+        "unit": {"payload": ()},
+    }  # fmt: skip
+    return step_of(
+        {
+            "number": number, "phase": phase, "kind": kind, "at_s": at_s, "duration_s": duration_s, "role": role,
+            "name": name, "arguments": {**usual.get(kind, {}), **arguments}, "conditions": conditions or {},
+            "where": where or f"test.yaml:{number + 1}:1",
+        }
+    )  # fmt: skip

@@ -66,9 +66,6 @@ def digest(folder: Path) -> str:
     return total.hexdigest()
 
 
-# --- disks that fail ---------------------------------------------------------------------------------------------
-
-
 class FaultyFile:
     """Passes on to a real file; asks first whether call ``n`` of a kind shall fail or be short."""
 
@@ -121,9 +118,6 @@ def no_space() -> OSError:
 
 def io_error() -> OSError:
     return OSError(errno.EIO, "Input/output error")
-
-
-# --- streams of frames -------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -200,9 +194,6 @@ def captured(
     with path.open("rb") as stream:
         counts = decode_capture(definition, stream, keep, engine)
     return counts, {name: MessageBatch.join(batches) for name, batches in parts.items()}
-
-
-# --- tables ------------------------------------------------------------------------------------------------------
 
 
 def counted(first: int, n: int = FRAMES) -> bytes:

@@ -46,9 +46,6 @@ Act = Callable[[World, Step], object]
 Inside = Callable[..., subprocess.CompletedProcess[str]]
 
 
-# --- commands ----------------------------------------------------------------------------------------------------
-
-
 def bench(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Give a command as a process of its own."""
     command = [sys.executable, "-m", "bench", *words]
@@ -66,9 +63,6 @@ def main_of(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
 def contents(folder: Path) -> dict[str, bytes]:
     """Return every file of a session, by its name."""
     return {path.name: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
-# --- runs in this process ----------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -205,9 +199,6 @@ def compiled(path: Path) -> Plan:
     return compile_sequence(path, None, {"world.calibrator_gain": "off"})
 
 
-# --- killed, and gone on with ------------------------------------------------------------------------------------
-
-
 @dataclass
 class Crashes:
     """Copies of a session by the step that was about to begin, and the session of the run that went on to its end.
@@ -291,9 +282,6 @@ def copied(crashes: Crashes, place: str, tmp_path: Path) -> Path:
     """Return a copy of the tiny campaign, killed at a place, that a test may write into."""
     source = crashes.at(kinds(crashes.plan)[place])
     return writable_copy(source, tmp_path / source.name)
-
-
-# --- recorded once -----------------------------------------------------------------------------------------------
 
 
 def recorded(factory: pytest.TempPathFactory, name: str, record: Callable[[Path], object]) -> Path:

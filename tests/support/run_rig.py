@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from planned_step import planned
+from plan_sample import planned
 
 from bench.frame import FrameDefinition, load_frame
 from bench.model.clock import NS, VirtualClock

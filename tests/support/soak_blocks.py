@@ -11,9 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fault_schedule import TimedFault
-from soak_campaign import ROOT, SHORT, Campaign, Soaked, campaign_of
-from soak_hourly import HourlyClock, grown, hourly_clock
-from soak_shrink import shortest, written_test
+from soak_campaign import (
+    ROOT,
+    SHORT,
+    Campaign,
+    HourlyClock,
+    Soaked,
+    campaign_of,
+    grown,
+    hourly_clock,
+    shortest,
+    written_test,
+)
 
 ROWS = ROOT / "tests" / "soak" / "blocks.csv"
 RAM = Path("/dev/shm")

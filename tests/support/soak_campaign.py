@@ -3,25 +3,38 @@
 The short one has every kind of step of the 38-hour one: prompts, power, wiring check, soaks, open points, both
 polarities, a closing repeat; 25 records in some 250 s of bench time, with a fault each 80 s. A long one is a published
 sequence, under faults a run lives through: what ends a run is the business of the short ones.
+
+Of one that violates it: the few faults that are needed, and a test. Run as a command it soaks one seed in a process of
+its own, as what went on before would hide or feign a growth of what it needs each hour, and prints one JSON document;
+words: sequence, seed, folder and, if what Python and numpy have allocated is to be traced, held.
 """
 
 from __future__ import annotations
 
+import ctypes
+import gc
+import json
 import math
+import resource
+import sys
+import threading
+import tracemalloc
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from statistics import median
 from typing import Any
 from unittest.mock import patch
 
 from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
 
-from bench.analysis import Estimate, Table, estimates_of, is_sound
+from bench.analysis import Estimate, Table, analysis_module, estimates_of, is_sound
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, FitError
 from bench.model.quality import Quality
 from bench.plan import Plan, check_plan, compile_sequence, load_station
+from bench.record.writer import RETIRED_FILES
 from bench.replay import replay_rows
 from bench.run.besides import besides
 from bench.run.control.operator import SimulatedOperator
@@ -254,3 +267,162 @@ def weigh_estimates(
 def _key(quantity: str, conditions: Mapping[str, Any]) -> tuple[str, str]:
     where = {name: value for name, value in conditions.items() if name in ("channel", "temperature_degC")}
     return quantity, repr(sorted(where.items()))
+
+
+FOUND = Path(__file__).resolve().parents[1] / "soak"
+
+_TEST = '''"""Found by ``make soak`` at revision {revision}: {drawn} faults were drawn, {needed} are needed.
+
+{violations}
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fault_schedule import TimedFault
+from soak_campaign import campaign_of
+
+FAULTS = {faults}
+
+
+@pytest.mark.{mark}
+def test_{campaign}_{seed}(tmp_path: Path) -> None:
+    assert campaign_of("{campaign}", tmp_path).soaked({seed}, tmp_path, FAULTS).violations == []
+'''
+
+
+def shortest(faults: Sequence[TimedFault], fails: Callable[[Sequence[TimedFault]], bool]) -> list[TimedFault]:
+    """Return a part of a list that fails and does no longer when any one of its faults is left out.
+
+    Ever smaller pieces are left out, single ones until a round changes nothing. The whole list must fail: it is not
+    tried again. Source: A. Zeller, R. Hildebrandt, IEEE Trans. Software Eng. 28(2), 183-200 (2002), simplified.
+    """
+    kept = list(faults)
+    size = len(kept)
+    while size:
+        at, before = 0, len(kept)
+        while at < len(kept):
+            rest = kept[:at] + kept[at + size :]
+            if fails(rest):
+                kept = rest
+            else:
+                at += size
+        size = size // 2 if size > 1 or len(kept) == before else 1
+    return kept
+
+
+def written_test(
+    campaign: str, seed: int, faults: Sequence[TimedFault], drawn: int, violations: Sequence[str], revision: str
+) -> str:
+    """Return the text of a test that fails as long as these faults violate an invariant."""
+    lines = "".join(f"    {_expression(fault)},\n" for fault in faults)
+    return _TEST.format(
+        revision=revision, drawn=drawn, needed=len(faults), campaign=campaign, seed=seed,
+        violations="\n".join(text[:110] for text in violations).replace("\\", "/").replace('"""', "'''"),
+        faults=f"[\n{lines}]" if faults else "list[TimedFault]()",
+        mark="slow" if campaign == SHORT else "sweep",
+    )  # fmt: skip
+
+
+def _expression(fault: TimedFault) -> str:
+    values = "".join(f"{json.dumps(value)}, " for value in fault.values)
+    values = values.removesuffix(" " if len(fault.values) == 1 else ", ")
+    return f'TimedFault({fault.at_s!r}, "{fault.name}", "{fault.target}", ({values}), {fault.for_s!r})'
+
+
+def write_test(campaign: str, seed: int, text: str, folder: Path = FOUND) -> Path:
+    """Write the test where pytest collects it."""
+    path = folder / f"test_found_{campaign}_{seed}.py"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+MOST_MiB = 1.0  # growth of what is held, after the first hours
+MOST_RESIDENT_MiB = 2.5  # of the whole process, with the simulator's large blocks and the gaps they leave
+SHARE = 6  # hours at either end
+ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": "65536"}  # what is freed goes back to the system, so that resident means needed
+
+
+@dataclass(frozen=True)
+class Hour:
+    """What the process needs at one hour of bench time; ``held``: traced by Python, 0 if it is not."""
+
+    hour: float
+    resident_MiB: float
+    held_MiB: float
+    descriptors: int
+    threads: int
+
+
+class HourlyClock(VirtualClock):
+    """A virtual clock on which each hour it is noted what the process needs."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[Hour] = []
+        self.every(HOUR_S, self.look)
+
+    def look(self) -> None:
+        """Note it now."""
+        gc.collect()
+        ctypes.CDLL(None).malloc_trim(0)  # what the C library keeps for the next time is not needed
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        self.seen.append(
+            Hour(
+                self.now_ns() / NS / HOUR_S,
+                pages * resource.getpagesize() / 2**20,
+                tracemalloc.get_traced_memory()[0] / 2**20,
+                len(list(Path("/proc/self/fd").iterdir())),
+                threading.active_count(),
+            )
+        )
+
+
+def hourly_clock(campaign: Campaign) -> HourlyClock:
+    """Return a clock that looks each hour; what the analysis imports is no growth and comes before."""
+    analysis_module(str(campaign.plan.campaign["analysis"]))
+    return HourlyClock()
+
+
+def growth_MiB(values: Sequence[float]) -> float:
+    """From the first hours to the last ones; what waits for the decoder comes and goes within a megabyte."""
+    share = min(SHARE, len(values) // 2)
+    return median(values[-share:]) - median(values[:share])
+
+
+def grown(seen: Sequence[Hour], most_resident_MiB: float = MOST_RESIDENT_MiB) -> list[str]:
+    """Return what grew that must not; nothing can be said of a campaign that ended within two hours."""
+    if len(seen) < 2:
+        return []
+    found = []
+    resident_MiB, held_MiB = growth_MiB([hour.resident_MiB for hour in seen]), growth_MiB([h.held_MiB for h in seen])
+    if resident_MiB > most_resident_MiB:
+        found.append(f"resident memory grew by {resident_MiB:.2f} MiB")
+    if held_MiB > MOST_MiB:
+        found.append(f"held memory grew by {held_MiB:.2f} MiB")
+    if {hour.threads for hour in seen} != {seen[0].threads}:
+        found.append(f"threads: {[hour.threads for hour in seen]}")
+    later = {hour.descriptors for hour in seen if hour.hour > RETIRED_FILES + 1}
+    if len(later) > 1 or any(hour.descriptors > seen[0].descriptors + RETIRED_FILES for hour in seen):
+        found.append(f"descriptors: {[hour.descriptors for hour in seen]}")
+    return found
+
+
+def main(sequence: str, seed: str, folder: str, traced: str = "") -> dict[str, Any]:
+    """Soak one seed; tracing itself needs room, so that resident memory is not judged then."""
+    if traced:
+        tracemalloc.start(1)
+    campaign = campaign_of(sequence, Path(folder))
+    clock = hourly_clock(campaign)
+    soaked = campaign.soaked(int(seed), Path(folder), clock=lambda: clock)
+    found = grown(clock.seen, float("inf") if traced else MOST_RESIDENT_MiB)
+    return {
+        "ended": soaked.ended, "violations": soaked.violations + found, "estimates": soaked.estimates,
+        "flagged": soaked.flagged, "faults": len(soaked.faults), "hours": [asdict(hour) for hour in clock.seen],
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(main(*sys.argv[1:])) + "\n")

@@ -46,7 +46,6 @@ class StallMeter:
 
     def late_s(self) -> float:
         """Return by how much the machine was late since the last call, in seconds."""
-        assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write("\n")
         return float(self._process.stdout.readline())

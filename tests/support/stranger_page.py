@@ -38,8 +38,7 @@ def documented_writer(**edits: str) -> Callable[..., None]:
         block = block.replace(old, new)
     space: dict[str, Any] = {}
     exec(compile(block, str(DOCUMENT), "exec"), space)
-    writer: Callable[..., None] = space["write_session"]
-    return writer
+    return space["write_session"]
 
 
 def documented_standards() -> dict[str, Any]:

@@ -14,7 +14,7 @@ import archive_sample
 import fsspec
 import pyarrow.parquet
 import pytest
-from archive_mess import CUT, END_CUT, alter, gone, of_results
+from archive_sample import CUT, END_CUT, alter, gone, of_results
 from away_store import Away
 from rehearsal import Inside
 

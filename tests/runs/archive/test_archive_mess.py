@@ -1,8 +1,4 @@
-"""Folders of 27 kinds of damage: each in one count, and refits that are stopped in every way give the same bytes.
-
-Some tens of folders here, three hundred in ``make sweep``. Each refit is a command of its own; what is stopped goes on
-with the same command.
-"""
+"""Folders of 27 kinds of damage, each in one count; refits that are stopped in every way lose and double nothing."""
 
 from __future__ import annotations
 
@@ -10,31 +6,33 @@ import json
 import os
 import resource
 import shutil
+import sqlite3
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import archive_mess
 import archive_sample
 import pyarrow.parquet
 import pytest
-from archive_mess import ALTERED, COMPUTED, KINDS, LOCKED, SHORT, WRONG
+from archive_sample import ALTERED, COMPUTED, KINDS, LOCKED, SHORT, WRONG_KINDS
 from fsspec.implementations.local import LocalFileSystem
 from rehearsal import Inside
 from waiting import until
 
 from bench.archive.index import add
 from bench.archive.journal import JOURNAL
-from bench.archive.trial import OUTCOME
-from bench.archive.work import computed_here
+from bench.archive.trial import OUTCOME, Asked, Refitted, refit_sessions
+from bench.archive.work import Compute, computed_here
 from bench.commands.cluster import THREADS
 from bench.model.clock import NS, WallClock
-from bench.model.errors import ExitStatus
+from bench.model.errors import ExitStatus, InputError, RunError
+from bench.store import Selection, list_sessions, read_trial
 
 LONGEST_S = 900.0
 CLOCK = WallClock()
@@ -82,7 +80,7 @@ def mess(request: pytest.FixtureRequest, recorded_archive: Path, tmp_path_factor
     if count > len(KINDS):
         campaigns, source = archive_sample.many(60), tmp_path_factory.mktemp("recorded")
         archive_sample.record(campaigns, source)
-    due = archive_mess.make(root, [source / campaign.name for campaign in campaigns], count)
+    due = archive_sample.make(root, [source / campaign.name for campaign in campaigns], count)
     made = Mess(root, due, archive_sample.concerned(campaigns), at)
     add(made.url, [str(root)], computed_here, lambda _: None)
     return made
@@ -146,8 +144,7 @@ class Refit:
         return (self.trial / OUTCOME).read_bytes()
 
     def rows(self) -> list[dict[str, Any]]:
-        rows: list[dict[str, Any]] = pyarrow.parquet.read_table(self.trial / OUTCOME).to_pylist()
-        return rows
+        return pyarrow.parquet.read_table(self.trial / OUTCOME).to_pylist()
 
     def sessions(self) -> list[str]:
         """Return the sessions that are done, as they stand in the journal."""
@@ -182,7 +179,7 @@ def same(refit: Refit, outcome: bytes, whole: Refit) -> bool:
 
 
 def test_a_refit_says_of_each_session_what_verify_said(mess: Mess, whole: Refit) -> None:
-    lost = Counter(kind for kind in mess.kinds().values() if kind in (SHORT, WRONG))
+    lost = Counter(kind for kind in mess.kinds().values() if kind in (SHORT, WRONG_KINDS))
     failed = Counter(f"damaged {row['code']}" for row in whole.rows() if row["code"])
     assert {kind: failed[kind] for kind in lost} == lost
     assert {row["session"] for row in whole.rows() if not row["code"]} == mess.sessions()
@@ -252,3 +249,109 @@ def test_a_worker_and_then_the_scheduler_killed(refit: Refit, whole: Refit, tmp_
     assert "Traceback" not in said
     with cluster(tmp_path) as (address, *_):
         assert same(refit, refit.done("--dask", address), whole)
+
+
+ASKED = Asked(None, {}, {})
+FEW = 4  # sessions; what stops a refit of many stops one of few
+
+
+class Silent:
+    """Nobody looks; ``act`` is done when the first session is."""
+
+    def __init__(self, act: Callable[[], None] = lambda: None) -> None:
+        self._act, self._count = act, 0
+
+    def begin(self, total: int, done: int) -> None:
+        return None
+
+    def done(self, name: str) -> None:
+        self._count += 1
+        if self._count == 1:
+            self._act()
+
+
+def refitted(
+    archive: Path, folder: Path, compute: Compute = computed_here, act: Callable[[], None] = lambda: None
+) -> Refitted:
+    """Compute the newest sessions of an archive again."""
+    url = f"sqlite:///{archive / 'history.sqlite'}"
+    return refit_sessions(url, list_sessions(url, Selection())[-FEW:], ASKED, folder, compute, Silent(act))
+
+
+def rows_in(archive: Path) -> list[Any]:
+    """All rows of trials, without the number of the trial."""
+    with closing(sqlite3.connect(archive / "history.sqlite")) as history:
+        columns = [row[1] for row in history.execute("PRAGMA table_info(trial_rows)") if row[1] != "trial_id"]
+        return history.execute(f"SELECT {', '.join(columns)} FROM trial_rows ORDER BY 1, 2").fetchall()
+
+
+@pytest.fixture(scope="module")
+def whole_of(recorded_archive: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return the outcome of a refit that nothing stopped."""
+    folder = tmp_path_factory.mktemp("whole")
+    url = f"sqlite:///{folder / 'history.sqlite'}"
+    rows = list_sessions(f"sqlite:///{recorded_archive / 'history.sqlite'}", Selection())[-FEW:]
+    refit_sessions(url, rows, ASKED, folder, computed_here, Silent())
+    return (folder / OUTCOME).read_bytes()
+
+
+def backwards(tasks: Sequence[Any], run_task: Callable[[Any], Any]) -> Iterator[tuple[Any, Any, str]]:
+    yield from computed_here(tasks[::-1], run_task)
+
+
+def test_the_order_changes_no_byte_and_a_second_time_changes_nothing(
+    archive: Path, tmp_path: Path, whole_of: bytes
+) -> None:
+    done = refitted(archive, tmp_path / "trial", backwards)
+    assert (tmp_path / "trial" / OUTCOME).read_bytes() == whole_of
+    rows = rows_in(archive)
+    assert len(rows) == done.rows == FEW * 10
+    again = refitted(archive, tmp_path / "trial", unreachable)
+    assert (again.before, again.rows) == (FEW, done.rows)
+    assert rows_in(archive) == rows
+    assert (tmp_path / "trial" / OUTCOME).read_bytes() == whole_of
+    assert read_trial(f"sqlite:///{archive / 'history.sqlite'}", done.trial.name).state == "done"
+
+
+def unreachable(tasks: Sequence[Any], run_task: Callable[[Any], Any]) -> Iterator[tuple[Any, Any, str]]:
+    assert not tasks
+    yield from ()
+
+
+def test_storage_that_fails_for_a_while_is_no_result(archive: Path, tmp_path: Path, whole_of: bytes) -> None:
+    """B-ARC-007: the session is not done, the others are; the same command does the rest."""
+    tried: list[str] = []
+
+    def failing(run_task: Callable[[Any], Any], task: Any) -> Any:
+        tried.append(task.name)
+        if len(tried) == 2:
+            raise OSError(5, "Input/output error")
+        return run_task(task)
+
+    def compute(tasks: Sequence[Any], run_task: Callable[[Any], Any]) -> Iterator[tuple[Any, Any, str]]:
+        return computed_here(tasks, partial(failing, run_task))
+
+    with pytest.raises(RunError, match=f"1 of {FEW} sessions") as caught:
+        refitted(archive, tmp_path / "t", compute)
+    assert caught.value.code == "B-ARC-007"
+    assert "Input/output error" in caught.value.message
+    assert rows_in(archive) == []
+    assert refitted(archive, tmp_path / "t").before == FEW - 1
+    assert (tmp_path / "t" / OUTCOME).read_bytes() == whole_of
+
+
+def test_another_refit_needs_another_folder(archive: Path, tmp_path: Path) -> None:
+    refitted(archive, tmp_path / "t")
+    url = f"sqlite:///{archive / 'history.sqlite'}"
+    rows = list_sessions(url, Selection())[:1]
+    with pytest.raises(InputError, match="of another refit"):
+        refit_sessions(url, rows, ASKED, tmp_path / "t", computed_here, Silent())
+
+
+def test_copies_are_one_session_and_the_whole_one_is_read(archive: Path, tmp_path: Path, whole_of: bytes) -> None:
+    url = f"sqlite:///{archive / 'history.sqlite'}"
+    rows = list_sessions(url, Selection())[-FEW:]
+    damaged = [{**row, "location": f"/0/{row['session']}", "code": "B-REC-011"} for row in rows]
+    done = refit_sessions(url, [*damaged, *rows], ASKED, tmp_path / "t", computed_here, Silent())
+    assert done.trial.sessions == FEW
+    assert (tmp_path / "t" / OUTCOME).read_bytes() == whole_of

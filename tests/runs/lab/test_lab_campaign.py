@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from import_sample import LOG, SHORT
+from imported_logs import LOG, SHORT
 from own_lab import ANALYSIS, DRIVER, NAME, SIMULATOR, copied
 from rehearsal import ROOT, Inside, bench, contents
 from served import ServedPage

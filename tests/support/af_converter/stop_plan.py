@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from plan_sample import reworded
 from rehearsal import compiled
 
 from bench.plan import Plan, check_plan
@@ -25,10 +26,12 @@ CUTS = [
 
 def stopping_text(until: str, seconds: str, levels: str = "10 mA, 100 mA") -> str:
     """Return the text of a campaign whose points, zeros and repeats have this rule."""
-    text = (ROOT / "sequences" / "scale_factor_short.yaml").read_text()
-    for old, new in [*CUTS, ("[30 uA, 100 uA, 1 mA, 10 mA, 100 mA, 200 mA]", f"[{levels}]")]:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
+    text = reworded(
+        (ROOT / "sequences" / "scale_factor_short.yaml").read_text(),
+        *CUTS,
+        ("[30 uA, 100 uA, 1 mA, 10 mA, 100 mA, 200 mA]", f"[{levels}]"),
+        once=True,
+    )
     before, point = text.split("\n  point:\n")
     dwell, ruled = '          seconds: "{dwell}"\n', f"          seconds: {seconds}\n          until: {until}\n"
     return f"{before}\n  point:\n" + point.replace(dwell, ruled, 1)

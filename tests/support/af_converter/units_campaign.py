@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from plan_sample import reworded
 from rehearsal import rehearsed
 
 from bench.plan import Plan, check_plan, compile_sequence
@@ -38,11 +39,7 @@ TRUE_STANDARDS = {"world.calibrator_gain": "off", "world.calibrator_floor": "off
 
 def cut(name: str, changes: list[tuple[str, str]]) -> str:
     """Return the text of a shipped sequence with its changes."""
-    text = (ROOT / "sequences" / f"{name}.yaml").read_text()
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    return text
+    return reworded((ROOT / "sequences" / f"{name}.yaml").read_text(), *changes, once=True)
 
 
 def compiled_text(folder: Path, text: str, settings: dict[str, str]) -> Plan:

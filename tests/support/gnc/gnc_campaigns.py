@@ -6,6 +6,7 @@ Motions are closed forms of the planned calls, written here; the fits see rows a
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -13,21 +14,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gnc_sensor_bench import Table, at, trapezoid
+from doubt_gnc import Form
 from imu_material import record_of
+from plan_sample import reworded
 from rehearsal import ROOT
 from scipy.linalg import sqrtm
+from scipy.spatial.transform import Rotation
 from spread_study import Key, Study, key_of, name_of
 
 from bench.analysis import CONTINUES, Analysis, Estimates, Material
 from bench.model.clock import NS
 from bench.plan import Plan, PlannedCall, PlannedRecord, compile_sequence
 from bench.record import RecordRow
+from bench.session.designed import problem_of
 from bench.session.predicted import predicted
 from bench.systems.gnc.calibration import analysis as calibration
+from bench.systems.gnc.calibration.design import Calibrations, Candidate
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.gnc import imu_errors
-from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, GncImu
+from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, GncImu, ImuOptions
 from sim_instruments.worlds.gnc.truth import estimates
 
 SITE = Site()
@@ -51,12 +56,10 @@ def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
 
 def rewritten(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) -> Plan:
     """A shipped sequence with other words in it."""
-    text = (ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8")
-    for old, new in cuts:
-        assert old in text
-        text = text.replace(old, new)
     path = tmp_path / f"{name}.yaml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(
+        reworded((ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8"), *cuts), encoding="utf-8"
+    )
     return compile_sequence(path, None, settings)
 
 
@@ -289,3 +292,111 @@ def calibration_study(plan: Plan, first_seed: int, units: int) -> Study:
         first_seed,
         units,
     )
+
+
+IDEAL = ImuOptions(errors=False, noise=False)
+QUIET = ImuOptions(noise=False)
+# v_table = M v_body, from the words "body axis along the inner axis, the other two follow cyclically"
+MOUNTINGS = {
+    "x": np.eye(3),
+    "y": np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], float),
+    "z": np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float),
+}
+
+
+@dataclass
+class Formula:
+    """An axis whose angle is a function of seconds."""
+
+    angle: Callable[[np.ndarray], np.ndarray]
+    step_s: float = 1e-5
+
+    def angle_deg(self, t_ns: np.ndarray) -> np.ndarray:
+        return self.angle(np.asarray(t_ns) / NS)
+
+    def rate_deg_s(self, t_ns: np.ndarray) -> np.ndarray:
+        t_s = np.asarray(t_ns) / NS
+        return (self.angle(t_s + self.step_s) - self.angle(t_s - self.step_s)) / (2 * self.step_s)
+
+
+def at(angle_deg: float) -> Formula:
+    return Formula(lambda t_s: np.full(np.shape(t_s), float(angle_deg)))
+
+
+def turning(rate_deg_s: float) -> Formula:
+    return Formula(lambda t_s: rate_deg_s * t_s)
+
+
+def trapezoid(start_s: float, turn_deg: float, rate_deg_s: float, acceleration_deg_s2: float) -> Formula:
+    """From rest to rest by ``turn_deg``, rate and acceleration without sign."""
+    ramp_s = rate_deg_s / acceleration_deg_s2
+    cruise_s = abs(turn_deg) / rate_deg_s - ramp_s
+    assert cruise_s > 0
+
+    def angle(t_s: np.ndarray) -> np.ndarray:
+        up = np.clip(t_s - start_s, 0.0, ramp_s)
+        flat = np.clip(t_s - start_s - ramp_s, 0.0, cruise_s)
+        down = np.clip(t_s - start_s - ramp_s - cruise_s, 0.0, ramp_s)
+        way = acceleration_deg_s2 * (up**2 / 2 + ramp_s * down - down**2 / 2) + rate_deg_s * flat
+        return np.copysign(way, turn_deg)
+
+    return Formula(angle)
+
+
+@dataclass
+class Table:
+    """Surroundings of a module on a table; angles or motions are (outer, middle, inner)."""
+
+    motion: tuple[Formula, Formula, Formula] = field(default_factory=lambda: (at(0), at(0), at(0)))
+    mounting: str = "x"
+    table: str = "non_magnetic"
+
+
+def posed(outer: float, middle: float, inner: float, mounting: str = "x") -> Table:
+    return Table((at(outer), at(middle), at(inner)), mounting)
+
+
+def module(table: Table, options: ImuOptions = IDEAL, serial: str = "GNC-01", site: Site | None = None) -> GncImu:
+    return GncImu(11, serial, options, surroundings=table, site=site or Site())
+
+
+def times_ns(seconds: float, first_s: float = 0.0, rate_hz: float = 200.0) -> np.ndarray:
+    """Time stamps of contiguous samples, the first interval of which begins at ``first_s``."""
+    return round(first_s * NS) + np.arange(1, round(seconds * rate_hz) + 1, dtype=np.int64) * round(NS / rate_hz)
+
+
+def body_to_local(table: Table, t_ns: np.ndarray, site: Site) -> Rotation:
+    """Attitude by scipy alone: v_n = Rz(90 - azimuth) Rz(outer) Ry(middle) Rx(inner) M v_b."""
+    outer, middle, inner = (axis.angle_deg(t_ns) for axis in table.motion)
+    angles = np.stack((outer + 90.0 - site.azimuth_deg, middle, inner), axis=-1)
+    return Rotation.from_euler("ZYX", angles, degrees=True) * Rotation.from_matrix(MOUNTINGS[table.mounting])
+
+
+GIVEN = "gnc_imu_calibration"
+SHORTEST = Candidate(check_s=20.0, turn_s=20.3, turns=3), 300.0  # what 'bench plan gnc_imu_calibration' finds
+
+
+@cache
+def given() -> Plan:
+    return compile_sequence(ROOT / "sequences" / f"{GIVEN}.yaml", None, {})
+
+
+@cache
+def written() -> Plan:
+    """Return the shortest calibration as it is written and compiled again."""
+    problem: Calibrations | Any = problem_of(given(), None)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "shorter.yaml"
+        path.write_text(problem.written(*SHORTEST, "shorter", ["Shorter."]), encoding="utf-8")
+        return compile_sequence(path, None, {})
+
+
+def form_of(plan: Plan) -> Form:
+    """Return the lengths of the records of a plan, and how its table turns."""
+    steps = plan.phase("campaign")
+    records = [step for step in steps if isinstance(step, PlannedRecord)]
+    first_s, *_, last_s = (step.seconds for step in records if step.conditions["item"] == "position")
+    before_s, after_s, *_ = (step.seconds for step in records if step.conditions["item"] == "rotation")
+    turn = next(step.arguments for step in steps if isinstance(step, PlannedCall) and step.name == "turn")
+    moving_s = turn["angle"] / turn["rate"] + turn["rate"] / turn["acceleration"]
+    return Form((first_s, last_s), before_s + after_s, moving_s, turn["angle"], magnetic=False, of_a_plan=True)

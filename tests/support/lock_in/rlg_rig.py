@@ -6,14 +6,20 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis import Material
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples
+from sim_instruments.arrays import Float
+from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, RingLaser, UInt8, levels
+from sim_instruments.worlds.lock_in.crossings import Crossings, crossings
+from sim_instruments.worlds.lock_in.half_cycles import integrate
 
 SITE = {"latitude_deg": 37.0}
 
@@ -51,3 +57,67 @@ def material(*rows: RecordRow, **campaign: Any) -> Material:
     """What an analysis sees of a session of these records."""
     stated: dict[str, Any] = {"analysis": "rlg_lock_in", "uut": {"model": "RLG", "serial": "RLG-28"}, "site": SITE}
     return Material(rows=rows, campaign=stated | campaign, standards={})
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Edges in order of time, and what nobody can measure.
+
+    ``t_s``: (n,) seconds.   ``channel``: BEAT or PICK_OFF.   ``level``: of that channel behind the edge, 1 = risen; the
+    pick-off is high while the dither's angle is positive, so it rises where the rate is most positive.
+    ``cosine``: level of the comparator of cos(psi).   ``count``: floor(psi / pi) behind the edge, truth.
+    ``phase_rad``: psi at the pick-off's edges and at the end, (halves + 1,), truth.
+    ``dither_deg_s``: amplitude of each half cycle, (halves,), truth.
+    """
+
+    t_s: Float
+    channel: UInt8
+    level: UInt8
+    cosine: UInt8
+    count: NDArray[np.int64]
+    phase_rad: Float
+    dither_deg_s: Float
+
+
+def simulated_edges(laser: RingLaser, seconds: float, rng: np.random.Generator, psi_rad: float = 0.0) -> Edges:
+    """Return the edges of the comparators from a maximum of the velocity on, over whole half cycles of the dither.
+
+    Args: seconds: how long, rounded to half cycles.   rng: of all noise.   psi_rad: phase at t = 0.
+    """
+    total, parts = round(seconds / laser.half_s), []
+    for first in range(0, total, AT_ONCE):
+        n = min(AT_ONCE, total - first)
+        dither_deg_s = laser.dither_deg_s * (1.0 + laser.dither_noise * rng.standard_normal(n))
+        noise = rng.standard_normal((n, laser.steps)) if laser.quantum_deg_rt_h else None
+        drive = laser.drive(dither_deg_s, 1 - 2 * (first % 2), noise, laser.beta_rad)
+        motion = integrate(drive, psi_rad)
+        disturbed = laser.beat_noise * rng.standard_normal((n, laser.steps)) if laser.beat_noise else None
+        found = crossings(drive, motion, disturbed)
+        parts.append(_edges(laser, first, dither_deg_s, motion.start_rad, found))
+        psi_rad = motion.end_rad
+    return _joined(parts, psi_rad)
+
+
+def _edges(laser: RingLaser, first: int, dither_deg_s: Float, start_rad: Float, found: Crossings) -> Edges:
+    halves = np.arange(len(start_rad))
+    half, order = ordered(halves, found)
+    t_s = (first + half) * laser.half_s + np.concatenate([np.zeros(len(halves)), found.since_s])[order]
+    channel = np.concatenate([np.full(len(halves), PICK_OFF), np.full(len(found.half), BEAT)]).astype(np.uint8)
+    level, cosine = levels((first + halves) % 2 == 0, start_rad, found)
+    count = np.concatenate([np.floor(start_rad / np.pi).astype(np.int64), found.count])
+    return Edges(t_s, channel[order], level[order], cosine[order], count[order], start_rad, dither_deg_s)
+
+
+def ordered(halves: NDArray[np.int64], found: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Half cycle of each edge in order of time, and the order: pick-off edges stand before the beat's at first."""
+    half = np.concatenate([halves, found.half])
+    since_s = np.concatenate([np.zeros(len(halves)), found.since_s])
+    order = np.lexsort((since_s, half))
+    return half[order], order
+
+
+def _joined(parts: list[Edges], end_rad: float) -> Edges:
+    names = ("t_s", "channel", "level", "cosine", "count")
+    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    phase_rad = np.append(np.concatenate([part.phase_rad for part in parts]), end_rad)
+    return Edges(**whole, phase_rad=phase_rad, dither_deg_s=np.concatenate([part.dither_deg_s for part in parts]))

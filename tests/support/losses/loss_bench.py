@@ -166,7 +166,6 @@ class LossyBench:
         self._ends.close()
 
     def _cable(self, state: str, loss: Loss) -> None:
-        assert self._space is not None
         self._space.link(state, whole=loss.target == ALL)
 
     def _host(self, role: str, apart: str | None) -> str:

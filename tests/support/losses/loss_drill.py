@@ -20,6 +20,8 @@ from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+from plan_sample import reworded
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # this revision is drilled, whichever is installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -86,12 +88,8 @@ class Row:
 
 def sequence_in(folder: Path, scale: Scale) -> Path:
     """Write the sequence of a drill: the shipped one, or cut down to one temperature."""
-    text = SEQUENCE.read_text()
-    for old, new in CUT.items() if scale.short else ():
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
     path = folder / SEQUENCE.name
-    path.write_text(text)
+    path.write_text(reworded(SEQUENCE.read_text(), *(CUT.items() if scale.short else ()), once=True))
     return path
 
 

@@ -5,16 +5,33 @@ Nothing here comes from bench.systems or sim_instruments. East, north, up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from bench.analysis import Material, Reading
+from bench.maths.verdict import coverage_factor
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples
+from bench.systems.north.estimators.formulas import literal_north, propagated, quadrant_north
+from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.phasors import (
+    DOF,
+    North,
+    angle_deg,
+    eight,
+    eight_sample_north,
+    lock_in_phasors,
+    wrapped_deg,
+)
+from bench.systems.north.sets import NorthSet
+from bench.systems.north.solution import Site, Solution
+from bench.systems.north.solve import solve
 
 FS_Hz, RECORD_s = 1000.0, 5.0
 LATITUDE_DEG, AZIMUTH_DEG = 37.0, 20.0
@@ -157,3 +174,182 @@ def record_row(
     end_ns = int(t_ns[0]) + round(1e9 * n / fs_Hz)  # of the last sample, not its middle
     window = RecordWindow(len(before) + 1, "fog", int(counter[0]), n, int(t_ns[0]), end_ns, dict(conditions))
     return RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=Samples(columns, counter, t_ns, SCALES))
+
+
+SIGMA_V = 0.5**0.5
+TURNS = 20
+KINDS = ("constant", "slow", "step", "linear", "white", "double")
+
+
+def single_north(u1: ArrayLike, u2: ArrayLike, *, f2_deg: float = 0.0) -> North:
+    """Phase by (17) with atan2: lock-in 1 alone, as a scheme with one lock-in has it.
+
+    Args:    u1, u2: oriented samples, (..., 4); lock-in 2 only for the noise.   f2_deg: placement of its index pulse.
+    Returns: North.
+    Raises:  FitError B-FIT-110 for another shape.
+    Source:  FOG paper (002) equation (17).
+    """
+    first, second = eight(u1, u2)
+    phasor = np.asarray(lock_in_phasors(first, second)[0] * np.exp(-1j * np.deg2rad(f2_deg)))
+    noise, std_deg = propagated(lambda a, b: lock_in_phasors(a, b)[0], first, second)
+    return North("single", angle_deg(phasor), std_deg, DOF, phasor, noise, first.mean(-1), second.mean(-1))
+
+
+def wander(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Relative change of a parameter over the run, within 20 %."""
+    if kind == "slow":
+        return 0.2 * np.sin(2 * np.pi * (rng.uniform(0.02, 0.1) * t + rng.uniform()))
+    if kind == "step":
+        return rng.uniform(-0.2, 0.2, TURNS)[np.floor(t).astype(int)]
+    if kind == "linear":
+        return -0.2 + 0.4 * t / TURNS
+    if kind == "white":
+        return rng.uniform(-0.2, 0.2, t.size)
+    if kind == "double":
+        return 0.2 * np.sin(2 * np.pi * (2 * t + rng.uniform()))
+    return np.zeros(t.size)
+
+
+def turned(kind: str, fs: int, rng: np.random.Generator) -> np.ndarray:
+    """Encoder angle in radian, (n,): steady rotation, its swing of 0.05 degrees at 60 Hz, the index of each window."""
+    t = mid_samples_s(fs)
+    swing, frequency = (wander(kind if kind != "double" else "constant", t, rng) for _ in range(2))
+    phase = 2 * np.pi * np.cumsum(60.0 * (1.0 + frequency)) / fs
+    index = np.repeat(np.arange(4), t.size // 4) * np.pi / 2
+    return 2 * np.pi * t + np.deg2rad(0.05) * (1.0 + swing) * np.sin(phase) + index
+
+
+@cache
+def mid_samples_s(fs: int) -> np.ndarray:
+    return (np.arange(TURNS * fs) + 0.5) / fs
+
+
+@cache
+def square_references(fs: int) -> tuple[np.ndarray, np.ndarray]:
+    t = mid_samples_s(fs)
+    return np.sign(np.cos(2 * np.pi * t)), np.sign(np.sin(2 * np.pi * t))
+
+
+def lock_ins(u: np.ndarray, fs: int) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (..., 4) of lock-in 1 and 2 against a square reference."""
+    first, second = ((u * one).reshape(*u.shape[:-1], 4, -1).mean(-1) for one in square_references(fs))
+    return first, second
+
+
+def runs(
+    kind: str, count: int, *, fs: int = 1000, noise: float = SIGMA_V, seed: int = 0
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """True phase (r,), raw samples (r, n) and encoder angle (n,) in degrees; azimuths spread evenly over the circle."""
+    rng = np.random.default_rng(seed)
+    phi_deg = -180.0 + 360.0 * np.arange(count) / count
+    for some in np.array_split(phi_deg, -(-count // 50) if kind == "constant" else count):
+        theta, gain = turned(kind, fs, rng), 1.0 + wander(kind, mid_samples_s(fs), rng)
+        angle = np.deg2rad(some)[:, None]
+        signal = gain * (np.cos(angle) * np.sin(theta) + np.sin(angle) * np.cos(theta))
+        yield some, signal + noise * rng.standard_normal(signal.shape), np.rad2deg(theta)
+
+
+def errors_deg(
+    kind: str, count: int, *, fs: int = 1000, noise: float = SIGMA_V, seed: int = 0
+) -> dict[str, np.ndarray]:
+    """Errors of every method, never modulo 180 but in "literal, half turns removed"."""
+    found: dict[str, list[np.ndarray]] = {}
+    for phi_deg, u, theta_deg in runs(kind, count, fs=fs, noise=noise, seed=seed):
+        eight = lock_ins(u, fs)
+        each = {
+            "literal": literal_north(*eight).north,
+            "quadrant": quadrant_north(*eight),
+            "single": single_north(*eight),
+            "least_squares": eight_sample_north(*eight),
+            "likelihood": likelihood_north(u, theta_deg),
+        }
+        for name, one in each.items():
+            found.setdefault(name, []).append(wrapped_deg(one.phi_deg - phi_deg))
+    errors = {name: np.concatenate(some) for name, some in found.items()}
+    return errors | {"literal, half turns removed": wrapped_deg(2 * errors["literal"]) / 2}
+
+
+def rms(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def table(count: int, fs: int, seed: int, say: Callable[[str], None]) -> dict[str, dict[str, float]]:
+    """RMS error in degrees of every method and kind of parameters."""
+    found = {
+        kind: {name: rms(one) for name, one in errors_deg(kind, count, fs=fs, seed=seed).items()} for kind in KINDS
+    }
+    for kind, row in found.items():
+        say(f"{kind}: " + ", ".join(f"{name} {value:.3f}" for name, value in row.items()))
+    return found
+
+
+COVERAGE_FS_Hz, MARK_deg = 40, 20.0
+Float = NDArray[np.float64]
+Plan = dict[str, tuple[float, ...]]  # heads of each item, one for each set
+METHODS = ("least_squares", "likelihood", "quadrant", "literal")
+TIMES_S = np.arange(0.5 / COVERAGE_FS_Hz, TURNS, 1.0 / COVERAGE_FS_Hz)
+RECORDS = np.repeat(np.arange(4), TURNS * COVERAGE_FS_Hz // 4)
+
+
+def campaigns(kind: str, count: int, noise: float, plan: Plan, seed: int) -> Iterator[tuple[Solution, Float]]:
+    """Yield solutions with the true heading of each set."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        field_deg = rng.uniform(-180.0, 180.0)
+        sets, true_deg = [], []
+        for item, heads in plan.items():
+            for repeat, head_deg in enumerate(heads, 1):
+                heading_deg = field_deg if item == "search" else MARK_deg + head_deg
+                place = "field" if item == "search" else "mark"
+                u_V, theta_deg = waveform_of(kind, heading_deg, noise, rng)
+                u1, u2 = eight_of(u_V)
+                t_s = float(len(sets))
+                own = NorthSet(item, place, head_deg, repeat, 360.0, u1, u2, begin_s=t_s, end_s=t_s)
+                own.rows = rows_of(u_V, theta_deg)
+                sets.append(own)
+                true_deg.append(heading_deg)
+        yield solve(sets, Site(37.0, MARK_deg)), np.array(true_deg)
+
+
+def waveform_of(kind: str, heading_deg: float, noise: float, rng: np.random.Generator) -> tuple[Float, Float]:
+    """Output in volt and table angle in degrees of the four records of a set, one behind the other."""
+    gain = 1.0 + wander(kind, TIMES_S, rng)
+    theta = 2 * np.pi * TIMES_S + np.pi / 2 * RECORDS
+    u_V = gain * np.cos(np.deg2rad(heading_deg) - theta) + noise * rng.standard_normal(TIMES_S.size)
+    return u_V, np.rad2deg(theta)
+
+
+def eight_of(u_V: Float) -> tuple[Float, Float]:
+    """Eight samples (4,) of lock-in 1 and 2: references are sines, no index pulse is misplaced."""
+    at = 2 * np.pi * TIMES_S
+    means = [np.array([2.0 * np.mean((u_V * one)[k == RECORDS]) for k in range(4)]) for one in (np.cos(at), np.sin(at))]
+    return means[0], means[1]
+
+
+def rows_of(u_V: Float, theta_deg: Float) -> dict[int, RecordRow]:
+    """The same as records by index position."""
+    return {
+        k + 1: record_row(0.0, [], u_V[k == RECORDS], theta_deg[k == RECORDS], {}, COVERAGE_FS_Hz) for k in range(4)
+    }
+
+
+def covered(kind: str, count: int, noise: float, plan: Plan, seed: int) -> tuple[dict[str, int], dict[str, float]]:
+    """Return how many intervals hold the true heading and their median half-width, degrees, by method.
+
+    One interval of each campaign: that of its last heading.
+    """
+    hits, widths = {}, {}
+    for method in METHODS:
+        hits[method], widths[method] = 0, []
+    for solution, true_deg in campaigns(kind, count, noise, plan, seed):
+        for method in METHODS:
+            mean = solution.means(method)[-1]
+            width_deg = coverage_factor(mean.dof) * mean.std_deg
+            widths[method].append(width_deg)
+            hits[method] += int(abs(wrapped_deg(mean.azimuth_deg - true_deg[-1])) <= width_deg)
+    half = {method: float(np.median(each)) for method, each in widths.items()}
+    print(
+        f"{kind}, {noise:.3g} V, {count} campaigns: "
+        + ", ".join(f"{method} {hits[method]} within {half[method]:.3g} deg" for method in METHODS)
+    )
+    return hits, half

@@ -78,8 +78,7 @@ def all_campaigns() -> Iterator[str]:
 
 def loaded(module: str) -> Campaigns:
     """Return a module of generated campaigns."""
-    campaigns: Any = importlib.import_module(module)
-    return campaigns  # type: ignore[no-any-return]
+    return importlib.import_module(module)
 
 
 def done_block(module: str, seeds: range, revision: str) -> list[Covered]:

@@ -51,17 +51,11 @@ class Study:
 
     def ratios(self) -> dict[Key, float]:
         """Spread about the truth over the predicted uncertainty."""
-        return {key: float(np.sqrt(np.mean(np.square(scores)))) for key, scores in self.scores.items()}
+        return spread(self.scores)
 
     def outside(self) -> dict[Key, float]:
         """Ratios outside of their 99.9 % band of chi-square."""
-        found = {}
-        for key, ratio in self.ratios().items():
-            count = len(self.scores[key])
-            low, high = np.sqrt(stats.chi2.ppf([(1 - PROBABILITY) / 2, (1 + PROBABILITY) / 2], count) / count)
-            if not low < ratio < high:
-                found[key] = ratio
-        return found
+        return {key: ratio for key, ratio in self.ratios().items() if outside({key: ratio}, len(self.scores[key]))}
 
     def counts(self) -> dict[Key, int]:
         """Return of each place in how many campaigns the interval holds the truth."""
@@ -95,16 +89,35 @@ class Study:
             )
 
 
+def spread(errors: Mapping[Any, Iterable[float]], expected: Mapping[Any, float] | None = None) -> dict[Any, float]:
+    """Return root mean squares of errors by place, over the standard uncertainties that are expected there."""
+    return {
+        where: float(np.sqrt(np.mean(np.square(list(each))))) / (1.0 if expected is None else expected[where])
+        for where, each in errors.items()
+    }
+
+
+def band(count: float) -> tuple[float, float]:
+    """Return between which ratios 99.9 % of spreads over their predictions lie, by chi-square."""
+    low, high = np.sqrt(stats.chi2.ppf([(1 - PROBABILITY) / 2, (1 + PROBABILITY) / 2], count) / count)
+    return float(low), float(high)
+
+
+def outside(ratios: Mapping[Any, float], count: float) -> dict[Any, float]:
+    """Return the ratios outside of that band."""
+    low, high = band(count)
+    return {where: ratio for where, ratio in ratios.items() if not low < ratio < high}
+
+
 def judged(ratios: Mapping[Any, float], campaigns: int, record: Callable[[str, object], None]) -> dict[Any, float]:
     """Tell spreads over predictions by place; return those outside of their 99.9 % band of chi-square.
 
     The median must be 1 within 3 % at 500 campaigns, and within more at fewer.
     """
-    low, high = np.sqrt(stats.chi2.ppf([(1 - PROBABILITY) / 2, (1 + PROBABILITY) / 2], campaigns) / campaigns)
-    outside = {where: ratio for where, ratio in ratios.items() if not low < ratio < high}
+    beyond, (low, high) = outside(ratios, campaigns), band(campaigns)
     median = float(np.median(list(ratios.values())))
-    inside = f"{len(outside)} of {len(ratios)} outside {low:.3f} to {high:.3f}"
+    inside = f"{len(beyond)} of {len(ratios)} outside {low:.3f} to {high:.3f}"
     record("obtained", f"{campaigns} campaigns: {inside}, median {median:.3f}")
     print(*(f"{where}: {ratio:.3f}" for where, ratio in ratios.items()), f"{inside}, median {median:.3f}", sep="\n")
     assert abs(median - 1.0) < 0.03 * np.sqrt(500.0 / campaigns)
-    return outside
+    return beyond

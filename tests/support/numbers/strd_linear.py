@@ -10,6 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.maths.arrays import Floats
+from bench.maths.extended import Extended, stacked
+from bench.systems.af_converter.estimators.gates import Whitener
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -124,3 +128,26 @@ PROBLEMS = (
              0.226073200069370, 455.478499142212), 304.854073561965),
     *(_wampler(number) for number in range(1, 6)),
 )  # fmt: skip
+
+
+def polynomial_columns(x: Floats, order: int) -> Extended:
+    """Columns 1, x, x^2 ... x^order, each power right to about 31 digits; a power in doubles is right to 15.
+
+    Args:    x: (m,), any unit, taken as exact.   order: highest power, >= 0.
+    Returns: Extended (m, order + 1), a design for bench.maths.least_squares.solve.
+    Source:  Dekker, Numer. Math. 18 (1971) 224.
+    """
+    base = Extended.of(np.asarray(x, np.float64)[None, :])
+    powers = [Extended.of(np.ones(base.shape))]
+    for _ in range(order):
+        powers.append(powers[-1] * base)
+    return stacked(*powers).transposed
+
+
+def covariance_of(whitener: Whitener) -> Floats:
+    """Return the covariance V itself, (m, m), in the unit of the readings squared."""
+    rows = whitener.factor.shape[1]
+    factor = sum(
+        np.diag(diagonal[: rows - below], -below) for below, diagonal in enumerate(whitener.factor) if below < rows
+    )
+    return np.asarray(np.cumsum(np.cumsum(factor @ factor.T, axis=0), axis=1))

@@ -79,7 +79,6 @@ class PageServer:
     def end(self, number: int = signal.SIGTERM) -> None:
         self.process.send_signal(number)
         self.process.wait(20)
-        assert self.process.stdout is not None
         self.process.stdout.close()
 
 

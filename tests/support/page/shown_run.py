@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import socketserver
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from rehearsal import writable_copy
+from report_sample import unsound
 
 from bench.model.clock import NS, WallClock
+from bench.record import OPEN_MARKER
+from bench.run.feed.outputs import Outputs
 
 CLOCK = WallClock()
 GYROS = tuple(f"port_a.npp-ppp[{channel}]" for channel in range(1, 11))
@@ -185,3 +191,191 @@ class ShownRun:
             server.shutdown()
             server.server_close()
         self._place.cleanup()
+
+
+HOURS = 38
+SPEED = 100.0
+TICK_S = 0.2
+MOST_LINES = 200
+
+
+class FastRun(ShownRun):
+    """A run that began a minute before it is first seen and goes on by itself."""
+
+    speed = SPEED
+    point_rows = 1200  # what a busy machine may be late: 1.2 s of wall time
+    before_s = 60.0
+
+    def __init__(self, out: Path, name: str) -> None:
+        super().__init__(out, name)
+        began = self._began_utc_s
+        end = began + HOURS * HOUR_S
+        corners = np.linspace(began, end, 19)
+        temperatures = [20.0 + 5.0 * (number % 9) for number in range(len(corners))]
+        timetable = {"t_utc_s": list(corners), "temperature_degC": temperatures}
+        self.state = {**self.state, "started_utc_s": began, "timetable": timetable}
+        head = json.loads((self.folder / "trend" / "trend.json").read_text())
+        self._start_s = head["offsets_ns"][0] // 10**9
+        self._done = dict.fromkeys((1, 10, 100), 60)  # seconds that each level holds
+        self._done[100] = 100
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._go_on, daemon=True)
+        self._thread.start()
+
+    @property
+    def hours(self) -> float:
+        """Bench time so far."""
+        return (self.now_utc_s() - self._began_utc_s) / HOUR_S
+
+    def _go_on(self) -> None:
+        tick = 0
+        while not self._ended.wait(TICK_S):
+            tick += 1
+            self._append_trend()
+            self.state = {**self.state, **self._news(tick)}
+
+    def _append_trend(self) -> None:
+        now_s = self.now_utc_s() - self._start_s
+        for level_s, done_s in self._done.items():
+            numbers = np.arange(done_s, now_s - level_s, level_s)
+            if len(numbers):
+                low, high = self.values(numbers)
+                block = np.empty(len(numbers), [("t", "<f8"), ("span", "<f4", (low.shape[1], 2))])
+                block["t"], block["span"] = self._start_s + numbers, np.stack([low, high], axis=-1)
+                with (self.folder / "trend" / f"port_a.{level_s:03d}s").open("ab") as stream:
+                    stream.write(block.tobytes())
+                self._done[level_s] = done_s + len(numbers) * level_s
+
+    def _news(self, tick: int) -> dict[str, Any]:
+        """What is different now: almost everything, as in a run where much happens."""
+        now, hours = self.now_utc_s(), self.hours
+        begun = now - now % 760
+        line = {"t_utc_s": now, "kind": "reading", "text": f"tick {tick}: chamber {20 + hours:.3f} degC"}
+        alarms = [
+            {"id": f"a{number}", "severity": "warning", "code": None, "t_utc_s": now, "active": number % 2 == 0,
+             "acknowledged": None, "text": f"GPIB 14 timeout, the {number}th"}
+            for number in range(int(hours) % 4)]  # fmt: skip
+        row = {"number": tick, "t_utc_s": now, "frames": 10000, "lost": 0, "bad": 0, "flags": [],
+               "conditions": {"temperature_degC": 20 + hours, "channel": tick % 10 + 1}}  # fmt: skip
+        instruments = {
+            role: {**one, "reply": f"{now:.3f}", "t_utc_s": now} for role, one in self.state["instruments"].items()
+        }
+        wait = {"reason": "soak", "since_utc_s": begun, "until_utc_s": begun + 760, "last": f"{20 + hours:.3f} degC"}
+        step = {
+            **self.state["step"],
+            "number": int(hours / HOURS * 17) + 1,
+            "since_utc_s": begun,
+            "what": f"soak {tick}",
+        }
+        link = {**self.state["links"]["port_a"], "frames": 100 * int(hours * HOUR_S)}
+        records = {**self.state["records"], "done": tick, "last": [row, *self.state["records"]["last"]][:10]}
+        return {"progress": min(1.0, hours / HOURS), "log": [line, *self.state["log"]][:MOST_LINES], "alarms": alarms,
+                "instruments": instruments, "wait": wait, "step": step, "links": {"port_a": link},
+                "records": records}  # fmt: skip
+
+    def close(self) -> None:
+        """It stops, and nobody answers any more."""
+        self._ended.set()
+        self._thread.join()
+        super().close()
+
+
+PLACES = {
+    "calibrator": ("fluke_5720a", "GPIB0::4::INSTR"), "switch": ("keithley_7002", "GPIB0::7::INSTR"),
+    "supply": ("hp_6632b", "GPIB0::5::INSTR"), "chamber": ("thermotron_3800", "GPIB0::1::INSTR"),
+}  # fmt: skip
+QUIET = {"calibrator": {"ISR?": "0"}, "switch": {":CLOS:STAT?": "(@)"}}
+DRIVEN = {"calibrator": {"ISR?": "4097", "OUT?": "2.0E-02,A,0E+00"}, "switch": {":CLOS:STAT?": "(@1!1!3)"}}
+WARM = {
+    "supply": {"OUTP?": "1", "MEAS:VOLT?": "18.0", "MEAS:CURR?": "1.25"},
+    "chamber": {"MODE?": "16", "SETP1?": "55.0", "PVAR1?": "54.8"},
+}
+PORT = "port_a: no byte for 30 s"
+
+
+@dataclass(frozen=True)
+class Situation:
+    """One that lives. ``word`` and ``attention`` are what every view says; ``says``: words that must stand there."""
+
+    word: str
+    attention: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    says: tuple[str, ...] = ()
+    replies: Mapping[str, Mapping[str, str]] = field(default_factory=lambda: {**QUIET, **WARM})
+    unconfirmed: Mapping[str, str] = field(default_factory=dict)
+
+
+def alarm(text: str, code: str | None = None) -> dict[str, Any]:
+    return {"id": text, "severity": "alarm", "code": code, "t_utc_s": now_utc_s(), "text": text, "active": True,
+            "acknowledged": None}  # fmt: skip
+
+
+def held(by: str, reason: str) -> dict[str, Any]:
+    wait = {"reason": reason, "since_utc_s": now_utc_s() - 100, "until_utc_s": None, "last": None}
+    return {"state": "holding", "holds": {by: reason}, "wait": wait}
+
+
+QUESTION = {
+    "id": "1", "text": "Connect the unit to channel 3 of the matrix.", "confirm": "technician", "unit": None,
+    "low": None, "high": None, "since_utc_s": 0.0,
+}  # fmt: skip
+LIVING = {
+    "running": Situation("RUNNING", "none", says=("calibrator", "20 mA"), replies={**DRIVEN, **WARM}),
+    "soak": Situation("RUNNING", "none", says=("soak 55", "18 V, 1.25 A")),
+    "prompt": Situation("WAITING FOR A PERSON", "some", {"state": "waiting", "prompt": QUESTION}, (QUESTION["text"],)),
+    "port": Situation("HOLDING", "much", {**held("link port_a", PORT), "alarms": [alarm(PORT, "B-LINK-003")]}, (PORT,)),
+    "instrument": Situation("HOLDING", "some", held("instrument dmm", "dmm: no answer"), ("dmm: no answer",)),
+    "mute": Situation("HOLDING", "much", held("instrument calibrator", "calibrator: no answer"),
+                      ("NOT confirmed off: calibrator (B-INST-001)",), unconfirmed={"calibrator": "B-INST-001"}),
+    "runaway": Situation("RUNNING", "much", {"alarms": [alarm("air 61.2 degC runs away")]}, ("runs away",)),
+    "door": Situation("HOLDING", "much", {**held("interlock door", "door is open"), "alarms": [alarm("door is open")]},
+                      ("door is open",)),
+}  # fmt: skip
+OVER = {"pass": "PASS", "fail": "FAIL", "doubtful": "DOUBTFUL", "damaged": "DAMAGED", "guard": "FAULT"}
+
+
+def bench_of(replies: Mapping[str, Mapping[str, str]], unconfirmed: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The state of the bench as the run's own reducer makes it of replies of now."""
+    outputs, now = Outputs(PLACES, 150.0), now_utc_s()
+    for role, told in replies.items():
+        for question, reply in told.items():
+            outputs.on_traffic(role, "tx", question, now - 12.0)
+            outputs.on_traffic(role, "rx", reply, now - 12.0)
+    return outputs.document(now, unconfirmed=unconfirmed)
+
+
+def state_of(situation: Situation) -> dict[str, Any]:
+    return {
+        "attention": situation.attention,
+        "bench": bench_of(situation.replies, situation.unconfirmed),
+        **situation.changes,
+    }
+
+
+def stage_living(out: Path) -> dict[str, ShownRun]:
+    """Every situation of a run that lives, by name; whoever stages them closes them."""
+    runs = {}
+    for number, (name, situation) in enumerate(LIVING.items()):
+        runs[name] = ShownRun(out, f"20260301T00000{number}Z_{name}_7")
+        runs[name].state.update(state_of(situation))
+    return runs
+
+
+def stage_over(out: Path, recorded: Path) -> dict[str, str]:
+    """A recording, five times: its results judged, its end cut off, and left open by a run that its guard ended."""
+    names = {what: f"20260302T00000{number}Z_{what}_7" for number, what in enumerate(OVER)}
+    for what, name in names.items():
+        folder = writable_copy(recorded, out / name)
+        results = json.loads((folder / "results.json").read_text())
+        for estimate in results["estimates"]:
+            estimate |= {"verdict": "fail" if what == "fail" else "pass", "limit": 1.0}
+        if what == "doubtful":
+            results["estimates"][0] = unsound(results["estimates"][0])
+        (folder / "results.json").write_text(json.dumps(results))
+    last = sorted((out / names["damaged"]).glob("session.*.mcap"))[-1]
+    os.truncate(last, last.stat().st_size // 2)
+    (out / names["guard"] / OPEN_MARKER).touch()
+    said = [{"what": "act", "text": "no heartbeat for 2 s", "utc": "2026-03-02T01:00:00+00:00"},
+            {"what": "safe", "instruments": [], "utc": "2026-03-02T01:00:02+00:00"}]  # fmt: skip
+    (out / names["guard"] / "guard.jsonl").write_text("".join(json.dumps(line) + "\n" for line in said))
+    return names

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from plan_sample import planned
+from shown_run import first_state as shown_state
+from shown_run import packed, serve
+
+from bench.plan import Step
 
 START_S = 1_795_000_000.0  # 2026-11-18T11:06:40Z
 NOW_S = START_S + 3600.0
@@ -144,3 +153,93 @@ class SetClock:
 
     def now_ns(self) -> int:
         return round(self.s * 1e9)
+
+
+NAMES = tuple(f"port_a.npp[{index + 1}]" for index in range(20))
+T0 = 946_684_800.0
+
+
+def first_state(names: tuple[str, ...] = NAMES) -> dict[str, Any]:
+    """A state document with every key, of a run that begins."""
+    soak = {"number": 1, "of": 9, "phase": "campaign", "kind": "soak", "what": "soak", "conditions": {"channel": 1}}
+    return shown_state("r") | {
+        "title": "t", "sequence": "s", "station": "b", "uut": {"model": "NGU", "serial": "1"}, "t_utc_s": T0,
+        "started_utc_s": T0, "step": {**soak, "where": "s.yaml:3:1", "since_utc_s": T0, "until_utc_s": T0 + 60},
+        "wait": None, "progress": 0.1, "eta": None,
+        "records": {"done": 3, "planned": 9, "retaken": 0, "flagged": 0, "last": []},
+        "links": {"port_a": {"state": "open", "frames": 10}}, "instruments": {},
+        "log": [{"t_utc_s": T0, "kind": "phase", "text": "campaign"}] * 50,
+        "signals": [{"name": name, "unit": "1", "decimals": 0} for name in names], "graphs": [],
+        "timetable": {"t_utc_s": [T0, T0 + 60], "temperature_degC": [23.0, 50.0]},
+    }  # fmt: skip
+
+
+class FeedStandIn:
+    """Serves the feed of a folder. Point k has time T0 + k / 10 and in column c the pair (k + c, k + c + 1)."""
+
+    def __init__(self, folder: Path) -> None:
+        self.state = first_state()
+        self.made = 0  # points so far
+        self.asked: list[dict[str, Any]] = []
+        self._open: list[socket.socket] = []
+        self._place = TemporaryDirectory()  # the folders of tests are too deep for the path of a socket
+        self.pointer = folder / "live.path"
+        self.path = Path(self._place.name) / "live.sock"
+        self.pointer.write_text(str(self.path))
+        self._server = serve(self.path, self.reply, self._open.append)
+
+    def reply(self, request: dict[str, Any]) -> bytes:
+        self.asked.append(request)
+        since = request["since"] if request["since"] <= self.made else 0
+        first = max(since, self.made - 600)
+        count = np.arange(first, self.made)
+        low = (count[:, None] + np.arange(len(self.state["signals"]))[None, :]).astype("<f4")
+        header = {"boot_id": self.state["boot_id"], "seq": self.made, "first": first}
+        if request.get("state"):
+            header["state"] = self.state
+        return packed(header, T0 + count / 10, low, low + 1)
+
+    def close(self) -> None:
+        """Nobody answers any more; whoever is connected is answered by nobody either."""
+        if self._server is not None:
+            self._server.shutdown()
+            self._server.server_close()
+            self._server = None
+            self._cut()
+            self.pointer.unlink()
+            self._place.cleanup()
+
+    def _cut(self) -> None:
+        while self._open:
+            with suppress(OSError):
+                self._open.pop().shutdown(socket.SHUT_RDWR)
+
+
+PLAN_START_S = 1_000_000.0
+MANIFEST: dict[str, Any] = {
+    "session": "20200101T000000Z_small_7", "sequence": "small", "title": "Small", "simulated": True, "clock": "wall",
+    "station": "desk", "campaign": {"uut": {"model": "NGU", "serial": "7"}},
+    "identities": {"source": {"manufacturer": "FLUKE", "model": "5720A", "serial": "1", "firmware": "A"}},
+}  # fmt: skip
+_POINT = {"retry_step": 3, "seconds": 10.0, "retry": 1}
+_SOAK = {"temperature": 50.0, "ramp": 1.0, "within": 1.0, "for": 60.0, "late": "hold", "hold_limit": 600.0}
+
+
+def small_plan() -> tuple[Step, ...]:
+    """Steps 0 to 8; planned: prepare 5 s, campaign 1,030 s, finally 100 s."""
+    rows: list[tuple[Any, ...]] = [
+        ("prepare", "prompt", 0.0, 0.0, "", "", {}, {"text": "door closed?"}),
+        ("prepare", "settle", 0.0, 5.0, "", "", {}, {}),
+        ("campaign", "soak", 0.0, 1000.0, "chamber", "soak", {"temperature_degC": 50.0}, _SOAK),
+        ("campaign", "call", 1000.0, 0.0, "source", "operate", {"channel": 1}, {}),
+        ("campaign", "settle", 1000.0, 20.0, "", "", {"channel": 1}, {}),
+        ("campaign", "record", 1020.0, 10.0, "port_a", "", {"channel": 1, "current_A": 0.01, "polarity": -1}, _POINT),
+        ("campaign", "verify", 1030.0, 0.0, "source", "operating", {"channel": 1}, {}),
+        ("finally", "soak", 0.0, 100.0, "chamber", "soak", {}, {**_SOAK, "temperature": 23.0, "late": "skip"}),
+        ("finally", "call", 100.0, 0.0, "source", "standby", {}, {}),
+    ]
+    keys = ("at_s", "duration_s", "role", "name", "conditions", "where")
+    return tuple(
+        planned(kind, at, phase=phase, **dict(zip(keys, (*row, f"small.yaml:{at + 1}:1"), strict=True)), **arguments)
+        for at, (phase, kind, *row, arguments) in enumerate(rows)
+    )

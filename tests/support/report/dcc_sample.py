@@ -145,7 +145,6 @@ def _rows(table: ET.Element) -> list[ReadEstimate]:
 
 def _list(quantity: ET.Element | None, name: str, size: int) -> list[str]:
     """A list of one entry holds for all, as D-SI has it. Only that of the quantity itself, not of its metadata."""
-    assert quantity is not None
     found = quantity.findtext(f"si:realListXMLList//si:{name}", "", NS).split()
     assert len(found) in (1, size), name
     return found * size if len(found) == 1 else found

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from known_drivers import IDENTIFY, MAKE_SAFE
 from scripted import BUS_ERROR, CLEAR, POLL, READ, SILENT, TIMEOUT, refused, scripted
 
 ANYTHING = object()
@@ -27,7 +26,7 @@ def exchange(name: str, script: str) -> list[tuple[Any, Any]]:
     """Return the pairs of a script for ``scripted``; `` | `` stands between its events.
 
     ``COMMAND``; ``COMMAND!``, after which nothing is wrong; ``QUESTION -> REPLY``; ``QUESTION ~> REPLY``, which is
-    polled for and there at the second look. ``<start>`` and ``<safe>`` are those of ``known_drivers``, ``<start:3>``
+    polled for and there at the second look. ``<start>`` and ``<safe>`` are those of this file, ``<start:3>``
     the first three pairs; ``<ok>`` is the question for errors without an error. ``<clear>``, ``<poll 16>``,
     ``<read> REPLY`` and ``<silent>`` are events of the bus, ``<timeout>`` and ``<bus error>`` may stand for a reply.
     """
@@ -126,3 +125,117 @@ class Row:
 def row(name: str, claim: str, script: str, *calls: Call, leaves: dict[str, Any] | None = None, **options: Any) -> Row:
     """Return a row; ``options`` are those of the driver in a station."""
     return Row(name, claim, script, calls, leaves or {}, options)
+
+
+NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
+NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
+CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
+
+IDENTIFY = {
+    "fluke_5720a": [
+        (b"*IDN?\n", b"FLUKE,5720A,7005201,1.4+1.1+1.0\n"),
+        (b"FAULT?\n", b"0\n"),
+        (b"ISR?\n", b"4096\n"),
+        (b"CUR_POST?\n", b"NORMAL\n"),
+        (b"EXTGUARD?\n", b"OFF\n"),
+    ],
+    "keithley_7002": [
+        (b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"),
+        NO_ERROR,
+        (b":INIT:CONT OFF\n", None),
+        NO_ERROR,
+        (b":ABOR\n", None),
+        NO_ERROR,
+    ],
+    "hp_3458a": [(b"END ALWAYS\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
+    "agilent_53230a": [
+        (b"*IDN?\n", b"Agilent Technologies,53230A,MY50001234,02.05-1519\n"),
+        NO_ERROR,
+        (b"*RST\n", None),
+        NO_ERROR,
+        (b"ROSC:SOUR EXT\n", None),
+        NO_ERROR,
+    ],
+    "thermotron_3800": [(b"IDEN?\n", b"3800 REV 3\n"), (b"ALRM1?\n", b"0\n")],
+    "hp_6632b": [(b"*IDN?\n", b"HEWLETT-PACKARD,6632B,US36001234,A.01.01\n"), NO_ERROR],
+    "agilent_e3631a": [
+        (b"*IDN?\n", b"HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0\n"),
+        NO_ERROR,
+        (b"OUTP:TRAC OFF\n", None),
+        NO_ERROR,
+    ],
+    "agilent_34970a": [
+        (b"*IDN?\n", b"HEWLETT-PACKARD,34970A,0,13-2-2\n"),
+        NO_ERROR,
+        (b"ABOR\n", None),
+        NO_ERROR,
+        (b"TRIG:SOUR IMM;COUN 1\n", None),
+        NO_ERROR,
+        (b"FORM:READ:UNIT OFF;TIME OFF;CHAN OFF;ALAR OFF\n", None),
+        NO_ERROR,
+        (b"CONF:TEMP TC,T,(@101,102)\n", None),
+        NO_ERROR,
+        (b"UNIT:TEMP C,(@101,102)\n", None),
+        NO_ERROR,
+        (b"TEMP:TRAN:TC:RJUN:TYPE? (@101,102)\n", b"INT,INT\n"),
+    ],
+    "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
+    "pendulum_cnt_91": [(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR],
+    "acutrol_3000": [
+        (b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"),
+        (b"*STB?\n", b"0\n"),
+        (b":util:form float\n", None),
+        (b"*STB?\n", b"0\n"),
+        (b":util:form?\n", b"FLOAT\n"),
+    ],
+    "srs_sr830": [
+        (b"OUTX 1\n", None),
+        (b"*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
+        *NO_EVENT,
+    ],
+    "krohn_hite_3988": [(b"V\n", b"KROHN-HITE V3.5\n")],
+    "leica_nivel_220": [(b"\x16\x02N1C1 RB I\x03\r\n", b"\x16\x02C1N1 I:NIVEL220 632001\x03\r\n")],
+}
+
+_RATE_0 = ((b"dem:rate", b",0"), (b"mode:rate", b""))
+_OUTPUT_OFF = [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
+
+MAKE_SAFE = {
+    "fluke_5720a": [(b"STBY\n", None), (b"FAULT?\n", b"0\n"), (b"ISR?\n", b"4096\n")],
+    "keithley_7002": [(b":OPEN ALL\n", None), NO_ERROR, (b":CLOS:STAT?\n", b"(@)\n")],
+    "hp_3458a": [(b"TRIG HOLD\n", None), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "agilent_33250a": _OUTPUT_OFF,
+    "agilent_53230a": [(b"ABOR\n", None), NO_ERROR],
+    "thermotron_3800": [(b"MODE?\n", b"2\n")],
+    "hp_6632b": _OUTPUT_OFF,
+    "agilent_e3631a": _OUTPUT_OFF,
+    "agilent_34970a": [(b"ABOR\n", None), NO_ERROR],
+    "agilent_34401a": [NO_ERROR],
+    "pendulum_cnt_91": [(b"ABOR\n", None), NO_ERROR, (b"STAT:OPER:COND?\n", b"0\n")],
+    "acutrol_3000": [
+        *[(b":%s %d%s\n" % (what, axis, value), None) for axis in (3, 2, 1) for what, value in _RATE_0],
+        *[(b":read:rate? %d\n" % axis, b"-0.0012\n") for axis in (3, 2, 1)],
+        *[(b":int:open %d\n" % axis, None) for axis in (3, 2, 1)],
+        (b"*STB?\n", b"0\n"),
+        *[(b":int? %d\n" % axis, b"Open\n") for axis in (1, 2, 3)],
+    ],
+    "srs_sr830": NO_EVENT,
+    "krohn_hite_3988": IDENTIFY["krohn_hite_3988"],
+    "leica_nivel_220": IDENTIFY["leica_nivel_220"],
+}
+
+
+def said(message: bytes) -> str:
+    """A message as text, without its terminator and frame."""
+    return message.decode().strip(CONTROLS)
+
+
+def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:
+    """A set command that is accepted."""
+    return [(command, None), ok]
+
+
+def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
+    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
+    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]

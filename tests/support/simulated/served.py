@@ -43,7 +43,6 @@ class Served:
         """End it by a signal; return its exit status."""
         self.process.send_signal(number)
         status = self.process.wait(START_S)
-        assert self.process.stdout is not None
         self.process.stdout.close()
         return status
 
@@ -55,8 +54,7 @@ class Served:
 
     def state(self) -> dict[str, Any]:
         """What the bench really does at this moment."""
-        found: dict[str, Any] = ask(self.folder / "control.sock", ["state"])["state"]
-        return found
+        return ask(self.folder / "control.sock", ["state"])["state"]
 
     def until(self, true: Callable[[dict[str, Any]], object], what: str) -> dict[str, Any]:
         """Wait for something that the bench really does; return its state."""
@@ -136,7 +134,6 @@ class Controller:
         if self.process.poll() is None:
             os.kill(self.process.pid, signal.SIGKILL)
         self.process.wait()
-        assert self.process.stdout is not None
         self.process.stdout.close()
 
 
@@ -178,5 +175,4 @@ class ServedPage:
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
-        assert self.process.stdout is not None
         self.process.stdout.close()

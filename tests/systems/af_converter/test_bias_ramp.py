@@ -1,15 +1,21 @@
-"""The short bias campaign end to end: contiguous windows over chamber commands, same seed same bytes, replay."""
+"""Short campaigns end to end: the bias ramp, and the DMM method with zeros in every range."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import sys
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, Rehearsal, Watched
+from plan_sample import reworded
+from rehearsal import ROOT, Rehearsal, Watched, rehearsed
+from units_campaign import cut
 
+from bench.analysis import Material, analyse
+from bench.commands.run import view_of
 from bench.model.clock import NS, WallClock
 from bench.model.events import Environment
 from bench.model.ports import RecordWindow
@@ -19,6 +25,11 @@ from bench.replay import replay_rows
 from bench.replay.rows import Replayed
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
+from bench.session.predicted import predicted
+from bench.session.service import read_view
+from bench.session.view import KEPT_EVENTS, material_of
+from bench.systems.af_converter.dmm_method import analysis as dmm_method
+from sim_instruments.worlds.common.world import World
 
 KEYS = ("moment1", "moment2", "first", "last", "at_first", "at_last")
 
@@ -80,8 +91,6 @@ def test_the_chamber_ramps_as_planned_and_the_unit_lags(replayed: Replayed) -> N
     assert 15.0 < top.air_degC - top.unit_degC < 25.0
 
 
-# --- the run against its replay ------------------------------------------------------------------------------------
-
 TINY = [
     ("sequence: bias_ramp_short", "sequence: tiny"),
     ("analysis: bias_ramp", "analysis: none"),
@@ -111,11 +120,7 @@ INTEGRATED = [
 
 def tiny_plan(folder: Path, name: str = "bias_ramp_short", cuts: list[tuple[str, str]] = TINY) -> Plan:
     """A campaign cut down to 15 or 20 windows."""
-    text = (ROOT / "sequences" / f"{name}.yaml").read_text()
-    for old, new in cuts:
-        assert old in text, old
-        text = text.replace(old, new)
-    (folder / "tiny.yaml").write_text(text)
+    (folder / "tiny.yaml").write_text(reworded((ROOT / "sequences" / f"{name}.yaml").read_text(), *cuts))
     plan = compile_sequence(folder / "tiny.yaml")
     assert check_plan(plan) == []
     return plan
@@ -186,3 +191,116 @@ def test_windows_are_contiguous_under_the_wall_clock_too(tmp_path: Path) -> None
         assert (first.frames, first.lost, first.quality, len(first.timing)) == (50, 0, 0, 12)
         same(first, second)
     assert all(b.first_counter == a.first_counter + a.frames for a, b in pairwise(r.window for r in run.outcome.rows))
+
+
+SEED = 1
+CUTS = (
+    ("sequence: dmm_method", "sequence: tiny"),
+    ("duration: 32050 s\nrecords: 170", "duration: 13690 s\nrecords: 34"),
+    ("numbers: 1-6, kind: gyro", "numbers: 1, kind: gyro"),
+    ("numbers: 7-10, kind", "numbers: 7, kind"),
+)
+
+
+def tiny(folder: Path, name: str = "dmm_method", cuts: tuple[tuple[str, str], ...] = CUTS) -> Plan:
+    """Return a shipped sequence cut down, without mistakes."""
+    path = folder / "tiny.yaml"
+    path.write_text(cut(name, list(cuts)))
+    plan = compile_sequence(path, None, {})
+    assert check_plan(plan) == []
+    return plan
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Material, list[dict[str, Any]]]:
+    folder = tmp_path_factory.mktemp("dmm")
+    plan = tiny(folder)
+    done = rehearsed(folder, plan, seed=SEED, kept=KEPT_EVENTS).run
+    assert done.outcome.error is None
+    assert (done.outcome.overruns, done.outcome.slip_s, len(done.outcome.rows)) == (0, 0.0, 34)
+    return material_of(view_of(plan, done)), list(done.truth or ())
+
+
+@pytest.mark.slow
+def test_agrees_with_truth_and_with_the_calibrator_method(session: tuple[Material, list[dict[str, Any]]]) -> None:
+    """Assumption 2 holds: leakage of the simulated switch is below 0.1 nA, nothing shifts, each range has its zero."""
+    given, truth = session
+    analysis = dmm_method.analyse(given)
+    true = {(one["quantity"], one["conditions"].get("channel")): one["value"] for one in truth}
+    judged = [one for one in analysis.estimates if one.quantity.startswith("dsf_") and "mean" not in one.quantity]
+    assert len(judged) == 6
+    for one in judged:
+        error = one.value - true[one.quantity, one.conditions["channel"]]
+        sys.stdout.write(f"{one.conditions['channel']} {one.quantity}: error {error:.2f} ppm\n")
+        assert abs(error) < 1.3 * one.expanded_uncertainty
+        assert (one.n, one.dropped) == (14, 0)
+    tables = {table.title: table.rows for table in analysis.tables}
+    (agreement,) = (rows for title, rows in tables.items() if "calibrator method" in title)
+    assert all(abs(row[7]) < 1.0 for row in agreement)
+    assert [row[0] for row in tables["Zeros of the meter"]] == pytest.approx([0.1, 1.0, 10.0, 100.0, 1000.0])
+    assert analysis.missing == []
+    assert [one.verdict for one in analysis.estimates if one.quantity == "repeat_shift"] == ["pass"] * 4
+    assert len([one for one in analysis.estimates if one.quantity == "switch_leakage"]) == 4
+    assert len([note for note in analysis.notes if "no more than chance" in note]) == 2
+
+
+def test_what_is_predicted_is_what_the_campaign_states(
+    session: tuple[Material, list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    def by_place(estimates: list[Any]) -> dict[tuple[Any, ...], float]:
+        found = {}
+        for entry in estimates:
+            where = (pair for pair in entry.conditions.items() if pair[0] != "unit_temperature_degC")
+            found[entry.quantity, *where] = entry.std_uncertainty
+        return found
+
+    before, after = by_place(predicted(tiny(tmp_path)).estimates), by_place(dmm_method.analyse(session[0]).estimates)
+    ratios = [before[where] / stated for where, stated in after.items()]
+    sys.stdout.write(f"predicted over stated: {min(ratios):.4f} to {max(ratios):.4f}\n")
+    assert before == pytest.approx(after, rel=0.01)
+
+
+ZERO_CUTS = (
+    ("sequence: scale_factor_zero_per_range", "sequence: tiny"),
+    ("duration: 163200 s\nrecords: 985", "duration: 5190 s\nrecords: 53"),
+    ("dwell: 100 s", "dwell: 10 s"),
+    ("slot: 9000 s", "slot: 3600 s"),
+    ("in: [-10 degC, 5 degC, 20 degC, 35 degC, 50 degC]", "in: [25 degC]"),
+    ("in: [50 degC]", "in: [25 degC]"),
+    ("numbers: 1-6, kind: gyro", "numbers: 1, kind: gyro"),
+    ("numbers: 7-10, kind", "numbers: 7, kind"),
+    ("in: {channels: 1-6}", "in: {channels: 1}"),
+    ("in: {channels: 7-10}", "in: {channels: 7}"),
+)
+RATE_ppm_d = 20.0
+
+
+@pytest.mark.validates(
+    "drift of the calibrator from a check by the meter before and after",
+    against="a simulated calibrator that rises by 20 ppm a day, read through the instruments",
+)
+def test_a_drifting_calibrator_is_seen_by_the_meter(
+    record_property: Callable[[str, object], None], tmp_path: Path, rehearse: Callable[..., Rehearsal]
+) -> None:
+    plan = tiny(tmp_path, "scale_factor_zero_per_range", ZERO_CUTS)
+
+    def drifting(world: World) -> None:
+        world.options["calibrator_drift_ppm"] = RATE_ppm_d
+
+    rehearsal = rehearse(plan, arrange=drifting)
+    assert rehearsal.run.outcome.error is None
+    assert rehearsal.run.outcome.overruns == 0
+    analysis = analyse(material_of(read_view(rehearsal.run.folder)))
+    found = [one for one in analysis.estimates if one.quantity == "calibrator_drift"]
+    checks = [one for one in found if one.conditions["check"] == "check by the meter"]
+    assert [one.conditions["current_A"] for one in checks] == [1e-3, 1e-2, 1e-1]
+    for one in checks:
+        expected_ppm = RATE_ppm_d * one.conditions["hours"] / 24.0
+        sys.stdout.write(f"{one.value:.3f} +- {one.expanded_uncertainty:.3f} ppm, drawn {expected_ppm:.3f} ppm\n")
+        record_property("obtained", f"{one.value:.3f} of {expected_ppm:.3f} ppm")
+        assert expected_ppm > 2.0
+        assert one.value == pytest.approx(expected_ppm, abs=0.05)
+    component = {one["std_uncertainty_ppm"] for one in analysis.components if "drift" in one["component"]}
+    assert component == {max(abs(one.value) + one.expanded_uncertainty for one in checks) / 2}
+    assert any("Zeros in every range" in note for note in analysis.notes)
+    assert analysis.missing == []

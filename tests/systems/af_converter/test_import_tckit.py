@@ -32,8 +32,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def results(session: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((session / "results.json").read_text(encoding="utf-8"))
-    return found
+    return json.loads((session / "results.json").read_text(encoding="utf-8"))
 
 
 def values(results: dict[str, Any], quantity: str, reading: str = "hp34420a_5") -> list[dict[str, Any]]:

@@ -97,7 +97,6 @@ def test_each_unit_gets_its_own_numbers(campaign: Rehearsal, finished: list[Unit
     spread = [truth["SIM-1", "dsf_n"], truth["SIM-2", "dsf_n"]]
     assert abs(spread[0] - spread[1]) > 100.0
     for done in finished[:2]:
-        assert done.finished is not None
         results = done.finished.results
         assert results["uut"]["serial"] == done.serial
         assert results["quality"]["records"] == 14
@@ -112,7 +111,6 @@ def test_a_unit_gives_the_numbers_of_its_own_campaign(
     campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path
 ) -> None:
     done = finished[1].finished
-    assert done is not None
     several = compared(done.results, campaign.run.truth, "SIM-2")
     found = normalised(several, single_values(tmp_path, SEED + SEED_STEP))
     print(f"E_n of SIM-2: {found}")
@@ -128,7 +126,6 @@ def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, f
     assert whole["provenance"]["session_sha256"] == campaign.run.session_sha256
     assert sum(len(done.finished.results["estimates"]) for done in finished if done.finished) == len(whole["estimates"])
     failed = finished[2].finished
-    assert failed is not None
     assert failed.results["incomplete"] is True
     assert {entry["verdict"] for entry in failed.results["estimates"]} == {"none"}
     pages = [(campaign.run.folder / "units" / name / "report.html").read_text() for name in ("SIM-3", "SIM-1")]
@@ -156,7 +153,6 @@ def test_an_export_verifies_without_the_other_units(
     view = read_view(exported, strict=True)
     results, _ = analyse_view(view)
     done = finished[0].finished
-    assert done is not None
     assert json.dumps(results, sort_keys=True) == json.dumps(done.results, sort_keys=True)
     assert view.manifest["part_of"]["units"] == 3
     for name in ("results.json", "report.html"):
@@ -215,7 +211,6 @@ def test_exchanged_links_and_cables_are_named(
     tmp_path: Path, exchange: Callable[[World], None], code: str, said: str
 ) -> None:
     outcome = rehearsed(tmp_path, units_plan(tmp_path), arrange=exchange).run.outcome
-    assert outcome.error is not None
     assert outcome.error.code == code
     assert said in outcome.error.message
     assert outcome.rows == []
@@ -297,7 +292,6 @@ def test_a_unit_that_is_not_confirmed_off_ends_all(tmp_path: Path, monkeypatch: 
 
     found = rehearsed(tmp_path, units_plan(tmp_path), act=pull)
     error = found.run.outcome.error
-    assert error is not None
     assert error.code == "B-RUN-053"
     assert "supply_c" in str(error)
     assert {failure.where for failure in found.run.outcome.unsafe} == {"supply_a", "supply_b", "supply_c", "supply_d"}
@@ -392,7 +386,6 @@ def test_a_unit_unplugged_in_hour_2_of_the_whole_campaign(tmp_path: Path) -> Non
     finished_of = {unit.serial: unit.finished for unit in finish_units(run.folder, history)}
     for serial in ("SIM-1", "SIM-2", "SIM-4"):
         finished = finished_of[serial]
-        assert finished is not None
         assert (finished.results["quality"]["records"], finished.results.get("incomplete", False)) == (765, False)
         errors = compared(finished.results, run.truth, serial)
         print(serial, {name: f"{error:+.1f} ppm, u {own:.1f}" for name, (error, own) in errors.items()})

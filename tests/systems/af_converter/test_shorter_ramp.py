@@ -17,8 +17,8 @@ import bias_simulation
 import doubt_bias_ramp as wrong
 import numpy as np
 import pytest
+from bias_simulation import Place, place, stated_errors
 from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, Switch, sorted_classes, worst_bias
-from ramp_spread import Place, place, stated_errors
 from rehearsal import ROOT
 from scipy import stats
 
@@ -45,8 +45,7 @@ def given() -> Plan:
 
 @cache
 def problem() -> Ramps:
-    found: Any = problem_of(given(), None)
-    return found
+    return problem_of(given(), None)
 
 
 @cache
@@ -234,7 +233,6 @@ def test_the_search_goes_on_from_a_ramp_that_is_nearly_the_shortest(monkeypatch:
     monkeypatch.setattr(Ramps, "starts", [NEAR])
     targets = default_targets(problem().wanted, reached(problem().estimates(*problem().today)))
     design = designed(problem(), targets)
-    assert design is not None
     assert design.candidate == SHORTEST
 
 
@@ -296,9 +294,8 @@ def test_a_rival_is_seen_as_often_as_its_power_says(record_property: Callable[[s
 
 
 def test_a_lag_below_the_declared_one_is_refused_and_a_longer_one_asks_for_longer_holds() -> None:
-    with pytest.raises(InputError, match="the unit alone, 25 min") as error:
+    with pytest.raises(InputError, match=r"B-DES-001: .*the unit alone, 25 min"):
         problem_of(given(), 1.0)
-    assert error.value.code == "B-DES-001"
     start_60 = replace(SHORTEST, holds=(60, *SHORTEST.holds[1:]))
     said = "hold_start of 60 windows"
     assert not any(said in sentence for sentence in problem().broken(start_60, WINDOW_s))

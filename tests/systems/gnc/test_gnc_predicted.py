@@ -18,6 +18,8 @@ import pytest
 from gnc_campaigns import (
     SITE,
     Module,
+    Table,
+    at,
     bias_truth,
     calibration_study,
     campaign_key,
@@ -27,9 +29,8 @@ from gnc_campaigns import (
     rewritten,
     study,
 )
-from gnc_exchanges import FRAME, exchange
-from gnc_exchanges import material as material_of_tests
-from gnc_sensor_bench import Table, at
+from gnc_rig import FRAME, exchange
+from gnc_rig import material as material_of_tests
 from one_estimate import every, value
 from spread_study import Key, Study, name_of
 

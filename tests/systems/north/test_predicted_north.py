@@ -19,6 +19,8 @@ import pytest
 from fog_material import record_row
 from numpy.typing import NDArray
 from scipy import signal, stats
+from spread_study import key_of as key
+from spread_study import outside
 from typer.testing import CliRunner
 
 from bench.analysis import PROMPT, Estimates, Material, Planned, Reading
@@ -144,10 +146,6 @@ def thinned(name: str) -> Planned:
     return replace(planned, campaign={**planned.campaign, "rate_Hz": RATE_Hz})
 
 
-def key(entry: Any) -> tuple[str, str]:
-    return entry.quantity, json.dumps(entry.conditions, sort_keys=True)
-
-
 def true_value(entry: Any, nominal: Any, truth: dict[str, float]) -> float:
     """True value of an estimate of one campaign; of amplitude, noise, bound and time that of the nominal gyroscope."""
     about = entry.conditions
@@ -185,17 +183,15 @@ def ratios(name: str, count: int, seed: int) -> dict[tuple[str, str], float]:
     return found
 
 
-def outside(found: dict[tuple[str, str], float], count: int) -> list[tuple[str, str, float]]:
-    """What is not in the 99.9 % interval of a chi-square."""
-    low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], count) / count)
-    return [(*own, ratio) for own, ratio in found.items() if not low <= ratio <= high]
-
-
-def test_predicted_is_the_spread_of_campaigns() -> None:
+@pytest.mark.parametrize(
+    ("name", "count", "within"),
+    [("fog_north", 30, 0.15), *(pytest.param(name, 500, 0.03, marks=pytest.mark.sweep) for name in SETTINGS)],
+)
+def test_predicted_is_the_spread_of_campaigns(name: str, count: int, within: float) -> None:
     """Thirty campaigns catch an uncertainty that is wrong by a half."""
-    found = ratios("fog_north", 30, SEED)
-    assert outside(found, 30) == []
-    assert np.median(list(found.values())) == pytest.approx(1.0, abs=0.15)
+    found = ratios(name, count, SEED)
+    assert outside(found, count) == {}
+    assert np.median(list(found.values())) == pytest.approx(1.0, abs=within)
 
 
 def test_what_is_stated_is_what_was_predicted() -> None:
@@ -209,14 +205,6 @@ def test_what_is_stated_is_what_was_predicted() -> None:
     ]
     print(f"stated over predicted {np.sqrt(np.mean(np.square(stated))):.3f}")
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(1.0, abs=0.025)
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("name", list(SETTINGS))
-def test_predicted_is_the_spread_of_500_campaigns(name: str) -> None:
-    found = ratios(name, 500, SEED)
-    assert outside(found, 500) == []
-    assert np.median(list(found.values())) == pytest.approx(1.0, abs=0.03)
 
 
 @pytest.mark.sweep

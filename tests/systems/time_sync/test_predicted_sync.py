@@ -15,7 +15,8 @@ import pytest
 from numpy.typing import NDArray
 from one_estimate import one as estimate_of
 from scipy import stats
-from sync_flights import wandering_egi
+from spread_study import outside
+from sync_rig import wandering_egi
 
 from bench.analysis import Planned, Prediction
 from bench.plan import Plan, compile_sequence
@@ -182,11 +183,6 @@ def alike(stated_s: Any) -> float:
     """How many errors of one size scatter in their mean square as those of many sizes; Welch and Satterthwaite."""
     variance = np.square(stated_s)
     return float(2.0 * stated_s.size / (3.0 * np.mean(variance**2) / np.mean(variance) ** 2 - 1.0))
-
-
-def outside(ratio: dict[Any, float], count: float) -> dict[Any, float]:
-    low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], count) / count)
-    return {own: value for own, value in ratio.items() if not low <= value <= high}
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,11 @@
-"""Time offset through ports, frames and records: against the direct simulation, with a bad link, on a table at rest."""
+"""Time offset through ports, frames and records, against the direct simulation; and a flight that was broken off:
+nothing of it is joined to another one.
+"""
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from one_estimate import every, value
-from rehearsal import Rehearsal, rehearsed
+from rehearsal import Crashes, Rehearsal, crashed_at, go_on, nobody, rehearsed, watch_worlds
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -20,13 +23,14 @@ from bench.cli import app
 from bench.model.shipped import find_shipped
 from bench.plan import compile_sequence
 from bench.session.service import read_view
-from bench.session.view import material_of
+from bench.session.view import analyse_view, material_of
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterSetup, ImuSamples
 from bench.systems.time_sync.image import first_pulse_s
 from bench.systems.time_sync.records import recording
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments
+from sim_instruments.worlds.time_sync.unit import SyncUnit
 from sim_instruments.worlds.time_sync.world import SyncWorld
 
 SHORT = {"warm_up": "5 s", "straight": "5 s", "manoeuvre": "6 s", "rate": "15 deg/s"}
@@ -214,3 +218,50 @@ def test_image_of_a_session_is_where_the_offset_puts_it(tmp_path: Path) -> None:
     shift_m = every(found, "image_shift")[0].value
     assert -1.15 < shift_m / (250.0 * due_s) < -1.0
     assert abs(offsets(found)["augmented_tight"].value - due_s) * 250.0 < 0.25
+
+
+TURN = {"warm_up": "12 s", "straight": "5 s", "manoeuvre": "6 s", "rate": "15 deg/s"}
+ACCELERATION = {"warm_up": "12 s", "straight": "6 s", "manoeuvre": "6 s"}
+SAR = {"warm_up": "12 s", "transit": "5 s"}
+
+
+def gone_on(killed: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Resume a copy: all records are of one flight of units that were switched on again, and the offset is theirs."""
+    source = killed.at(number)
+    folder = Path(shutil.copytree(source, tmp_path / str(number) / source.name))
+    watch_worlds(monkeypatch, watched := nobody())
+    run = go_on(folder, watched)
+    assert run.outcome.error is None
+    view = read_view(folder)
+    assert [row.window.number for row in view.rows] == list(range(1, killed.plan.record_count + 1))
+    first = [row.window.first_counter for row in view.rows]
+    assert first[1:] == [row.window.first_counter + row.window.frames for row in view.rows[:-1]]
+    results, _ = analyse_view(view)
+    (found,) = (
+        one for one in results["estimates"]
+        if one["quantity"] == "time_offset" and one["conditions"]["method"] == "augmented_loose"
+    )  # fmt: skip
+    units = watched.worlds[-1].unit
+    assert isinstance(units, SyncUnit)
+    due_s = units.powers[-1].offset_s((view.rows[0].window.t_start_ns + view.rows[-1].window.t_end_ns) // 2)
+    print(f"step {number}: {1e3 * found['value']:.3f} ms, due {1e3 * due_s:.3f} ms")
+    assert found["conditions"]["observable"] is True
+    assert abs(found["value"] - due_s) < 3.0 * found["std_uncertainty"]
+    assert not watched.worlds[-1].instruments["supply"].on
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "number"),
+    [
+        ("turn", TURN, 12),
+        *(pytest.param("acceleration", ACCELERATION, number, marks=pytest.mark.sweep) for number in (7, 8, 9)),
+        *(pytest.param("sar", SAR, number, marks=pytest.mark.sweep) for number in (13, 18, 19)),
+    ],
+)
+def test_a_flight_that_was_broken_off_is_flown_again(
+    name: str, settings: dict[str, str], number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a manoeuvre, where a person is asked, behind it; before the turn, the radar and in the aperture."""
+    killed = crashed_at(compile_sequence(f"time_sync_{name}", None, settings), tmp_path, {number})
+    assert name != "turn" or killed.plan.steps[12].conditions["phase"] == "manoeuvre"
+    gone_on(killed, number, tmp_path, monkeypatch)

@@ -68,8 +68,7 @@ def material(volts: list[float | None], *, expected: dict[str, Any], age_days: f
 def results(source: Material, rule: str = "non_binary") -> list[dict[str, Any]]:
     analysis = with_expected(Analysis("readings", "m", {"model": "SC", "serial": "1"}, []), source)
     document = build_results("s", analysis, {}, PROVENANCE, {"rule": rule})
-    estimates: list[dict[str, Any]] = document["estimates"]
-    return estimates
+    return document["estimates"]
 
 
 def test_mean_scatter_and_specification() -> None:

@@ -80,8 +80,7 @@ def of_channel(results: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def fitted(say: Say, session: Path) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads(say("fit", session, "--json")[1])
-    return document
+    return json.loads(say("fit", session, "--json")[1])
 
 
 def test_an_accepted_value_is_in_coefficients_and_nothing_else_comes_back(say: Say, compensating: Path) -> None:

@@ -1,20 +1,31 @@
-"""``bench history charts``, ``freeze`` and ``adjusted`` from the command line: texts, statuses, pictures, JSON."""
+"""Commands on recorded sessions: charts of a history, coefficients merged and written, a log that becomes one."""
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-import charts_sample
+import fit_simulation as sim
 import numpy as np
 import pytest
-from charts_sample import Documents
-from store_database import new_history
+import store_sample
+from imported_logs import LOG, SHORT
+from store_sample import Documents, new_history
 
 from bench import cli
-from bench.model.errors import ExitStatus
+from bench.commands import import_log
+from bench.commands import session as command
+from bench.commands.import_log import import_log as import_file
+from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.record import SessionReader, SessionWriter
+from bench.replay import replay_rows
+from bench.replay.series import replay_series, survey
+from bench.session.view import SessionView
 
 SEED = 23
 Say = Callable[..., tuple[int, str, str]]
@@ -45,11 +56,11 @@ def url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def unit(step_ppm: float, simulated: bool = False) -> Documents:
     steps = np.where(np.arange(18) >= 15, step_ppm, 0.0)
-    return charts_sample.unit("A1", 30.0 * np.arange(18), SEED, np.zeros(2), steps, simulated=simulated)
+    return store_sample.unit("A1", 30.0 * np.arange(18), SEED, np.zeros(2), steps, simulated=simulated)
 
 
 def test_a_signal_is_exit_status_1_and_says_when_since_and_how_much(say: Say, url: str, tmp_path: Path) -> None:
-    ordered = charts_sample.written(url, unit(90.0))
+    ordered = store_sample.written(url, unit(90.0))
     status, text, _ = say("charts", "--uut", "A1", "--plot", str(tmp_path / "charts.svg"))
     assert status == ExitStatus.VERDICT_FAIL
     assert "NGU A1: 9 charts, one false signal in 200 points of all together" in text
@@ -64,7 +75,7 @@ def test_a_signal_is_exit_status_1_and_says_when_since_and_how_much(say: Say, ur
 
 
 def test_no_signal_and_simulated_ones_are_exit_status_0(say: Say, url: str) -> None:
-    charts_sample.written(url, unit(90.0, simulated=True))
+    store_sample.written(url, unit(90.0, simulated=True))
     status, text, _ = say("charts")
     assert status == 0
     assert "(SIMULATED)" in text
@@ -72,7 +83,7 @@ def test_no_signal_and_simulated_ones_are_exit_status_0(say: Say, url: str) -> N
 
 
 def test_freeze_and_adjusted(say: Say, url: str) -> None:
-    ordered = charts_sample.written(url, unit(90.0))
+    ordered = store_sample.written(url, unit(90.0))
     status, text, _ = say("freeze", "--until", "2015-01-31", "--by", "A. Meyer", "--reason", "first months")
     assert (status, text) == (0, "NGU A1: 9 calibrations until 2015-01-31, by A. Meyer\n")
     status, text, _ = say("charts")
@@ -93,7 +104,7 @@ def test_freeze_and_adjusted(say: Say, url: str) -> None:
 
 
 def test_what_is_refused(say: Say, url: str, tmp_path: Path) -> None:
-    charts_sample.written(url, unit(0.0))
+    store_sample.written(url, unit(0.0))
     refused = (
         (("charts", "--certificates", "--uut", "A1"), "B-CLI-011"),
         (("charts", "--bench", "bench_9"), "B-STORE-009"),
@@ -107,3 +118,174 @@ def test_what_is_refused(say: Say, url: str, tmp_path: Path) -> None:
         status, text, complaint = say(*words)
         assert (status, text) == (2, ""), words
         assert f"error {code}: " in complaint
+
+
+def view(campaign: sim.SimulatedCampaign, name: str, **section: Any) -> SessionView:
+    manifest = {
+        "session": name,
+        "campaign": campaign.campaign | section,
+        "standards": campaign.standards,
+        "simulated": True,
+        "plan_sha256": "p",
+        "measurement_link": "port_a",
+    }
+    return SessionView(manifest=manifest, rows=campaign.rows, counts={}, session_sha256=f"sha of {name}")
+
+
+@pytest.fixture
+def sessions(monkeypatch: pytest.MonkeyPatch) -> dict[str, SessionView]:
+    """Sessions by the name of their folder, without the folders."""
+    whole = sim.simulate(8)
+    first, second = (
+        dataclasses.replace(whole, rows=[row for row in whole.rows if row.window.conditions["channel"] == channel])
+        for channel in (1, 2)
+    )
+    flat = sim.simulate(8, temperatures=(20.0,))
+    views = {
+        "first": view(first, "first"),
+        "second": view(second, "second"),
+        "flat": view(flat, "flat"),
+        "recorded": view(whole, "recorded", analysis="none"),
+    }
+    monkeypatch.setattr(command, "read_view", lambda folder, strict: views[folder.name])
+    return views
+
+
+def test_two_sessions_become_one_pair_of_files(
+    sessions: dict[str, SessionView],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each session holds one of the two declared channels; what each lacks is said, and is in the other."""
+    monkeypatch.setattr(sys, "argv", ["bench", "coefficients", "first", "second", "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 0
+    document = json.loads((tmp_path / "out" / "coefficients.json").read_text())
+    assert [(one["parameter"], one["channel"], one["session"]) for one in document["parameters"]] == [
+        ("dsf_n", 1, "first"),
+        ("dsf_n", 2, "second"),
+        ("dsf_p", 1, "first"),
+        ("dsf_p", 2, "second"),
+    ]
+    assert [one["session_sha256"] for one in document["sources"]] == ["sha of first", "sha of second"]
+    assert "sha of second" in (tmp_path / "out" / "coefficients.h").read_text()
+    said = capsys.readouterr().out
+    assert "coefficients.h" in said
+    assert "MISSING  channel 2: no record" in said
+
+
+@pytest.mark.parametrize("name", ["flat", "recorded"])
+def test_a_session_without_coefficients_is_refused(sessions: dict[str, SessionView], tmp_path: Path, name: str) -> None:
+    """One temperature only, or no analysis at all; nothing is written."""
+    with pytest.raises(InputError, match="gives no coefficients") as caught:
+        command.coefficients([Path("first"), Path(name)], tmp_path / "out")
+    assert (caught.value.code, caught.value.where) == ("B-COEF-005", name)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_same_session_twice_is_refused(sessions: dict[str, SessionView], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="B-COEF-002: "):
+        command.coefficients([Path("first"), Path("first")], tmp_path)
+
+
+def imported(tmp_path: Path, mapping: str, log: bytes) -> Path:
+    (tmp_path / "m.yaml").write_text(mapping)
+    (tmp_path / "log.csv").write_bytes(log)
+    assert import_file(tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "out") == 0
+    return next((tmp_path / "out").iterdir())
+
+
+def test_the_bytes_are_those_of_the_file_at_the_times_of_its_rows(tmp_path: Path) -> None:
+    content = (LOG + "\n2024-01-01T00:00:30,20,\r\n2024-01-01T00:01:00,21,2").encode()
+    folder = imported(tmp_path, SHORT.replace("uut:", "bad_rows: 50 %\nuut:"), content)
+    assert folder.name == "20240101T000000Z_any_log_S-1"
+    reader = SessionReader(folder)
+    lines = [message for message in reader.messages() if message.topic == "/link/log/rx"]
+    assert b"".join(one.payload for one in lines) == content
+    assert [one.t_ns // 10**9 for one in lines] == [0, 0, 10, 10, 10, 60]
+    clocks = [message.document() for message in reader.messages() if message.topic == "/clock"]
+    assert [(one["t_mono_ns"] // 10**9, one["t_utc_ns"] // 10**9) for one in clocks] == [
+        (0, 1704067200),
+        (60, 1704067260),
+    ]
+    assert (reader.damage, reader.unfinished) == ([], [])
+    assert reader.manifest["simulated"] is False
+    assert reader.manifest["kind"] == "import"
+    assert reader.manifest["log"]["sha256"] == hashlib.sha256(content).hexdigest()
+    assert reader.manifest["log"] | {"rows": 3, "bad_rows": 1, "overload_rows": 0} == reader.manifest["log"]
+
+
+def test_the_columns_come_back_from_the_session_alone(tmp_path: Path) -> None:
+    folder = imported(
+        tmp_path,
+        SHORT.replace("uut:", "overload: {values: [OL]}\nuut:"),
+        (LOG + "2024-01-01T00:00:20,20.7,OL\n").encode(),
+    )
+    (tmp_path / "log.csv").unlink()
+    (tmp_path / "m.yaml").unlink()
+    found = replay_series(folder)
+    assert found.columns["t_s"].tolist() == [0.0, 10.0, 20.0]
+    assert found.columns["sensor"].tolist() == [20.5, 20.6, 20.7]
+    np.testing.assert_allclose(found.columns["voltage"], [1.0, 1.001, np.nan], rtol=1e-15)
+    said = "1 of 3 rows of the log have a cell that is empty or that the mapping calls an overload (voltage 1)."
+    assert found.notes == (said,)
+    replayed = replay_rows(folder)
+    assert (replayed.rows, replayed.totals["frames"], replayed.notes) == ((), 0, ())
+
+
+def test_an_unknown_analysis_is_refused_with_its_place(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"B-FIT-011: .*m.yaml:2:1: unknown analysis 'temperature_rampe'"):
+        imported(tmp_path, SHORT.replace("uut:", "analysis: temperature_rampe\nuut:", 1), LOG.encode())
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_log_that_grows_meanwhile_is_taken_as_it_was_surveyed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def surveyed_then_grown(lines: object, mapping: object, name: str) -> object:
+        found = survey(lines, mapping, name)  # type: ignore[arg-type]
+        with Path(name).open("ab") as stream:
+            stream.write(b"2024-01-01T00:00:05,goes,back\n")
+        return found
+
+    monkeypatch.setattr(import_log, "survey", surveyed_then_grown)
+    folder = imported(tmp_path, SHORT, LOG.encode())
+    lines = SessionReader(folder).messages(frozenset({"/link/log/rx"}))
+    assert b"".join(one.payload for one in lines) == LOG.encode()
+
+
+def test_a_second_import_gets_a_folder_of_its_own_with_the_same_bytes(tmp_path: Path) -> None:
+    first = imported(tmp_path, SHORT, LOG.encode())
+    assert import_file(tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "out") == 0
+    second = first.with_name(first.name + "-2")
+    assert SessionReader(first).sha256 == SessionReader(second).sha256
+
+
+def test_a_long_log_is_cut_into_segments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(import_log, "ROTATE_BYTES", 20_000)
+    rows = [f"2024-01-{1 + at // 24:02d}T{at % 24:02d}:00:00,20,{'1' * 200}\n" for at in range(240)]
+    folder = imported(tmp_path, SHORT, ("time,T,U\n" + "".join(rows)).encode())
+    assert len(list(folder.glob("*.mcap"))) > 1
+    assert SessionReader(folder).damage == []
+    assert replay_series(folder).columns["t_s"].size == 240
+
+
+def test_a_session_without_its_mapping(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path / "s", {"kind": "import", "schema": 1}, {}, t_mono_ns=0)
+    writer.raw("log", "rx", 0, LOG.encode())
+    writer.close("done")
+    with pytest.raises(SessionDamaged, match="B-IMP-007"):
+        replay_series(tmp_path / "s")
+
+
+def test_bytes_cut_anywhere_by_another_writer_and_a_changed_log_is_told(tmp_path: Path) -> None:
+    manifest = {"kind": "import", "schema": 1, "log": {"file": "x.csv", "sha256": "0" * 64}}
+    writer = SessionWriter.create(tmp_path / "s", manifest, {"mapping.yaml": SHORT}, t_mono_ns=0)
+    for at in range(0, len(LOG), 7):
+        writer.raw("log", "rx", at, LOG[at : at + 7].encode())
+    writer.close("done")
+    found = replay_series(tmp_path / "s")
+    assert found.columns["sensor"].tolist() == [20.5, 20.6]
+    assert "is not the file that was imported" in found.notes[0]

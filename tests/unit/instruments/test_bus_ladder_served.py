@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import pyvisa
 from pyvisa.resources import MessageBasedResource
-from sim_served import Served, serve
+from sim_bench import Served, serve
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InstrumentError

@@ -42,9 +42,6 @@ def by_definition(rate: np.ndarray, factor: int, *, modified: bool) -> float:
     return float(np.sqrt(np.nanmean(differences**2) / 2.0))
 
 
-# --- published tables ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.validates(
     "Allan deviation, overlapping and modified, nine rates",
     against="NIST SP 1065 table 30 (the 14-point suite of NBS)",
@@ -76,9 +73,6 @@ def test_confidence_limits_are_those_of_chi_squared() -> None:
     np.testing.assert_allclose(10.0 * (2.0 / np.array([high[0], low[0]])) ** 2, [3.24697, 20.48318], rtol=1e-5)
     assert low[1] > low[0]
     assert high[1] < high[0]
-
-
-# --- definitions -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("modified", [False, True])
@@ -136,9 +130,6 @@ def test_the_same_as_another_package(record_property: Callable[[str, object], No
 def test_a_record_without_a_difference_is_refused(rate: np.ndarray, count: str) -> None:
     with pytest.raises(FitError, match=f"B-FIT-031: .*{count}"):
         allan_deviation(rate, 1.0)
-
-
-# --- confidence ------------------------------------------------------------------------------------------------------
 
 
 def classical_dof(exponent: int, n: int, m: int) -> float:

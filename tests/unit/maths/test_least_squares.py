@@ -8,8 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import scipy.optimize
-from polynomial_columns import polynomial_columns
-from strd_linear import PROBLEMS, Problem
+from strd_linear import PROBLEMS, Problem, polynomial_columns
 
 import bench.maths.least_squares as core
 from bench.maths.extended import Extended
@@ -153,9 +152,6 @@ def test_rounded_powers_are_refused_where_they_would_not_give_nine_digits() -> N
         solve(columns, np.array(problem.y), np.eye(82), names(problem))
 
 
-# --- the accurate path against the plain one -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("full", [True, False])
 def test_both_paths_agree_where_both_are_good(monkeypatch: pytest.MonkeyPatch, full: bool) -> None:
     rng = np.random.default_rng(31)
@@ -206,9 +202,6 @@ def test_dependent_exact_columns_are_named() -> None:
     design = Extended(np.hstack((powers.high, other)), np.hstack((powers.low, 0 * other)))
     with pytest.raises(FitError, match=r"B-FIT-001: .*do not determine a, b, c, d, e: rank 5 of 6"):
         solve(design, np.ones(20), np.eye(20), "abcdef")
-
-
-# --- the arithmetic --------------------------------------------------------------------------------------------------
 
 
 def exact(number: Extended) -> list[Fraction]:
@@ -280,7 +273,6 @@ def test_shared_errors_are_not_read_out_of_a_misfit() -> None:
     values = 0.01 * (at - 20.0) ** 3
     shared = (1.8 * (1 + 1e-6 * values))[:, None]
     fit = fit_temperature(at, values, 0.01 * np.eye(5), shared, 20.0)
-    assert fit is not None
     np.testing.assert_allclose(fit.coefficients, np.polynomial.polynomial.polyfit(at - 20.0, values, 2), atol=1e-9)
     own = np.sqrt(
         np.sum(fit.residual**2) / 2.0 * np.linalg.inv(np.vander(at - 20.0, 3).T @ np.vander(at - 20.0, 3))[2, 2]
@@ -291,7 +283,6 @@ def test_shared_errors_are_not_read_out_of_a_misfit() -> None:
 
 def test_two_temperatures_give_a_slope_one_gives_nothing_and_equal_ones_are_refused() -> None:
     two = fit_temperature(np.array([20.0, 35.0]), np.array([1.0, 4.0]), np.eye(2), np.zeros((2, 0)), 20.0)
-    assert two is not None
     np.testing.assert_allclose(two.coefficients, [1.0, 0.2])
     assert fit_temperature(np.array([20.0]), np.array([1.0]), np.eye(1), np.zeros((1, 0)), 20.0) is None
     with pytest.raises(FitError, match="B-FIT-001"):

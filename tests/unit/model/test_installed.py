@@ -110,7 +110,6 @@ def test_one_driver_in_two_packages_b_pkg_001(tmp_path: Path) -> None:
     distribution(tmp_path, "stranger", instruments="stranger = stranger_drivers")
     package(tmp_path, "stranger_drivers", init=OWN_DRIVERS, hp_3458a="", probe_7="")
     found = installed.package_of_driver("probe_7")
-    assert found is not None
     assert (found.offer.release, found.simulators) == ("stranger 1.0", "")
     assert installed.simulator_module("probe_7") is None
     with pytest.raises(InstallationError, match="both offer the driver 'hp_3458a'"):
@@ -266,7 +265,6 @@ def test_one_analysis_or_section_of_a_foreign_system_and_ours_b_pkg_001(tmp_path
     package(tmp_path, "stranger_copy", init="", declaration=text.format(name="copy", analysis="fog_north"))
     package(tmp_path, "stranger_more", init="", declaration=text.format(name="more", analysis="curve"))
     entry = systems.installed_analysis("fog_north")
-    assert entry is not None
     assert entry.offer.distribution == "inertial-bench"
     (refusal,) = systems.system_refusals()
     assert "both offer the analysis 'fog_north'" in refusal.error.message

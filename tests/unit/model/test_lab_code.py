@@ -47,7 +47,6 @@ def test_driver_simulator_and_analysis_are_found_from_inside(lab: Path, monkeypa
     assert simulator is not None
     assert named(f"{simulator}:SIMULATOR").identity.startswith("EXAMPLE,T100")
     declared = analysis_declaration("air_mean")
-    assert declared is not None
     assert named(declared.module).METHODS == declared.methods == ("mean",)
     used = lab_code.code_used({"example_t100", "hp_3458a"}, simulated=True, analysis="air_mean")
     assert used == {

@@ -9,7 +9,7 @@ from typing import Any
 
 import plan_sample
 import pytest
-from plan_sample import ROOT
+from plan_sample import ROOT, reworded
 from rehearsal import compiled
 from stop_plan import stopping_plan, stopping_text
 
@@ -27,12 +27,8 @@ REGISTER_LINE = (
 
 def shipped_mistakes(folder: Path, shipped: str, *changes: tuple[str, str]) -> list[tuple[str, str]]:
     """Codes and messages that the check finds in a shipped sequence with changes."""
-    text = (ROOT / "sequences" / f"{shipped}.yaml").read_text()
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
     path = folder / f"{shipped}.yaml"
-    path.write_text(text)
+    path.write_text(reworded((ROOT / "sequences" / f"{shipped}.yaml").read_text(), *changes))
     return [(one.code, one.message) for one in plan_sample.mistakes(path)]
 
 
@@ -113,8 +109,7 @@ def reading(expect: str) -> str:
 
 
 def expected(plan: Plan) -> list[dict[str, Any]]:
-    entries: list[dict[str, Any]] = plan.campaign["expected"]
-    return entries
+    return plan.campaign["expected"]
 
 
 def refused(tmp_path: Path, body: str, head: str = HEAD) -> tuple[str, str]:

@@ -39,9 +39,6 @@ def errors(folder: Path, steps: str) -> list[str]:
     return [f"{error.code} {error.where.split(':')[-2]} {error.message}" for error in found]
 
 
-# --- unrolled --------------------------------------------------------------------------------------------------------
-
-
 def test_a_loop_is_unrolled_to_its_bound(tmp_path: Path) -> None:
     """One decision before each turn and one behind the last; each leaves out all that is behind it in the loop."""
     plan = deciding_plan(tmp_path, HEAD + WARM_UP)
@@ -112,9 +109,6 @@ def test_what_a_hold_goes_back_to(tmp_path: Path) -> None:
     assert decisions(plan.steps)[0].retry_step == point
 
 
-# --- mistakes --------------------------------------------------------------------------------------------------------
-
-
 def if_(test: str) -> str:
     return f"  - if: {{reading: chamber.{test}}}\n    then: [settle: 1 s]\n"
 
@@ -144,8 +138,6 @@ def test_what_cannot_be_decided(tmp_path: Path, steps: str, expected: str) -> No
     wanted = ("B-YAML", expected) if not expected.startswith("B-") else (expected, "")
     assert any(line.startswith(wanted[0]) and wanted[1] in line for line in found), found
 
-
-# --- every way is proved ---------------------------------------------------------------------------------------------
 
 POINT = """\
       - calibrator.standby

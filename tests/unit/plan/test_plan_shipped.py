@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plan_sample import reworded
 
 from bench.model.errors import InputErrors
 from bench.plan import UNIT, Plan, PlannedRecord, Step, check_plan, compile_sequence, plan_json, steps_of, summarise
@@ -252,12 +253,8 @@ def units_plan() -> Plan:
 
 def changed_units(folder: Path, *changes: tuple[str, str]) -> Path:
     """The shipped sequence with texts replaced."""
-    text = UNITS.read_text()
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new)
     path = folder / UNITS.name
-    path.write_text(text)
+    path.write_text(reworded(UNITS.read_text(), *changes))
     return path
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from plan_sample import FLAT, ROOT, changed, make_bench, mistakes
-from planned_step import planned
+from plan_sample import FLAT, ROOT, changed, make_bench, mistakes, planned
 
 from bench.model.errors import SessionDamaged
 from bench.plan import (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from import_sample import RAMP, SHORT
+from imported_logs import RAMP, SHORT
 from jsonschema import Draft202012Validator
 from plan_sample import changed, make_bench, mistakes
 from pydantic import RootModel

@@ -292,7 +292,6 @@ def test_a_wrong_notification_is_refused(tmp_path: Path, section: str, words: st
 
 def test_a_sequence_may_ask_for_early_verdicts(tmp_path: Path) -> None:
     plan = with_section(tmp_path, "early: {after: 30 min, every: 2 h, on_fail: hold, max_lost: 0.5 %}\n")
-    assert plan.early is not None
     assert (plan.early.after, plan.early.every, plan.early.on_fail) == (1800.0, 7200.0, "hold")
     assert plan.early.max_lost == 0.005
 

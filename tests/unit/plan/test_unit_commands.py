@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from plan_sample import changed, make_bench, mistakes
+from plan_sample import changed, make_bench, mistakes, reworded
 
 from bench.model.errors import InputErrors
 from bench.model.ports import Parameter
@@ -44,12 +44,8 @@ TEXT = ("{angle_text}", "all")
 
 
 def compiled(folder: Path, *changes: tuple[str, str]) -> Plan:
-    text = SEQUENCE
-    for old, new in (TEXT, *changes):
-        assert old in text
-        text = text.replace(old, new)
     path = folder / "sample.yaml"
-    path.write_text(text)
+    path.write_text(reworded(SEQUENCE, TEXT, *changes))
     return compile_sequence(path)
 
 

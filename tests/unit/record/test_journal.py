@@ -154,7 +154,6 @@ def test_the_lock_of_a_killed_writer_is_gone(tmp_path: Path) -> None:
     )
     command = [sys.executable, "-c", code, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
         assert writer.stdout.readline() == b"ready\n"
         assert is_being_written(tmp_path)
         writer.kill()

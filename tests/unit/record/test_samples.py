@@ -92,7 +92,6 @@ def test_each_sample_once_and_in_order(chunk: int) -> None:
     assert row.samples.unit("accel") == "g"
     assert (row.frames, row.lost, row.duplicate) == (199, 1, 1)
     again: RecordRow = pickle.loads(pickle.dumps(row))
-    assert again.samples is not None
     assert again.samples.counter.tolist() == due
 
 
@@ -203,7 +202,6 @@ def test_large_samples_are_read_when_they_are_asked_for() -> None:
     rows, given = PackedRows(), {k: stored_row(k, samples=sampled(k), beside={"egi": sampled(k + 10)}) for k in (1, 2)}
     rows.update(given)
     for number, kept in rows.items():
-        assert kept.samples is not None
         assert isinstance(kept.samples.columns, StoredColumns)
         assert kept.samples.columns["tick"] is not kept.samples.columns["tick"], "it was held in memory"
         same_samples(kept.samples, sampled(number))
@@ -218,7 +216,6 @@ def test_small_samples_are_packed() -> None:
     rows = PackedRows()
     rows[1] = stored_row(1, samples=sampled(1, 2000))
     samples = rows[1].samples
-    assert samples is not None
     assert isinstance(samples.columns, dict)
     same_samples(samples, sampled(1, 2000))
 

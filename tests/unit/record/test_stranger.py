@@ -12,27 +12,29 @@ from typing import Any
 import numpy as np
 import pytest
 from record_sample import AF_CLOCK, FRAME_NS, NS, constant_stream, frame, housekeeping
-from stranger_af import TRUTH_ppm, converter_session
+from stranger_af import RAMP_BIAS_A, WIDTH_A, LAG_s, PLAY_degC, SLOPE_A_degC, TRUTH_ppm, converter_session, ramp_session
 from stranger_gnc import (
     ACCEL_S,
     GYRO_S,
     MAGNETIC,
+    SUPPLY_A,
+    SUPPLY_V,
     ACCEL_BIAS_g,
     GYRO_BIAS_deg_s,
     STEPS_deg_s,
+    WIDTH_m,
     bias_session,
     calibration_session,
     earth_at_rest,
     indicated_bias,
     magnetometer_session,
+    module_session,
     short_bias_session,
 )
 from stranger_laser import BACKSCATTER_deg, LOCK_IN_deg_s, laser_session, random_walk_deg_rth
 from stranger_north import SOUGHT_deg, north_session
 from stranger_page import DOCUMENT, Session, documented_campaign, documented_standards, documented_writer
-from stranger_ramp import BIAS_A, WIDTH_A, LAG_s, PLAY_degC, SLOPE_A_degC, ramp_session
 from stranger_sync import OFFSET_s, sync_session
-from stranger_tests import SUPPLY_A, SUPPLY_V, WIDTH_m, module_session
 
 from bench.analysis import Material, analyse
 from bench.commands.fit import fit
@@ -257,7 +259,7 @@ def test_dmm_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_bias_ramp(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, found = fitted(SESSIONS["bias_ramp"](), tmp_path, capsys)
     held(found, {"bias_tc1": SLOPE_A_degC, "hysteresis_width": WIDTH_A, "thermal_lag": LAG_s / 60.0})
-    held(found, {"bias": BIAS_A}, temperature_degC=20.0)
+    held(found, {"bias": RAMP_BIAS_A}, temperature_degC=20.0)
     held(found, {"play_half_width": PLAY_degC})
     assert status == ExitStatus.PASS
 

@@ -76,7 +76,6 @@ def test_stock_library_seeks_by_topic_and_time(tmp_path: Path) -> None:
         found = list(reader.iter_messages(topics=["/event"], starting_at=10 * NS, ending_before=16 * NS))
         assert [message.log_time for _, _, message in found] == [10 * NS, 15 * NS]
         summary = reader.get_summary()
-    assert summary is not None
     assert {channel.topic for channel in summary.channels.values()} >= {"/manifest", "/clock", "/chain"}
     assert all(index.message_index_length > 0 for index in summary.chunk_indexes)
 

@@ -1,4 +1,6 @@
-"""Records as events tell them, parts on one axis, rows bit for bit as in the run; equality of results."""
+"""Records as events tell them, parts on one axis, rows bit for bit as in the run; and delimited text as loggers of all
+kinds write it.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from imported_logs import LOG, SHORT
 from record_sample import FRAME_NS, frame
 from rehearsal import tiny_plan
 
@@ -18,9 +21,13 @@ from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Record, event_of
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
+from bench.model.yamlio import parse_yaml
+from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.record import RecordRow, SessionWriter
 from bench.replay import compare, moved_rows, replay_rows
+from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
 from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
+from bench.replay.series import Survey, file_lines, survey
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 from sim_instruments.faults.switchboard import LinkFaults
@@ -294,3 +301,156 @@ def test_replay_of_a_run_over_a_noisy_cable(tmp_path: Path, monkeypatch: pytest.
     assert [comparable(row) for row in again.measurement_rows] == [comparable(row) for row in run.outcome.rows]
     assert again.totals == dict(run.counts)
     assert again.session_sha256 == run.session_sha256
+
+
+UTC_2024_ns = 1_704_067_200 * 10**9  # 2024-01-01T00:00:00Z
+
+
+def mapped(*changes: tuple[str, str]) -> LogMapping:
+    text = SHORT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return parse_yaml(text, "m.yaml", mapping_model()).model
+
+
+def read(content: bytes, mapping: LogMapping) -> tuple[list[LogRow], LogParser]:
+    parser = LogParser(mapping, "log.csv")
+    rows = [row for line in lines_of([content]) if (row := parser.row(line)) is not None]
+    return rows, parser
+
+
+def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> Survey:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    return survey(file_lines(path), mapping or mapped(), str(path))
+
+
+def test_a_plain_log_in_base_units() -> None:
+    rows, parser = read(LOG.encode(), mapped())
+    assert [row.t_ns - UTC_2024_ns for row in rows] == [0, 10 * 10**9]
+    assert [row.values for row in rows] == [(20.5, 1.0), (20.6, pytest.approx(1.001, rel=1e-15))]
+    assert [row.line for row in rows] == [2, 3]
+    assert parser.counts.sentences() == []
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        ('delimiter: ";", decimal: ","', "time;T;U\n2024-01-01T00:00:00;20,5;1000\n"),
+        ("delimiter: whitespace", "time  T\tU\n2024-01-01T00:00:00   20.5 1000\n"),
+        ('delimiter: "\\t"', "time\tT\tU\n2024-01-01T00:00:00\t20.5\t1000\n"),
+        ('comment: "#"', "# made by a logger\n\n#\ntime,T,U\n# pause\n2024-01-01T00:00:00,20.5,1000"),
+        ("header: 3", "Logger 5\nSerial,12,x,y\ntime,T,U\n2024-01-01T00:00:00,20.5,1000\n"),
+        ("encoding: latin-1", "time,T,U,T [\xb0C]\n2024-01-01T00:00:00,20.5,1000,\xb0\n"),
+        ("delimiter: ','", '"time","T","U","a ""b"", c"\n"2024-01-01T00:00:00",20.5," 1000 ","x,y"\n'),
+        ("delimiter: ','", "\ufefftime , T,U,\r\n2024-01-01T00:00:00,20.5,1000,\r\n"),
+    ],
+)
+def test_forms_of_files(form: str, text: str) -> None:
+    encoding = "latin-1" if "latin-1" in form else "utf-8"
+    rows, parser = read(text.encode(encoding), mapped(("uut:", f"file: {{{form}}}\nuut:")))
+    assert [(row.t_ns, row.values) for row in rows] == [(UTC_2024_ns, (20.5, 1.0))]
+    assert parser.counts.bad_rows == 0
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "after_2024_s"),
+    [
+        ("format: iso, zone: UTC", "2024-01-01T00:00:00.25", 0.25),
+        ("format: iso, zone: +02:00", "2024-01-01 02:00:00", 0.0),
+        ("format: iso, zone: UTC", "2023-12-31T19:00:01-05:00", 1.0),
+        ("format: unix, unit: ms", "1704067200125", 0.125),
+        ("format: elapsed, unit: min, start: 2024-01-01T01:00:00+01:00", "1.5", 90.0),
+        ('format: "%d.%m.%Y %H:%M:%S", zone: -01:30', "31.12.2023 22:30:02", 2.0),
+        ('format: "%m/%d/%y %I:%M:%S %p", zone: UTC', "01/01/24 12:00:03 AM", 3.0),
+        ('format: "%Y%m%d%H%M%S%z"', "20240101010004+0100", 4.0),
+    ],
+)
+def test_times(column: str, text: str, after_2024_s: float) -> None:
+    rows, _ = read(f"time,T,U\n{text},20,1\n".encode(), mapped(("format: iso, zone: UTC", column)))
+    assert rows[0].t_ns - UTC_2024_ns == round(after_2024_s * 1e9)
+
+
+def test_overloads_are_left_out_and_counted_never_read_as_numbers() -> None:
+    text = "time,T,U\n" + "".join(
+        f"2024-01-01T00:00:0{index},20,{value}\n"
+        for index, value in enumerate(("1", "9.9E+37", "-1e38", "OL", " ol ", "-999"))
+    )
+    mapping = mapped(("uut:", "overload: {at_least: 1e37, values: [OL, -999]}\nuut:"))
+    rows, parser = read(text.encode(), mapping)
+    assert [math.isnan(row.values[1]) for row in rows] == [False, True, True, True, True, True]
+    assert (parser.counts.rows, parser.counts.overload_rows, parser.counts.overloads) == (6, 5, {"voltage": 5})
+    (said,) = parser.counts.sentences()
+    assert said == "5 of 6 rows of the log have a cell that is empty or that the mapping calls an overload (voltage 5)."
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        ("2024-01-01T00:00:10,20", "2 fields, 3 are due"),
+        ("2024-01-01T00:00:10,20,", "'' is no number"),
+        ("2024-01-01T00:00:10,20,1_0", "'1_0' is no number"),
+        ("2024-01-01T00:00:10,20,nan", "'nan' is not finite"),
+        ("yesterday,20,1", "'yesterday' is no time"),
+        ('2024-01-01T00:00:10,20,"1', "quotation marks"),
+    ],
+)
+def test_a_bad_row_is_counted_and_listed_with_its_line(row: str, why: str) -> None:
+    rows, parser = read((LOG + row + "\n2024-01-01T00:00:20,21,1002\n").encode(), mapped())
+    assert len(rows) == 3
+    assert parser.counts.bad_rows == 1
+    line, said = parser.counts.bad[0]
+    assert line == 4
+    assert why in said
+    assert "line 4: " in parser.counts.sentences()[0]
+
+
+def test_numbers_of_the_wrong_decimal_sign_are_bad_rows() -> None:
+    _, parser = read(
+        b"time;T;U\n2024-01-01T00:00:00;20.5;1\n", mapped(("uut:", 'file: {delimiter: ";", decimal: ","}\nuut:'))
+    )
+    assert "decimal comma" in parser.counts.bad[0][1]
+
+
+def test_what_a_survey_says_of_a_file_and_without_one(tmp_path: Path) -> None:
+    found = surveyed(tmp_path, LOG.encode())
+    assert (found.first_ns, found.last_ns - found.first_ns) == (UTC_2024_ns, 10 * 10**9)
+    assert (found.counts.rows, found.size) == (2, len(LOG))
+    with pytest.raises(InputError, match=r"B-IMP-001.*cannot be read"):
+        list(file_lines(tmp_path / "absent.csv"))
+    with pytest.raises(InputError, match=r"B-IMP-001.*is empty"):
+        surveyed(tmp_path, b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "refusal"),
+    [
+        (LOG.encode() + b"\xff\xfe\n", r"B-IMP-002.*log.csv:4: .*byte 1 is not utf-8"),
+        (LOG.encode() + b"a\x00b,1,2\n", r"B-IMP-002.*log.csv:4: .*control character U\+0000"),
+        (LOG.encode() + b"x" * (MAX_LINE_BYTES + 10), r"B-IMP-002.*log.csv:4: .*longer than"),
+        (LOG.replace("time,T,U", "time,t,U").encode(), r"B-IMP-003.*log.csv:1: .*no column 'T'"),
+        (LOG.replace("time,T,U", "time,T,T,U").encode(), r"B-IMP-003.*log.csv:1: .*the column 'T' 2 times"),
+        (b"time,T,U\n", "B-IMP-004.*no row"),
+        (b"time,T,U\nx,y,z\n", "B-IMP-004.*line 2: 'x' is no time"),
+        (b"\n\n", "B-IMP-004.*no line of column names"),
+        (LOG.encode() + b"x,1,2\n", r"B-IMP-005.*1 of 3 rows cannot be read, 0 % may be: line 4"),
+        (LOG.encode() + b"2024-01-01T00:00:05,20,1\n", r"B-IMP-006.*log.csv:4: the time goes back by 5 s after line 3"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_its_line(tmp_path: Path, content: bytes, refusal: str) -> None:
+    with pytest.raises(InputError, match=refusal):
+        surveyed(tmp_path, content)
+
+
+def test_declared_bad_rows_and_one_time_twice_are_taken(tmp_path: Path) -> None:
+    declared = mapped(("uut:", "bad_rows: 40 %\nuut:"))
+    assert surveyed(tmp_path, (LOG + "x,1,2\n").encode(), declared).counts.bad_rows == 1
+    assert surveyed(tmp_path, (LOG + "2024-01-01T00:00:10,20,1\n").encode()).counts.rows == 3
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 1000])
+def test_lines_do_not_depend_on_how_the_bytes_are_cut(size: int) -> None:
+    content = b"a\r\n\nbc\n\xc3\xa4 no end"
+    chunks = [content[at : at + size] for at in range(0, len(content), size)]
+    assert list(lines_of(chunks)) == [b"a\r\n", b"\n", b"bc\n", b"\xc3\xa4 no end"]

@@ -1,18 +1,50 @@
-"""Many sessions as one: verdicts, yield, distributions, the worst values, and the page and file that say so."""
+"""Many sessions as one, the report as PDF, and the timetable: verdicts, yield, figures inside the page."""
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import sys
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from batch_sample import LIMIT, SEED, calibrations, coupling, results
+from fontTools.ttLib import TTFont
+from matplotlib.image import imread
+from plan_sample import planned
+from report_sample import (
+    LIMIT,
+    SEED,
+    SamplePlan,
+    calibrations,
+    coupling,
+    results,
+    sample_model,
+    sample_results,
+    sample_steps,
+)
 
-from bench.analysis import estimate
+from bench.analysis import Figure, estimate, series
+from bench.analysis import Table as Shown
+from bench.model.errors import InputError
+from bench.model.shipped import find_shipped
+from bench.plan import Step, compile_sequence, planned_temperature
+from bench.report import Report
 from bench.report.batch.document import batch_document, batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Unit
+from bench.report.document import document_files, png_pages
+from bench.report.fonts import folders
+from bench.report.model import ReportModel
+from bench.report.plots import plot_timetable
+from bench.report.plots.figures import thin
+from bench.report.sheet import missing, width_pt
+from bench.report.tables import words_of
+from bench.report.timetable import timetable
 
 GOOD, BAD = 0.5 * LIMIT, 2.0 * LIMIT
 
@@ -26,9 +58,6 @@ def batch_of(*documents: dict[str, object]) -> Batch:
 
 def outcomes(found: Batch) -> dict[str, str]:
     return {unit.serial: str(outcome) for unit, outcome in found.outcomes.items()}
-
-
-# --- verdicts and yield --------------------------------------------------------------------------------------------
 
 
 def test_a_unit_passes_if_no_session_of_it_fails() -> None:
@@ -92,9 +121,6 @@ def test_equal_serial_numbers_of_two_models_are_two_units() -> None:
     }  # fmt: skip
 
 
-# --- distributions -------------------------------------------------------------------------------------------------
-
-
 def test_statistics_are_those_of_the_values() -> None:
     documents = calibrations(50)
     values = [
@@ -127,7 +153,6 @@ def test_statistics_are_those_of_the_values() -> None:
 def test_the_worst_is_the_one_most_likely_outside(values: tuple[float, ...], worst: float) -> None:
     documents = [results(f"s{n}", f"U{n}", [coupling(value, u=1e-9)]) for n, value in enumerate(values)]
     (found,) = batch_of(*documents).spreads
-    assert found.worst is not None
     assert found.worst.value == worst
 
 
@@ -143,9 +168,6 @@ def test_a_count_that_must_be_zero() -> None:
     assert outcomes(found) == {"U0": "pass", "U1": "fail", "U2": "fail"}
     assert found.worst[-1][1].unit.serial == "U0"
     json.loads(batch_json(found, "test"))
-
-
-# --- what is written -----------------------------------------------------------------------------------------------
 
 
 def test_the_file_says_what_was_added_and_is_the_same_again() -> None:
@@ -197,3 +219,235 @@ def test_what_was_left_out_stands_on_the_page() -> None:
     page = batch_html(found, "test")
     assert "B-REC-012" in page
     assert "the manifest &lt;is&gt; missing" in page
+
+
+DPI = 60.0
+STREAM = re.compile(rb"stream\r?\n(.*?)\r?\nendstream", re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    return Report(sample_model())
+
+
+@pytest.fixture(scope="module")
+def marked_pages(report: Report) -> list[bytes]:
+    return report.pages(DPI)
+
+
+@pytest.fixture(scope="module")
+def real_pages(report: Report) -> list[bytes]:
+    """Pages of the same sections: only the mark on them tells a simulated run."""
+    return png_pages(sample_model(simulated=False), report.sections, words_of("en"), DPI)
+
+
+@pytest.fixture(scope="module")
+def pdf(report: Report) -> bytes:
+    return report.pdf()
+
+
+def unpacked(pdf: bytes) -> Iterator[bytes]:
+    """Every stream of the file that is packed."""
+    for found in STREAM.finditer(pdf):
+        with suppress(zlib.error):
+            yield zlib.decompress(found[1])
+
+
+def opened(pdf: bytes) -> bytes:
+    """The file with every stream that is packed laid open behind it."""
+    return pdf + b"\n".join(unpacked(pdf))
+
+
+def test_same_numbers_same_bytes_and_no_date(report: Report, pdf: bytes) -> None:
+    assert pdf.startswith(b"%PDF-")
+    assert report.pdf() == pdf
+    inside = opened(pdf)
+    assert b"CreationDate" not in inside
+    assert b"CreateDate" not in inside
+
+
+def test_every_font_and_page_is_inside(pdf: bytes, marked_pages: list[bytes]) -> None:
+    inside = opened(pdf)
+    names = set(re.findall(rb"/FontName\s*/[A-Z]{6}\+([A-Za-z-]+)", inside))
+    assert names == {b"DejaVuSans", b"DejaVuSans-Bold"}
+    assert len(re.findall(rb"/FontFile[23]?\b", inside)) >= len(names)
+    assert f"/Count {len(marked_pages)}".encode() in inside
+    assert len(marked_pages) >= 8
+
+
+def test_a_simulated_run_is_marked_on_every_page_and_a_real_one_on_none(
+    marked_pages: list[bytes], real_pages: list[bytes]
+) -> None:
+    pale_red = np.array((248.0, 232.0, 235.0)) / 255.0  # 9 % of the red of the mark on white
+    for pages, marked in ((marked_pages, True), (real_pages, False)):
+        for page in pages:
+            away = np.abs(imread(io.BytesIO(page))[..., :3] - pale_red).max(axis=2)
+            count = int((away < 3.0 / 255.0).sum())
+            assert count > 1000 if marked else count < 100
+
+
+@pytest.mark.parametrize("language", ["en", "ko"])
+def test_every_text_has_its_glyphs(language: str) -> None:
+    words = words_of(language)
+    assert missing("".join(words.all.values())) == set()
+    files = document_files(sample_model(), Report(sample_model(), language).sections, words)
+    assert {name for name, raw in files.items() if name != "main" and missing(raw.decode())} == set()
+
+
+def test_what_a_person_wrote_is_no_markup_and_loses_no_character(no_korean_font: None) -> None:
+    results = sample_results() | {"estimates": [], "session": "20000101T000000Z_#panic_한"}
+    model = ReportModel(title='*x* $y$ #import "no" \\', results=results, notes=("= not a heading @ref <tag>",))
+    report = Report(model)
+    frame = json.loads(document_files(model, report.sections, words_of("en"))["report.json"])
+    assert frame["title"] == model.title
+    assert frame["first"]["number"].endswith("#panic_[U+D55C]")
+    assert report.pdf().startswith(b"%PDF-")
+
+
+def test_without_typst_the_error_names_the_extra(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "typst", None)
+    with pytest.raises(InputError, match=r"B-REP-001: .*inertial-bench\[pdf\]"):
+        report.pdf()
+
+
+def test_page_and_paper_have_the_same_sections(report: Report) -> None:
+    page = report.html()
+    frame = json.loads(document_files(sample_model(), report.sections, words_of("en"))["report.json"])
+    titles = [chapter["title"] for chapter in frame["chapters"]]
+    assert re.findall(r"<h2>([^<]*)</h2>", page) == titles
+    pictures = [picture["file"] for chapter in frame["chapters"] for picture in chapter["pictures"]]
+    assert len(pictures) == len(set(pictures)) == page.count("<svg ")
+
+
+@pytest.mark.parametrize(
+    ("place", "file", "bold", "text"),
+    [
+        (0, "DejaVuSans.ttf", False, "−12\u202f345.678 ± 0.012"),
+        (0, "DejaVuSans-Bold.ttf", True, "µΩ°C²∞√·…–—"),
+        (1, "NanumGothic.ttf", False, "한"),
+        (1, "NanumGothicBold.ttf", True, "한"),
+    ],
+)
+def test_widths_are_those_of_another_reader_of_the_font(place: int, file: str, bold: bool, text: str) -> None:
+    with TTFont(folders()[place] / file) as font:
+        charmap, advances, units = font.getBestCmap(), font["hmtx"], font["head"].unitsPerEm
+    expected = 10.0 * sum(advances[charmap[ord(one)]][0] for one in text) / units
+    assert width_pt(text, 10.0, bold) == pytest.approx(expected, rel=1e-6)
+
+
+def test_without_the_font_paper_is_refused_and_the_page_is_written(no_korean_font: None) -> None:
+    model = ReportModel(
+        title="T", results={"session": "s", "estimates": []},
+        figures=(Figure("한글", "", "x", "y", [series("한", [0.0, 1.0], [0.0, 1.0])]),),
+        tables=(Shown("표", "", ["가"], [["나"]]),),
+    )  # fmt: skip
+    report = Report(model, "ko")
+    assert "한글" in report.html()
+    with pytest.raises(InputError, match=r"font that is not installed") as caught:
+        report.pdf()
+    assert caught.value.code == "B-TXT-002"
+    assert "inertial-bench[ko]" in caught.value.next_step
+
+
+def test_bars_cover_exactly_the_planned_time() -> None:
+    table = timetable(sample_steps(), prepare_s=600.0)
+    assert sum(bar.duration_s for bar in table.bars if bar.kind not in {"prepare", "finally"}) == 136_800.0
+    assert table.lanes == ("prepare", "soak", *(f"channel {n}" for n in range(1, 11)), "finally")
+    repeat = [bar for bar in table.bars if bar.kind == "repeat"]
+    assert [(bar.lane, bar.start_s, bar.duration_s) for bar in repeat] == [("channel 1", 135_000.0, 1800.0)]
+    assert len(table.bars) == 1 + 5 + 50 + 1 + 1
+
+
+def test_planned_temperature_ramps_then_holds() -> None:
+    t_s, degC = planned_temperature(sample_steps((-10.0, 5.0)), 600.0, start_degC=23.0)
+    assert np.interp([0.0, 1980.0, 3960.0, 27_000.0, 27_900.0, 28_800.0], t_s, degC).tolist() == [
+        23.0,
+        6.5,
+        -10.0,
+        -10.0,
+        -2.5,
+        5.0,
+    ]
+    assert (t_s[0], t_s[-1]) == (0.0, 2 * (9000.0 + 18_000.0) + 1800.0 + 60.0)
+
+
+def chamber(at_s: float, name: str, temperature: float = 0.0, ramp: float = 0.0) -> Step:
+    arguments = {"temperature": temperature, "ramp": ramp} if name == "set_temperature" else {}
+    return planned("call", at_s=at_s, role="chamber", name=name, **arguments)
+
+
+def record(at_s: float, seconds: float) -> Step:
+    return planned("record", at_s=at_s, duration_s=seconds)
+
+
+def corners(*steps: Step, prepare_s: float = 0.0) -> list[tuple[float, float]]:
+    t_s, degC = planned_temperature(steps, prepare_s, start_degC=23.0)
+    return list(zip(t_s.tolist(), degC.tolist(), strict=True))
+
+
+def test_commands_to_the_chamber_are_planned_like_soaks_in_every_phase() -> None:
+    asked = {"temperature": 3.0, "ramp": 1.0}
+    found = corners(
+        planned("soak", phase="prepare", at_s=10.0, duration_s=1800.0, **asked),
+        record(0.0, 600.0),
+        chamber(600.0, "set_temperature", 13.0, 0.5),
+        chamber(600.0, "run"),
+        record(600.0, 1800.0),
+        planned("soak", phase="finally", duration_s=900.0, temperature=23.0, ramp=1.0),
+        prepare_s=1810.0,
+    )
+    assert found == [
+        (-1800.0, 23.0), (-600.0, 3.0), (600.0, 3.0), (1800.0, 13.0), (2400.0, 13.0), (3000.0, 23.0), (3300.0, 23.0)
+    ]  # fmt: skip
+
+
+def test_a_set_point_counts_from_run_on_and_a_new_one_at_once() -> None:
+    asked = chamber(0.0, "set_temperature", 43.0, 1.0)
+    assert corners(asked, record(0.0, 60.0)) == []
+    on_the_way = (asked, chamber(60.0, "run"), chamber(660.0, "set_temperature", 23.0, 2.0), record(660.0, 600.0))
+    assert corners(*on_the_way) == [(60.0, 23.0), (660.0, 33.0), (960.0, 23.0), (1260.0, 23.0)]
+
+
+def test_the_ramp_stands_still_on_hold_and_ends_with_stop() -> None:
+    begun = (chamber(0.0, "set_temperature", 43.0, 1.0), chamber(0.0, "run"), chamber(300.0, "hold"))
+    assert corners(*begun, record(300.0, 60.0)) == [(0.0, 23.0), (300.0, 28.0), (360.0, 28.0)]
+    assert corners(*begun, chamber(600.0, "run"), record(600.0, 1200.0))[2:] == [
+        (600.0, 28.0), (1500.0, 43.0), (1800.0, 43.0)
+    ]  # fmt: skip
+    stopped = corners(*begun, chamber(600.0, "stop"), record(600.0, 100.0))
+    assert stopped[:-1] == [(0.0, 23.0), (300.0, 28.0), (600.0, 28.0)]
+    assert stopped[-1][0] == 600.0
+    assert np.isnan(stopped[-1][1])
+
+
+def test_shipped_bias_ramp_is_planned_from_the_room_to_both_ends_and_back() -> None:
+    plan = compile_sequence(find_shipped("sequences", "bias_ramp_25h"))
+    found = corners(*plan.steps, prepare_s=plan.prepare_s)
+    assert found[0] == (-10_800.0, 23.0)
+    assert found[-1] == (97_800.0, 23.0)
+    hours = [(t_s / 3600.0, degC) for t_s, degC in found[2:-2]]
+    assert hours == [(2.0, -10.0), (12.0, 50.0), (13.0, 50.0), (23.0, -10.0), (25.0, -10.0)]
+
+
+def test_thinning_keeps_extremes_and_drops_missing_readings() -> None:
+    rng = np.random.default_rng(11)
+    t_s = np.arange(20_000.0)
+    value = rng.normal(20.0, 0.1, t_s.size)
+    value[12_345], value[777], value[5:50] = 99.0, -99.0, np.nan
+    thin_t_s, thin_value = thin(t_s, value, most=200)
+    assert thin_t_s.size <= 200
+    assert (thin_value.max(), thin_value.min()) == (99.0, -99.0)
+    assert np.all(np.diff(thin_t_s) > 0)
+    assert np.array_equal(value[thin_t_s.astype(int)], thin_value)
+    assert thin(t_s, np.empty(0))[0].size == 0
+
+
+def test_same_plan_same_svg(tmp_path: Path) -> None:
+    plan = SamplePlan("Scale factor", sample_steps(), 600.0)
+    for name in ("a.svg", "b.svg"):
+        plot_timetable(plan, tmp_path / name)
+    text = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert text == (tmp_path / "b.svg").read_text(encoding="utf-8")
+    assert "Temperature / °C" in text
+    assert "Time from hour 0 / h" in text
+    assert "<dc:date>" not in text

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 from pydantic import ValidationError
-from report_sample import estimate, sample_model, unsound
+from report_sample import estimate_entry, sample_model, unsound
 
 from bench.analysis import Estimate, estimates_of
 from bench.report.accreditation import below_capability, not_covered
@@ -50,7 +50,7 @@ def model() -> ReportModel:
     """Ten channels at five temperatures, really measured; some of it judged."""
     found = sample_model(simulated=False)
     judged = [
-        estimate("dsf_n_residual", "ppm", value, 10.0, channel=channel, temperature_degC=20.0)
+        estimate_entry("dsf_n_residual", "ppm", value, 10.0, channel=channel, temperature_degC=20.0)
         | {"limit": 100.0, "verdict": verdict, "conformance_probability": inside(value, 10.0 / 1.96, 100.0)}
         for channel, (value, verdict) in enumerate([(3.0, "pass"), (95.0, "conditional_pass"), (120.0, "fail")], 1)
     ]
@@ -197,8 +197,6 @@ def test_entries_that_may_not_be_are_refused(wrong: dict[str, Any], said: str) -
         laboratory(**wrong)
 
 
-# --- under an accreditation -------------------------------------------------------------------------------------
-
 CAPABLE = [
     {"quantity": "dsf_n", "range": ["-1000 ppm", "1000 ppm"], "cmc": "20 ppm", "method": "scale_factor"},
     {"quantity": "bias", "range": ["-1 uA", "1 uA"], "cmc": "0.5 nA", "method": "scale_factor"},
@@ -207,7 +205,7 @@ OWN = Accreditation.model_validate({"body": "Example Body", "number": "EX-0000",
 
 
 def stated(quantity: str, unit: str, value: float, expanded: float, quality: str = "sound") -> Estimate:
-    entry = estimate(quantity, unit, value, expanded, channel=1)
+    entry = estimate_entry(quantity, unit, value, expanded, channel=1)
     return estimates_of({"estimates": [entry if quality == "sound" else unsound(entry, quality)]})[0]
 
 

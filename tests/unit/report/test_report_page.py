@@ -11,7 +11,7 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 import pytest
-from report_sample import estimate, sample_model, sample_results, small_model
+from report_sample import estimate_entry, sample_model, sample_results, small_model
 
 from bench.analysis import Figure, Material, Table, series
 from bench.report import Report, report_model
@@ -244,7 +244,7 @@ def test_figures_and_tables_of_an_analysis_are_in_the_page() -> None:
 @pytest.mark.parametrize("probability", [0.99999, 1.0])
 def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> None:
     model = small_model()
-    judged = estimate("bias_residual", "A", 1e-9, 2e-10, channel=1, kind="gyro")
+    judged = estimate_entry("bias_residual", "A", 1e-9, 2e-10, channel=1, kind="gyro")
     judged |= {"limit": 24e-9, "verdict": "pass", "conformance_probability": probability}
     results = {**model.results, "estimates": [judged, {**judged, "value": -5e-9}], "decision_rule": "non_binary"}
     page = Report(replace(model, results=results)).html()
@@ -254,11 +254,10 @@ def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> N
 
 def test_a_coefficient_without_constant_shows_the_value_at_its_reference_temperature() -> None:
     estimates = [
-        estimate("bias", "A", 368e-9, 1e-10, channel=1, temperature_degC=-10.0),
-        estimate("bias", "A", 436.57e-9, 1e-10, channel=1, temperature_degC=20.0),
-        estimate("bias_tc1", "A/degC", 2.1e-9, 1e-10, channel=1, reference_temperature_degC=20.0),
+        estimate_entry("bias", "A", 368e-9, 1e-10, channel=1, temperature_degC=-10.0),
+        estimate_entry("bias", "A", 436.57e-9, 1e-10, channel=1, temperature_degC=20.0),
+        estimate_entry("bias_tc1", "A/degC", 2.1e-9, 1e-10, channel=1, reference_temperature_degC=20.0),
     ]
     model = small_model()
     table = coefficient_table(replace(model, results={**model.results, "estimates": estimates}), words_of("en"))
-    assert table is not None
     assert table.rows == (("1", "Bias / nA", "436.57 ± 0.10", "2.10 ± 0.10"),)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from report_sample import estimate, small_model, unsound
+from report_sample import estimate_entry, small_model, unsound
 
 from bench import analysis
 from bench.analysis import documents, estimates_of
@@ -35,17 +35,14 @@ def model(*estimates: dict[str, Any], campaign: str = "scale_factor", **more: An
 
 def offset(quantity: str, value: float | None, expanded: float = 0.0, **more: Any) -> dict[str, Any]:
     unit = "ppm" if quantity == "time_offset_drift" else "s"
-    found = estimate(quantity, unit, 0.0, expanded, method="augmented_loose")
+    found = estimate_entry(quantity, unit, 0.0, expanded, method="augmented_loose")
     return (unsound(found, "refused") if value is None else found | {"value": value}) | more
 
 
 def wrong(item: str, count: float, unit: str) -> dict[str, Any]:
     verdict = "fail" if count else "pass"
     judged = {"limit": 0.0, "verdict": verdict, "conformance_probability": 0.0 if count else 1.0}
-    return estimate(f"{item}_wrong", "1", count, 0.0) | {"conditions": {"unit": unit}} | judged
-
-
-# --- limits and verdicts -----------------------------------------------------------------------------------------
+    return estimate_entry(f"{item}_wrong", "1", count, 0.0) | {"conditions": {"unit": unit}} | judged
 
 
 @pytest.mark.parametrize(
@@ -69,14 +66,12 @@ def test_the_table_of_the_verdicts_tells_a_size_from_a_difference() -> None:
     width = offset("time_offset_uncertainty", 7.5e-3, limit=10e-3, **judged)
     difference = offset("stamps_difference", -3e-3, 8e-3, limit=5e-3, **judged)
     table = verdict_table(model(width, difference, campaign="time_sync"), ENGLISH)
-    assert table is not None
     assert [row[3:5] for row in table.rows] == [("≤ 10", "ms"), ("± 5", "ms")]
 
 
 def test_the_unit_that_failed_stands_for_its_item_where_nothing_may_be_wrong() -> None:
     units = [wrong("memory", count, f"U-{number}") for number, count in enumerate((0.0, 2.0, 1.0))]
     table = verdict_table(model(*units), ENGLISH)
-    assert table is not None
     row = dict(zip(table.headers, table.rows[0], strict=True))
     assert row["worst: value ± U"] == "2"
     assert row["conformance"] == "–"  # no uncertainty, no probability
@@ -92,9 +87,6 @@ def test_the_first_page_says_that_a_run_has_not_ended_and_that_its_recording_is_
     assert "at 3 places" in said[1]
 
 
-# --- values ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("value", "unit", "bounds", "allowed", "answer"),
     [
@@ -108,13 +100,12 @@ def test_the_first_page_says_that_a_run_has_not_ended_and_that_its_recording_is_
 def test_an_answer_is_an_amount(value: float, unit: str, bounds: dict[str, float], allowed: str, answer: str) -> None:
     prompt = {"step": 1, "text": "Set to 65 degC?", "value": value, "unit": unit, "by": "simulation", **bounds}
     table = prompt_table(model(prompts=(prompt,)), KOREAN)
-    assert table is not None
     said = tuple(text.replace("\u00a0", " ") for text in table.rows[0][1:])
     assert said == ("Set to 65 °C?", allowed, answer, KOREAN("by.simulation"))
 
 
 def test_a_value_without_uncertainty_has_four_digits_and_whole_numbers_all() -> None:
-    (bare,) = estimates_of({"estimates": [estimate("observability", "1", 0.000388125, 0.0)]})
+    (bare,) = estimates_of({"estimates": [estimate_entry("observability", "1", 0.000388125, 0.0)]})
     for value, shown in ((0.000388125, "0.0003881"), (521.454, "521.5"), (12345.0, "12345")):
         assert value_text(bare.model_copy(update={"value": value})) == shown
 
@@ -122,7 +113,6 @@ def test_a_value_without_uncertainty_has_four_digits_and_whole_numbers_all() -> 
 def test_a_refused_value_has_no_unit() -> None:
     told = model(offset("time_offset", None), offset("time_offset_from_stamps", 9.7e-3, 2.8e-3), campaign="time_sync")
     table = other_table(told, ENGLISH)
-    assert table is not None
     assert [row[2:] for row in table.rows] == [("refused", "–"), ("9.7 ± 2.8", "ms")]
 
 
@@ -142,31 +132,25 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
     for channel, polarity in at:
         where = {"channel": channel, "polarity": polarity}
         leak_nA, lag_min = 10.0 * channel + polarity, 5.0 * channel + polarity
-        rows.append(estimate("switch_leakage", "nA", leak_nA, 1.0, **where, temperature_degC=20.0))
-        rows.append(estimate("thermal_lag", "min", lag_min, 1.0, **where))
+        rows.append(estimate_entry("switch_leakage", "nA", leak_nA, 1.0, **where, temperature_degC=20.0))
+        rows.append(estimate_entry("thermal_lag", "min", lag_min, 1.0, **where))
     assert [table.rows for table in pivot_tables(model(*rows), ENGLISH)] == [
         (("1", "11.0 ± 1.0"), ("2", "21.0 ± 1.0")),
         (("1", "9.0 ± 1.0"), ("2", "19.0 ± 1.0")),
     ]
     by_channel = channel_table(model(*rows), ENGLISH)
-    assert by_channel is not None
     assert by_channel.rows == (("1", "6.0 ± 1.0", "4.0 ± 1.0"), ("2", "11.0 ± 1.0", "9.0 ± 1.0"))
 
 
-# --- what is not there -------------------------------------------------------------------------------------------
-
-
 def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None:
-    table = coverage_table(model(wrong("cpu", 0.0, "U-1"), estimate("supply_voltage", "V", 5.0, 0.01)), ENGLISH)
-    assert table is not None
+    table = coverage_table(model(wrong("cpu", 0.0, "U-1"), estimate_entry("supply_voltage", "V", 5.0, 0.01)), ENGLISH)
     assert [row[0] for row in table.rows] == ["supply voltage"]
 
 
 def counted(quality: dict[str, int], frame_sha256: str) -> set[str]:
-    told = model(estimate("bias", "A", 1.0, 0.1))
+    told = model(estimate_entry("bias", "A", 1.0, 0.1))
     results = {**told.results, "quality": quality, "provenance": {"frame_sha256": frame_sha256}}
     table = summary_table(replace(told, results=results), ENGLISH)
-    assert table is not None
     return {"records", "frames", "frames lost", "frames bad"} & {row[0] for row in table.rows}
 
 
@@ -176,9 +160,6 @@ def test_nothing_is_counted_that_cannot_be() -> None:
     assert counted(none, "abc") == set()
     assert counted({**none, "records": 7}, "") == {"records"}
     assert counted({**none, "records": 7}, "abc") == {"records", "frames", "frames lost", "frames bad"}
-
-
-# --- chapters ----------------------------------------------------------------------------------------------------
 
 
 def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
@@ -208,12 +189,9 @@ def test_what_is_odd_and_moves_nothing_is_a_note_of_the_report_as_of_the_results
     assert list(made.notes[:2]) == ["It is odd.", "A note."]
 
 
-# --- predicted and achieved --------------------------------------------------------------------------------------
-
-
 def stated(quantity: str, U: float | None, channel: int, sensor: float = 0.0, unit: str = "ppm") -> dict[str, Any]:
     common = {"common": {"standards": {}, "campaign": {SENSOR: sensor}}} if sensor else {}
-    found = estimate(quantity, unit, 1.0, U or 0.0, channel=channel)
+    found = estimate_entry(quantity, unit, 1.0, U or 0.0, channel=channel)
     if U is None:
         return unsound(found)
     return found | {"std_uncertainty": U / 2.0, "coverage_factor": 2.0, **common}
@@ -231,7 +209,6 @@ ACHIEVED = (
 
 def test_what_is_not_as_predicted_is_named_with_the_error_that_explains_it() -> None:
     said, table = agreement_parts(model(*ACHIEVED, predicted=tuple(PREDICTED)), ENGLISH)
-    assert table is not None
     assert table.rows[0] == ("Scale-factor error N", "ppm", "2 of 3", "20 to 22", "20 to 22", "1.00 to 1.01")
     assert table.rows[2] == ("Bias", "nA", "1", "8.0", "12", "1.50")
     by_sensor, by_nothing, below = said

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from sim_bench import Bench, open_bench
-from sim_served import Served, serve
+from sim_bench import Bench, Served, open_bench, serve
 
 
 @pytest.fixture

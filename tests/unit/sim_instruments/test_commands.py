@@ -179,9 +179,6 @@ def test_a_card_in_another_slot() -> None:
         talk(bench, "@switch | :CLOS (@1!1!3) | !-222")
 
 
-# --- the meter, which has a line of its own --------------------------------------------------------------------------
-
-
 def silent(call: Any) -> None:
     """Expect that a call of the bus comes to its time limit."""
     with pytest.raises(VisaIOError) as caught:
@@ -224,9 +221,6 @@ def test_over_120_percent_of_range_is_overload(bench: Bench) -> None:
     assert float(bench["dmm"].read()) == 1e38
     talk(bench, "@dmm | DCI 0.1 | TRIG SGL")
     assert float(bench["dmm"].read()) == pytest.approx(0.013, rel=1e-4)
-
-
-# --- what reaches the unit -------------------------------------------------------------------------------------------
 
 
 def test_frequency_reaches_the_unit_with_an_error_within_3_ppm() -> None:
@@ -328,9 +322,6 @@ def test_reset_goes_to_standby(bench: Bench) -> None:
 )  # fmt: skip
 def test_multipliers_ma_is_milli_only_for_amperes(text: str, value: float, unit: str) -> None:
     assert parse_value(text) == (pytest.approx(value), unit)
-
-
-# --- lock-in amplifier -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvisa
-from lock_in_rig import Turning
-from north_bench import NorthBench
+from fog_signal import NorthBench, Turning
+from gnc_rig import open_table
 from pyvisa.resources import MessageBasedResource
 from scripted import Log, refused
 from sim_bench import ADDRESSES, DRIVERS, Bench, open_bench
-from table_rig import open_table
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError
@@ -69,9 +68,8 @@ def supply(bench: Bench, seed: int) -> None:
     driver.configure(VOLTAGE_V, 1.5, 18.0)
     seen = bench.world.instruments["supply"]
     if seen.tripped:
-        with pytest.raises(InstrumentError, match="latched") as caught:
+        with pytest.raises(InstrumentError, match=r"B-INST-018: .*latched"):
             driver.output_on()
-        assert caught.value.code == "B-INST-018"
         assert not seen.on
         seen.tripped = ""  # a person has looked and cleared it
     driver.output_on()

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lock_in_rig import Turning, amplifier, trace
-from north_bench import NorthBench
+from fog_signal import NorthBench, Turning, amplifier, trace
 from scipy.special import gammainc
 
 from bench.model.errors import InstrumentError
@@ -252,9 +251,8 @@ def test_a_reply_that_goes_wrong_leaves_the_set_up_right(make: Callable[..., Nor
 def test_what_the_amplifier_does_not_know_is_in_its_registers(make: Callable[..., NorthBench]) -> None:
     lock_in = make(Turning(SINE)).driver["direct"]
     for command, problem in (("PHAS 730", "execution"), ("SENS 27", "execution"), ("BLAH 1", "command")):
-        with pytest.raises(InstrumentError, match=f"{problem} error") as caught:
+        with pytest.raises(InstrumentError, match=f"B-INST-005: .*{problem} error"):
             lock_in.set(command)
-        assert caught.value.code == "B-INST-005"
     assert lock_in.raw("PHAS?") == "0.00"
     lock_in.set("PHAS 541")
     assert lock_in.raw("PHAS?") == "-179.00"

@@ -208,9 +208,6 @@ def test_a_voltage_hangs_where_the_world_connects_it(bench: Bench) -> None:
     assert float(bench.ask("logger", "ROUT:SCAN (@104)", "READ?")) == pytest.approx(1.25, abs=1e-3)
 
 
-# --- the calibrator --------------------------------------------------------------------------------------------------
-
-
 def settled_A(bench: Bench, current: str, row: int = 1, channel: int = 1) -> float:
     """Current in the channel without the leakage of the route."""
     bench.send("calibrator", "STBY")

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import store_sample
-from store_database import BACKENDS, new_history
-from store_sample import FACTOR, Drift, GAIN_ppm, OWN_ppm
+from store_sample import BACKENDS, FACTOR, Drift, GAIN_ppm, OWN_ppm, new_history
 
 from bench.store import Filters, StoreError, compare_pair, compare_unit, dues_of, export_history, record_calibration
 from bench.store.series import YEAR_S

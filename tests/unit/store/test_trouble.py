@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import store_sample
 from sqlalchemy import Connection, func, select
-from store_database import BACKENDS, new_history
+from store_sample import BACKENDS, new_history
 from store_writer import every_document, write
 
 from bench.analysis import documents

@@ -69,9 +69,6 @@ def same(read: pd.DataFrame, table: pd.DataFrame) -> None:
     )
 
 
-# --- csv, parquet ------------------------------------------------------------------------------------------------
-
-
 def test_csv_reads_back(exported: Callable[[str], Any]) -> None:
     for folder, tables in exported("csv"):
         assert {path.name for path in folder.iterdir()} == {f"{name}.csv" for name in tables}
@@ -101,9 +98,6 @@ def test_parquet_reads_back_with_units_and_types(exported: Callable[[str], Any])
             assert {k: str(v) for k, v in read.dtypes.items() if v.kind in "iu"} == {
                 k: str(v) for k, v in table.dtypes.items() if v.kind in "iu"
             }
-
-
-# --- hdf5, mat ---------------------------------------------------------------------------------------------------
 
 
 def test_hdf5_reads_back(exported: Callable[[str], Any]) -> None:
@@ -148,9 +142,6 @@ def test_what_matlab_cannot_hold(sessions: list[Session], tmp_path: Path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
-# --- mcap --------------------------------------------------------------------------------------------------------
-
-
 def test_mcap_reads_back_and_holds_its_schemas(exported: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mcap_file, "CHUNK_BYTES", 50_000)
     for folder, tables in exported("mcap"):
@@ -161,13 +152,10 @@ def test_mcap_reads_back_and_holds_its_schemas(exported: Callable[[str], Any], m
             rows: dict[str, list[Any]] = {name: [] for name in tables}
             times: dict[str, list[int]] = {name: [] for name in tables}
             for schema, channel, message in reader.iter_messages(log_time_order=False):
-                assert schema is not None
                 assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
                 name = channel.topic.strip("/").replace("/", ".")
                 rows[name].append(json.loads(message.data))
                 times[name].append(message.log_time)
-        assert summary is not None
-        assert summary.statistics is not None
         assert summary.statistics.message_count == sum(map(len, tables.values()))
         assert summary.statistics.chunk_count == len(summary.chunk_indexes) > 1
         schemas = {channel.topic: summary.schemas[channel.schema_id] for channel in summary.channels.values()}
@@ -196,9 +184,6 @@ def _same_rows(rows: list[Any], table: pd.DataFrame, schema: Any) -> None:
         else:
             plain = column if properties[names[name]]["type"] == "object" else flat(column.to_frame())[name]
             assert read == plain.astype(object).where(plain.notna(), None).tolist()
-
-
-# --- the command -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", FORMATS)

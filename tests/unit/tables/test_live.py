@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from feed_stand_in import NAMES, FeedStandIn
 from matplotlib.figure import Figure
+from top_sample import NAMES, FeedStandIn
 
 import bench
 from bench.model.clock import WallClock
@@ -107,11 +107,9 @@ def test_a_busy_run_is_awaited(
     (tmp_path / JOURNAL_NAME).touch()
     command = [sys.executable, "-c", HOLDER, str(tmp_path / JOURNAL_NAME)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
         writer.stdout.readline()
         seconds(monkeypatch, feed.close, lambda: None, (tmp_path / "session.open").unlink)
         bench.watch(tmp_path, SIGNAL)
-        assert writer.stdin is not None
         writer.stdin.close()
     assert len(notebook.shown) == 1
 

@@ -39,9 +39,6 @@ def refused(code: str, ask: Any) -> str:
     return str(caught.value)
 
 
-# --- what is read, and when --------------------------------------------------------------------------------------
-
-
 def test_nothing_is_read_before_it_is_asked_for(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bench.tables.session.replay_rows", lambda folder: pytest.fail("decoded"))
     monkeypatch.setattr("bench.tables.session.read_course", lambda folder: pytest.fail("read"))
@@ -61,9 +58,6 @@ def test_sessions_of_every_system_have_their_tables(folder: Path) -> None:
     for link, counts in replayed.counts.items():
         assert sum(len(session.frames(link, message)) for message in session.messages(link)) == counts.frames
     assert not session.damaged
-
-
-# --- records, events, readings -----------------------------------------------------------------------------------
 
 
 def test_records_are_those_of_the_replay(golden: Path) -> None:
@@ -154,9 +148,6 @@ def test_a_session_without_utc_counts_from_1970(tmp_path: Path) -> None:
     assert len(session.readings) == 0
 
 
-# --- frames ------------------------------------------------------------------------------------------------------
-
-
 def test_frames_are_what_a_decoder_gives(golden: Path) -> None:
     session = Session(golden)
     decoder = LinkDecoder(frame("ngu_b"))
@@ -229,9 +220,6 @@ def test_raw_bytes_are_read_across_segments(tmp_path: Path) -> None:
     assert Session(tmp_path / "long").frames("port_a")["counter"].tolist() == list(range(1, 401))
 
 
-# --- estimates ---------------------------------------------------------------------------------------------------
-
-
 def test_estimates_are_those_of_the_results(golden: Path) -> None:
     session = Session(golden)
     stored = json.loads((golden / "results.json").read_text())["estimates"]
@@ -243,9 +231,6 @@ def test_estimates_are_those_of_the_results(golden: Path) -> None:
     assert table["channel"].astype(object).where(table["channel"].notna(), None).tolist() == channels
     assert set(table["quality"]) == {"sound"}
     assert table.attrs["units"]["temperature_degC"] == "degC"
-
-
-# --- refusals ----------------------------------------------------------------------------------------------------
 
 
 def test_what_is_not_there_is_one_clear_error(resumed: Session, tmp_path: Path) -> None:

@@ -1,10 +1,12 @@
-"""What is known of a run that is watched, and ``bench top``, which shows it."""
+"""``bench top``: what is known of a run that is watched, how each state is drawn, and the view as a person meets it."""
 
 from __future__ import annotations
 
+import asyncio
 import os
 import shutil
 import sys
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,16 +14,21 @@ from typing import Any
 import numpy as np
 import pytest
 from record_sample import write_sample
-from top_sample import NOW_S, FakeFeed, Gone, SetClock, document
+from rich.cells import cell_len
+from textual.pilot import Pilot
+from top_sample import ALARM, ESTIMATES, NOW_S, PROMPT, SEEN_AND_OVER, START_S, FakeFeed, Gone, SetClock, document
 
 from bench.commands import top as command
 from bench.model.errors import ExitStatus, InputError
+from bench.model.texts import Texts
 from bench.record.writer import OPEN_MARKER
 from bench.run.feed.client import FeedGone
 from bench.tui import watch
-from bench.tui.look import Look, catalogue
+from bench.tui.app import TopApp
+from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue
 from bench.tui.page import page_of
-from bench.tui.watch import OLD_S, Seen, Watch, ending
+from bench.tui.tables import planned_degC
+from bench.tui.watch import OLD_S, Seen, Trend, Watch, ending
 
 GOOD = {"outcome": {"error": None, "text": ""}}
 
@@ -256,3 +263,207 @@ def test_the_hour_before_comes_from_the_trend(tmp_path: Path, monkeypatch: pytes
     seen = Seen(document(), "")
     watch.remember_earlier(seen, tmp_path)
     assert list(seen.trend.buckets.values()) == [(20.0, 21.0)]
+
+
+SIZES = {"terminal": (80, 24), "phone": (60, 20), "wide": (140, 50)}
+Act = Callable[[Pilot[None], "Bench"], Coroutine[Any, Any, None]]
+
+
+class Bench:
+    """A feed, a clock and the view of them."""
+
+    def __init__(self, **changes: Any) -> None:
+        self.feed, self.clock = FakeFeed(document(**changes)), SetClock()
+        self.end: dict[str, Any] | None = None
+        self.watch = Watch(Path("/data/sessions/run"), self.feed, self.clock, lambda: self.end, Gone)
+        self.app = TopApp(self.watch.seen, Look(catalogue(), UNICODE), self.watch.look, self.fitted)
+
+    async def fitted(self) -> dict[str, Any]:
+        return ESTIMATES
+
+    def screen(self) -> list[str]:
+        """Every line that is on the screen now."""
+        size = self.app.size
+        strips = self.app.screen._compositor.render_strips()
+        lines = ["".join(segment.text for segment in strip) for strip in strips]
+        assert len(lines) <= size.height
+        assert all(cell_len(line) <= size.width for line in lines)
+        return [line.rstrip() for line in lines]
+
+
+def show(bench: Bench, act: Act, size: str = "terminal") -> None:
+    async def shown() -> None:
+        async with bench.app.run_test(size=SIZES[size]) as pilot:
+            await pilot.pause()
+            await act(pilot, bench)
+
+    asyncio.run(shown())
+
+
+async def until(pilot: Pilot[None], bench: Bench, word: str) -> list[str]:
+    """The screen, as soon as it shows a word; fails after some 20 rounds of half a second."""
+    for _ in range(100):
+        await pilot.pause(0.1)
+        if any(word in line for line in bench.screen()):
+            return bench.screen()
+    raise AssertionError(f"{word} is not on the screen: {bench.screen()}")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_what_goes_on_is_on_the_screen(size: str) -> None:
+    async def act(pilot: Pilot[None], bench: Bench) -> None:
+        text = "\n".join(bench.screen())
+        assert all(word in text for word in ("HOLDING", "door opened", "port_b: adapter", "live")), text
+        assert "q leave (the run goes on)" in " ".join(bench.screen()[-2:])
+
+    show(Bench(state="holding", holds={"operator": "door opened"}, alarms=[ALARM]), act, size)
+
+
+def test_a_run_that_falls_silent_is_lost_and_comes_back() -> None:
+    async def act(pilot: Pilot[None], bench: Bench) -> None:
+        bench.feed.silent, bench.clock.s = True, 75.0
+        found = await until(pilot, bench, "LOST")
+        assert "NO ANSWER for 1:15" in "\n".join(found)
+        assert "RUNNING" not in "\n".join(found)
+        bench.feed.silent = False
+        assert "LOST" not in "\n".join(await until(pilot, bench, "RUNNING"))
+
+    show(Bench(), act)
+
+
+def test_the_end_of_a_run_stays_on_the_screen() -> None:
+    async def act(pilot: Pilot[None], bench: Bench) -> None:
+        bench.feed.silent, bench.end = True, {"outcome": {"error": "B-RUN-010", "text": "asked to stop"}}
+        assert "B-RUN-010: asked to stop" in "\n".join(await until(pilot, bench, "ENDED WITH A FAULT"))
+        await pilot.pause(1.2)
+        assert bench.app.is_running
+        assert "B-RUN-010: asked to stop" in "\n".join(bench.screen())
+
+    show(Bench(), act)
+
+
+@pytest.mark.parametrize("key", ["q", "ctrl+c"])
+def test_leaving_changes_nothing(key: str) -> None:
+    async def act(pilot: Pilot[None], bench: Bench) -> None:
+        await pilot.press(key)
+        await pilot.pause()
+
+    bench = Bench()
+    show(bench, act)
+    assert bench.app.return_code == 0
+    assert not bench.app.is_running
+
+
+TEXTS = catalogue()
+HOLDS = {"interlock unit hot": "unit 71.2 degC, limit 70 degC"}
+ENDED = {"state": "ended", "wait": None, "eta": None}
+FAULT = {"error": "B-RUN-031", "text": "error B-RUN-031: chamber: 50 degC not reached. Next: check the chamber"}
+STATES: dict[str, dict[str, Any]] = {
+    "starting": {"state": "starting", "step": None, "wait": None, "eta": None, "timetable": None},
+    "running": {},
+    "holding": {"state": "holding", "holds": HOLDS, "alarms": [ALARM]},
+    "ending": {"state": "ending", "wait": None},
+    "ended": {**ENDED, "outcome": {"error": None, "text": "done"}},
+    "failed": {**ENDED, "outcome": FAULT},
+    "stopped": {"state": "stopped"},
+    "prompt": {"prompt": PROMPT},
+    "strange": {
+        "sequence": "Mätning № 5 — 校正 \x1b[31m±", "holds": {"kim": "x" * 300}, "state": "holding", "simulated": True,
+        "log": [{"t_utc_s": NOW_S, "kind": "reading", "text": "a\x1b]0;pwned\x07b\tc\nd [bold]e[/bold] …"}],
+    },
+    "bare": {"step": None, "wait": None, "eta": None, "links": None, "records": None, "instruments": None, "log": None,
+             "timetable": None, "uut": None, "alarms": None, "holds": None, "signals": None, "t_utc_s": None,
+             "progress": None},
+}  # fmt: skip
+
+
+def seen(**changes: Any) -> Seen:
+    return Watch(Path("/data/s/run"), FakeFeed(document(**changes)), SetClock(), lambda: None, Gone).seen
+
+
+def lines(
+    what: Seen, glyphs: Glyphs = UNICODE, width: int = 80, local: bool = False, texts: Texts = TEXTS
+) -> list[str]:
+    page = page_of(what, Look(texts, glyphs, width, local))
+    return [line.plain for line in (*page.head, *page.body)]
+
+
+URGENT = {"holds": HOLDS, "prompt": PROMPT, "alarms": [ALARM, SEEN_AND_OVER]}
+SAID: list[tuple[dict[str, Any], str]] = [
+    ({}, "soak 50 degC  12:40 of 30:00  until 12:24:00Z"),
+    ({}, "step 4123 of 9170"),
+    ({}, " 38 %  412 of 765 records"),
+    ({}, "ends 2026-11-19 11:26:40Z, between 11:10:00Z and 12:00:00Z"),
+    ({}, "planned 40.00 degC  air 49.14 degC  unit 48.14 degC"),
+    ({}, "38.20 to 48.14 degC"),
+    ({}, "port_b lost  frames 99  CRC errors 3  lost 7"),
+    ({}, "2 errors, last: -410,Query interrupted"),
+    ({}, "412  11:53:20Z  50 degC channel 3 +10 mA"),
+    (URGENT, "port_b: adapter pulled"),
+    (URGENT, "99 ohm to 101 ohm"),
+    (URGENT, "unit 71.2 degC, limit 70 degC"),
+    (STATES["ended"], "every step was done"),
+    (STATES["ended"], "/data/s/run"),
+    (STATES["failed"], "ENDED WITH A FAULT"),
+    (STATES["failed"], "B-RUN-031: chamber: 50 degC not reached"),
+    (ENDED, "does not say how"),
+    ({"simulated": True}, "SIMULATED"),
+]
+
+
+@pytest.mark.parametrize(("changes", "words"), SAID)
+def test_what_is_known_is_said(changes: dict[str, Any], words: str) -> None:
+    text = "\n".join(lines(seen(**changes), width=120))
+    assert words in text
+    assert ("SIMULATED" in text) is ("simulated" in changes)
+    assert "long gone" not in text
+
+
+def test_lost_is_said_loudly_with_the_age_and_never_running() -> None:
+    shown = seen()
+    shown.lost, shown.age_s = True, 75.0
+    page = page_of(shown, Look(TEXTS, UNICODE))
+    head = " ".join(line.plain for line in page.head)
+    assert "LOST" in head
+    assert "NO ANSWER for 1:15" in head
+    assert "RUNNING" not in head
+    assert "live" not in head
+    assert all("reverse" in str(line.style) for line in page.head[1:])
+
+
+@pytest.mark.parametrize("active", [True, False])
+@pytest.mark.parametrize("by", [None, "kim"])
+def test_an_alarm_stays_until_it_is_acknowledged_and_over(active: bool, by: str | None) -> None:
+    acknowledged = None if by is None else {"by": by, "t_utc_s": NOW_S}
+    text = "\n".join(lines(seen(alarms=[{**ALARM, "active": active, "acknowledged": acknowledged}])))
+    assert ("adapter pulled" in text.partition("LINKS")[0]) == (active or by is None)
+    assert ("seen by kim" in text) == (active and by is not None)
+
+
+def test_text_of_a_run_cannot_steer_the_terminal() -> None:
+    text = "\n".join(lines(seen(**STATES["strange"])))
+    assert "\x1b" not in text
+    assert "\x07" not in text
+    assert "[bold]e[/bold] ..." in text
+    assert "校正" in text
+    assert "校正" not in "\n".join(lines(seen(**STATES["strange"]), ASCII))
+
+
+def test_planned_temperature_between_the_corners() -> None:
+    table = {"t_utc_s": [0.0, 10.0, 10.0, 20.0], "temperature_degC": [20.0, 30.0, 40.0, 40.0]}
+    assert [planned_degC(table, at) for at in (-1.0, 0.0, 5.0, 10.0, 15.0, 20.0, 21.0)] == [
+        None, 20.0, 25.0, 40.0, 40.0, 40.0, None,
+    ]  # fmt: skip
+    assert planned_degC({}, 1.0) is None
+
+
+def test_the_trend_forgets_what_is_older_than_an_hour() -> None:
+    trend = Trend()
+    for second in range(0, 9000, 10):
+        trend.add(START_S + second, float(second), second + 1.0)
+    assert trend.span_s == 3600.0
+    known = [one for one in trend.ranges(60) if one is not None]
+    assert len(known) == 60
+    assert known[-1][1] == 8991.0
+    assert known[0][0] >= 9000 - 3630
+    assert len(trend.buckets) <= 121

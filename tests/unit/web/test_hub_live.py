@@ -1,4 +1,6 @@
-"""A living run on a page: a feed made from the protocol document, a real server, a client of another library."""
+"""A living run on a page: a feed made from the protocol document, a real server, a client of its own; and the feed as
+the event loop asks it.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +8,15 @@ import asyncio
 import json
 import socket
 import struct
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from feed_stand_in import NAMES, T0, FeedStandIn
 from record_sample import write_sample
+from top_sample import NAMES, T0, FeedStandIn
 from web_rig import RUN, Page, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
@@ -22,7 +24,11 @@ from websockets.sync.client import ClientConnection, connect
 from bench.analysis import estimate
 from bench.model.clock import WallClock
 from bench.record import OPEN_MARKER
-from bench.web.live import LiveRun
+from bench.run.control.local_socket import LIVE, socket_path
+from bench.run.feed.client import FeedClient, FeedGone, FeedReply
+from bench.run.feed.points import PointBatch
+from bench.run.feed.server import FeedServer
+from bench.web.live import FeedLine, LiveRun
 from bench.web.security.tokens import OPERATOR, VIEWER
 
 
@@ -189,7 +195,6 @@ def test_a_replay_has_the_results_of_the_session(page: Page) -> None:
 def test_a_run_that_is_not_there_closes_the_connection(page: Page) -> None:
     with watching(page, run="20000101T000000Z_nothing") as connection, pytest.raises(ConnectionClosed) as closed:
         until(connection, "snapshot")
-    assert closed.value.rcvd is not None
     assert closed.value.rcvd.code == 4404
 
 
@@ -232,14 +237,10 @@ def test_the_list_and_the_document_show_a_living_run(page: Page, feed: FeedStand
     assert page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"][0]["state"] == "stopped"
 
 
-# --- the end of a login, and of a page ---------------------------------------------------------------------------
-
-
 def closed_with(connection: ClientConnection) -> tuple[int, str]:
     """Return code and reason, behind all that was sent before; nothing else would ever close it."""
     with pytest.raises(ConnectionClosed) as closed:
         until(connection, "never")
-    assert closed.value.rcvd is not None
     return closed.value.rcvd.code, closed.value.rcvd.reason
 
 
@@ -273,3 +274,109 @@ def test_whoever_logs_out_while_a_page_opens_sees_nothing(page: Page, feed: Feed
 
     page.app.state.hub.watching = slow
     assert page.close_code(page.cookie(VIEWER), RUN, page.origin) == 4401
+
+
+HEAD = {"proto": 1, "boot_id": "0123456789abcdef", "signals": 2}
+Answer = Callable[[int, asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+def points(since: int) -> PointBatch:
+    return PointBatch(10, 7, 3, np.arange(3, dtype="<f8").tobytes() + np.arange(12, dtype="<f4").tobytes())
+
+
+def stood_in(folder: Path) -> FeedServer:
+    return FeedServer(socket_path(folder, LIVE), HEAD, lambda: {"state": "running"}, points)
+
+
+def polled(line: FeedLine, *questions: tuple[int, bool]) -> list[FeedReply]:
+    async def ask() -> list[FeedReply]:
+        replies = [await line.poll(since, state) for since, state in questions]
+        line.close()
+        return replies
+
+    return asyncio.run(ask())
+
+
+def test_the_same_as_the_blocking_client(tmp_path: Path) -> None:
+    server = stood_in(tmp_path)
+    client = FeedClient(tmp_path)
+    expected = [client.poll(7), client.poll(9, state=False)]
+    found = polled(FeedLine(tmp_path), (7, True), (9, False))
+    client.close()
+    server.close()
+    assert [reply.header for reply in found] == [reply.header for reply in expected]
+    assert [reply.packed for reply in found] == [reply.packed for reply in expected]
+    assert "state" not in found[1].header
+
+
+def test_nobody_answers_and_then_another_process_does(tmp_path: Path) -> None:
+    async def ask() -> None:
+        line = FeedLine(tmp_path)
+        with pytest.raises(FeedGone, match="No such file"):
+            await line.poll(0)
+        for _ in range(2):  # the second answers at the same place, where the connection of the first is still kept
+            server = stood_in(tmp_path)
+            assert (await line.poll(0)).header["n"] == 3
+            server.close()
+        with pytest.raises(FeedGone):
+            await line.poll(0)
+
+    asyncio.run(ask())
+
+
+async def with_answers(folder: Path, answer: Answer, task: Callable[[FeedLine], Awaitable[None]]) -> None:
+    """Somebody at the place of a feed, who answers by the number of the connection."""
+    count = 0
+
+    async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal count
+        count += 1
+        await answer(count, reader, writer)
+        writer.close()
+        await writer.wait_closed()
+
+    server = await asyncio.start_unix_server(take, socket_path(folder, LIVE))
+    line = FeedLine(folder, answer_s=0.3)
+    try:
+        await task(line)
+    finally:
+        line.close()
+        server.close()
+        await server.wait_closed()
+
+
+def reply(seq: int) -> bytes:
+    header = b'{"boot_id":"0","first":0,"n":0,"signals":0,"seq":%d,"state":{}}' % seq
+    return struct.pack("<II", len(header), 0) + header
+
+
+def test_a_late_answer_is_not_taken_for_the_next_one(tmp_path: Path) -> None:
+    async def answer(count: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        if count == 1:  # half of an answer, until whoever asks has no patience left
+            writer.write(reply(1)[:20])
+            await reader.read()
+        else:
+            writer.write(reply(2))
+
+    async def task(line: FeedLine) -> None:
+        with pytest.raises(FeedGone, match="timed out"):
+            await line.poll(0)
+        assert (await line.poll(0)).header["seq"] == 2
+
+    asyncio.run(with_answers(tmp_path, answer, task))
+
+
+@pytest.mark.parametrize(
+    "told", [b"", reply(1)[:30], struct.pack("<II", 16_000_001, 0), struct.pack("<II", 1, 0) + b"["]
+)
+def test_what_is_no_answer(told: bytes, tmp_path: Path) -> None:
+    async def answer(count: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readline()
+        writer.write(told)
+
+    async def task(line: FeedLine) -> None:
+        with pytest.raises(FeedGone, match="B-RUN-100: "):
+            await line.poll(0)
+
+    asyncio.run(with_answers(tmp_path, answer, task))

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from feed_stand_in import T0, first_state
 from hypothesis import given
 from hypothesis import strategies as st
 from record_sample import MANIFEST
+from top_sample import T0, first_state
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.events import Resume

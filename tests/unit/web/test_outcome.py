@@ -151,7 +151,6 @@ def past(tmp_path_factory: pytest.TempPathFactory) -> Past:
 
 def test_the_outline_of_a_recording_agrees_with_its_state(past: Past, golden: Path) -> None:
     outline, final = past.outline(golden), past.final(golden)
-    assert outline is not None
     assert outline["graphs"] == final["graphs"]
     assert outline["signals"] == final["signals"]
     span = outline["replay"]

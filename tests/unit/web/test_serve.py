@@ -181,7 +181,6 @@ def test_a_port_in_use_b_web_004(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_behind_a_proxy(tmp_path: Path) -> None:
     with started(tmp_path, "--behind-proxy", "https://bench.example.org:8443") as (_, said):
         found = re.search(r"listening for the proxy at http://127.0.0.1:(\d+)", said)
-        assert found is not None
         port = int(found[1])
         assert ask(HTTPConnection("127.0.0.1", port)).status == 403
         assert ask(HTTPConnection("127.0.0.1", port), Host="bench.example.org:8443").status == 401

@@ -109,7 +109,6 @@ def test_a_step_is_found_with_its_date_and_size(size: float) -> None:
         signals = chart(predictions(readings, scatter).score[FIRST:], limits_for(60.0, 1, scatter.dof)).signals
         assert signals
         change = change_until(readings, scatter, 25)
-        assert change is not None
         right += change.earliest <= 20 <= change.latest
         inside += abs(change.size - size * OWN) <= change.expanded
     print(f"seed {SEED}, step {size}: date within its range {right}, size within its interval {inside} of {trials}")
@@ -157,7 +156,6 @@ def test_an_odd_calibration_of_the_first_phase_by_leaving_it_out() -> None:
 def test_a_step_in_independent_errors_is_their_weighted_mean() -> None:
     error, std = np.array([0.1, np.nan, 5.0, 7.0]), np.array([1.0, np.nan, 1.0, 2.0])
     change = step_until(error, std, 3, np.inf)
-    assert change is not None
     assert (change.since, change.size) == (2, pytest.approx((5.0 + 7.0 / 4.0) / 1.25))
     assert change.std == pytest.approx(1.25**-0.5)
 

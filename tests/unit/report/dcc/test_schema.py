@@ -113,16 +113,14 @@ def test_a_missing_import_is_named(schema: Path) -> None:
 def test_what_is_no_schema_of_this_version_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "dcc.xsd").write_text(text)
     for name in ("dcc.xsd", "none.xsd"):
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(InputError, match="B-DCC-008: "):
             CertificateSchema(tmp_path / name)
-        assert caught.value.code == "B-DCC-008"
 
 
 def test_a_schema_that_is_broken_inside_is_refused(schema: Path) -> None:
     schema.write_text(schema.read_text().replace('type="dcc:coreDataType"', 'type="dcc:nowhereType"'))
-    with pytest.raises(InputError, match="not a usable schema") as caught:
+    with pytest.raises(InputError, match=r"B-DCC-008: .*not a usable schema"):
         CertificateSchema(schema)
-    assert caught.value.code == "B-DCC-008"
 
 
 def test_without_the_package_it_says_what_to_install(schema: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,9 +132,8 @@ def test_without_the_package_it_says_what_to_install(schema: Path, monkeypatch: 
         return plain(name, package)
 
     monkeypatch.setattr(importlib, "import_module", absent)
-    with pytest.raises(InputError, match=r"inertial-bench\[certificate\]") as caught:
+    with pytest.raises(InputError, match=r"B-DCC-010: .*inertial-bench\[certificate\]"):
         CertificateSchema(schema)
-    assert caught.value.code == "B-DCC-010"
 
 
 @pytest.mark.skipif(

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import pyvisa
 import serial
+from plan_sample import reworded
 from pyvisa.constants import InterfaceType
 from pyvisa_py.sessions import Session, UnavailableSession
 
@@ -40,12 +41,8 @@ WORLD = SIMULATED[SIMULATED.index("world:") : SIMULATED.index("instruments:")]
 
 
 def station(folder: Path, *changes: tuple[str, str]) -> Station:
-    text = SIMULATED
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
     path = folder / "station.yaml"
-    path.write_text(text)
+    path.write_text(reworded(SIMULATED, *changes))
     return load_station(path)
 
 

@@ -155,9 +155,8 @@ def test_the_commands_reach_the_run_and_say_who_asked(tmp_path: Path, capsys: py
         assert f"(process {os.getpid()})" in reason
         assert command.release(tmp_path)
         assert context.stop.holds.reasons == {}
-        with pytest.raises(InputError, match="not holding") as caught:
+        with pytest.raises(InputError, match=r"B-CTRL-002: .*not holding"):
             command.release(tmp_path)
-        assert caught.value.code == "B-CTRL-002"
         assert command.abort(tmp_path, "") == ExitStatus.PASS
         assert context.stop.requested.startswith("abort by ")
         told = [(event["what"], event["ok"]) for event in rig.events("control")]

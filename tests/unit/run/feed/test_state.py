@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from feed_plan import MANIFEST, START_S, small_plan
+from top_sample import MANIFEST, small_plan
+from top_sample import PLAN_START_S as START_S
 
 from bench.model.events import Phase, ThermalLag, event_of
 from bench.plan import PlannedSoak

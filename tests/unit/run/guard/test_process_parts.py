@@ -277,7 +277,6 @@ def test_a_drill_of_a_bench_in_this_process(tmp_path: Path) -> None:
     (trial,) = found["trials"]
     assert (trial["kill"], trial["still_on"]) == ("LIMIT", {})
     newest = latest_drill(tmp_path, station)
-    assert newest is not None
     assert newest["utc"] == found["utc"]
     assert newest["identities"]["calibrator"]["model"] == "5720A"
 
@@ -395,7 +394,6 @@ def test_a_word_that_contradicts_itself_confirms_nothing(
     lines = [json.dumps(entry) + "\n" for entry in ({"what": "act", "text": "too hot"}, *entries)]
     (tmp_path / "guard.jsonl").write_text("".join(lines))
     word = guard_word(tmp_path)
-    assert word is not None
     assert word["safe"] is safe
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plan_sample import reworded
 from run_rig import Listener
 
 from bench.frame import load_frame
@@ -104,12 +105,8 @@ def start(tmp_path: Path, watch: Callable[[Plan, list[Happening]], Ran]) -> Star
     """Run the sequence, changed, while things happen."""
 
     def run(*happens: Happening, changes: tuple[tuple[str, str], ...] = ()) -> Ran:
-        text = SEQUENCE
-        for old, new in changes:
-            assert old in text
-            text = text.replace(old, new)
         path = tmp_path / "links.yaml"
-        path.write_text(text)
+        path.write_text(reworded(SEQUENCE, *changes))
         plan = compile_sequence(path, None, {})
         assert check_plan(plan) == []
         return watch(plan, list(happens))

@@ -118,9 +118,8 @@ def test_nobody_answers() -> None:
     (told,) = bench.told
     assert (told["status"], told["attempts"], told["received"], told["refused"]) == (None, 3, "", False)
     assert bench.clock.now_ns() == pytest.approx(2 * 3 * 0.2 * NS, rel=0.02)  # what opens the run waits as long
-    with pytest.raises(LinkError, match=r"within 3 times 0\.2 s") as caught:
+    with pytest.raises(LinkError, match=r"B-RUN-022: .*within 3 times 0\.2 s"):
         bench.do(unit_step(1, "identify", IDENTIFY))
-    assert caught.value.code == "B-RUN-022"
 
 
 def test_the_time_a_command_may_take_is_its_own() -> None:
@@ -192,9 +191,8 @@ def test_a_refusal_is_an_answer_and_not_sent_again() -> None:
     bench.do(unit_step(0, "unheard_of", 0x66, b"", "anything"))
     (told,) = bench.told
     assert (told["status"], told["refused"], told["attempts"]) == (UNKNOWN, True, 1)
-    with pytest.raises(LinkError, match=f"status {UNKNOWN}") as caught:
+    with pytest.raises(LinkError, match=f"B-RUN-023: .*status {UNKNOWN}"):
         bench.do(unit_step(1, "unheard_of", 0x66))
-    assert caught.value.code == "B-RUN-023"
 
 
 @pytest.mark.parametrize(("kind", "status"), [(ANSWER, 1), (ANSWER, BUSY), (ANSWER, 5), (REFUSAL, 0)])

@@ -52,32 +52,6 @@ def taken(*steps: int) -> list[Event]:
 
 
 FIRST, SECOND, THIRD = 3, 7, 11  # the record steps
-
-
-@pytest.mark.parametrize(
-    ("done", "records", "expected"),
-    [
-        (0, (), Position(0, 0, ())),  # nothing was finished
-        (1, (), Position(1, 0, ())),  # soaked: the first point
-        (3, (), Position(1, 0, ())),  # inside the first point: from its beginning
-        (4, (FIRST,), Position(1, 0, (1,))),  # recorded, not verified: again
-        (5, (FIRST,), Position(5, 1, ())),  # verified: the second point
-        (8, (FIRST, SECOND), Position(5, 1, (2,))),
-        (9, (FIRST, SECOND), Position(9, 2, ())),
-        (13, (FIRST, SECOND, THIRD), Position(13, 3, ())),  # everything measured: the end
-        (14, (FIRST, SECOND, THIRD), Position(13, 3, ())),  # inside the end: from its beginning
-        (15, (FIRST, SECOND, THIRD), Position(15, 3, ())),  # every step
-        (9, (FIRST,), Position(5, 1, ())),  # the session lost the second record, the journal did not
-        (13, (FIRST,), Position(5, 1, ())),  # and two of them
-        (3, (FIRST,), Position(1, 0, (1,))),  # the journal lost the line of the record: not verified
-        (3, (FIRST, SECOND), Position(5, 1, (2,))),  # the journal lost more
-        (0, (FIRST,), Position(1, 0, (1,))),  # no journal at all
-    ],
-)
-def test_position(tmp_path: Path, done: int, records: tuple[int, ...], expected: Position) -> None:
-    assert stopped_at(plan(tmp_path), journal(done), taken(*records)) == expected
-
-
 BOTH = taken(FIRST, SECOND)
 SKIPPED: list[Event] = [*taken(FIRST), Skip(first=5, stop=9, reason="x", by="kim")]
 RESUMED: list[Event] = [BOTH[0], event_of("end", {"error": "B-RUN-010"}), Resume(reason="x"), BOTH[1]]
@@ -86,6 +60,21 @@ RESUMED: list[Event] = [BOTH[0], event_of("end", {"error": "B-RUN-010"}), Resume
 @pytest.mark.parametrize(
     ("done", "events", "expected"),
     [
+        (0, taken(), Position(0, 0, ())),  # nothing was finished
+        (1, taken(), Position(1, 0, ())),  # soaked: the first point
+        (3, taken(), Position(1, 0, ())),  # inside the first point: from its beginning
+        (4, taken(FIRST), Position(1, 0, (1,))),  # recorded, not verified: again
+        (5, taken(FIRST), Position(5, 1, ())),  # verified: the second point
+        (8, taken(FIRST, SECOND), Position(5, 1, (2,))),
+        (9, taken(FIRST, SECOND), Position(9, 2, ())),
+        (13, taken(FIRST, SECOND, THIRD), Position(13, 3, ())),  # everything measured: the end
+        (14, taken(FIRST, SECOND, THIRD), Position(13, 3, ())),  # inside the end: from its beginning
+        (15, taken(FIRST, SECOND, THIRD), Position(15, 3, ())),  # every step
+        (9, taken(FIRST), Position(5, 1, ())),  # the session lost the second record, the journal did not
+        (13, taken(FIRST), Position(5, 1, ())),  # and two of them
+        (3, taken(FIRST), Position(1, 0, (1,))),  # the journal lost the line of the record: not verified
+        (3, taken(FIRST, SECOND), Position(5, 1, (2,))),  # the journal lost more
+        (0, taken(FIRST), Position(1, 0, (1,))),  # no journal at all
         (8, [*BOTH, Retake(record=2, reason="x")], Position(5, 1, ())),  # a record taken back does not count
         (6, SKIPPED, Position(9, 1, ())),  # skipped steps are done
         (11, SKIPPED, Position(9, 1, ())),
@@ -95,7 +84,7 @@ RESUMED: list[Event] = [BOTH[0], event_of("end", {"error": "B-RUN-010"}), Resume
         (9, [*BOTH, event_of("end", {})], Position(9, 2, ())),  # it does not say that there was no error
     ],
 )
-def test_what_was_told_of_a_run_counts(tmp_path: Path, done: int, events: list[Event], expected: Position) -> None:
+def test_position(tmp_path: Path, done: int, events: list[Event], expected: Position) -> None:
     assert stopped_at(plan(tmp_path), journal(done), events) == expected
 
 

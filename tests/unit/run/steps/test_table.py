@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from planned_step import planned
+from gnc_rig import TableRig, open_table
+from plan_sample import planned
 from run_rig import HoldRig, Instrument, Rig
-from table_rig import TableRig, open_table
 
 from bench.model.drivers import driver_class
 from bench.model.ports import Effect, Parameter, action, actions_of

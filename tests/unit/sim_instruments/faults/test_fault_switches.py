@@ -14,9 +14,7 @@ import pyvisa
 import serial
 from calibrator_trip import trip_calibrator
 from fault_schedule import DRAWS, random_schedule, schedule
-from pyvisa.constants import StatusCode
-from pyvisa.errors import VisaIOError
-from sim_bench import DRIVERS, Bench, open_bench, station
+from sim_bench import DRIVERS, Bench, open_bench, station, timed_out
 
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import VirtualClock
@@ -58,14 +56,6 @@ def listen(bench: Bench, seconds: float, link: str = "port_a") -> Any:
         decoder.push(bench.clock.now_ns(), port.read(port.in_waiting))
     decoder.flush()
     return decoder.counts
-
-
-def timed_out(call: Any) -> bool:
-    try:
-        call()
-    except VisaIOError as error:
-        return bool(error.error_code == StatusCode.error_timeout)
-    return False
 
 
 def test_the_list_names_every_fault_once_with_what_it_takes() -> None:

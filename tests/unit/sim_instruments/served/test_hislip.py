@@ -16,8 +16,7 @@ import pytest
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa_py.common import LOGGER
-from sim_bench import DRIVERS
-from sim_served import LIMIT_S, RawClient, Served, descriptors, serve, threads
+from sim_bench import DRIVERS, LIMIT_S, RawClient, Served, descriptors, serve, threads
 
 from bench.model.clock import VirtualClock, WallClock
 from sim_instruments.served.process import InstrumentServers

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from sim_served import RawClient, Served, Wire, serve, session_count
+from sim_bench import RawClient, Served, Wire, serve, session_count
 
 from bench.model.clock import WallClock
 from sim_instruments.served.hislip_server import MOST_SESSIONS, MOST_WAITING

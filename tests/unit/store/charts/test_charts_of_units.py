@@ -8,14 +8,12 @@ import shutil
 from datetime import date
 from pathlib import Path
 
-import charts_sample
 import numpy as np
 import pytest
-from charts_sample import Documents
+import store_sample
 from report_sample import unsound
 from sqlalchemy import create_engine
-from store_database import BACKENDS, new_history
-from store_sample import OWN_ppm
+from store_sample import BACKENDS, Documents, OWN_ppm, new_history
 
 from bench.maths.drift import NO_STANDARD, fit_drift_line
 from bench.store import (
@@ -46,7 +44,7 @@ def any_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 
 
 def stepped(size_ppm: float, at: int = 17) -> Documents:
-    return charts_sample.unit("A1", DAYS, SEED, GAINS_ppm, np.where(np.arange(DAYS.size) >= at, size_ppm, 0.0))
+    return store_sample.unit("A1", DAYS, SEED, GAINS_ppm, np.where(np.arange(DAYS.size) >= at, size_ppm, 0.0))
 
 
 def signalled(subject: ChartedSubject) -> set[str]:
@@ -54,7 +52,7 @@ def signalled(subject: ChartedSubject) -> set[str]:
 
 
 def test_a_unit_in_control_gives_no_signal_and_a_new_certificate_none_either(url: str) -> None:
-    charts_sample.written(url, stepped(0.0))
+    store_sample.written(url, stepped(0.0))
     subject = chart_unit(url, Filters())
     assert (subject.kind, subject.name, subject.simulated, subject.run_length) == ("unit", "NGU A1", False, 200.0)
     assert [series.parameter.quantity for series in subject.series] == ["dsf_n", "dsf_p", "bias"]
@@ -66,7 +64,7 @@ def test_a_unit_in_control_gives_no_signal_and_a_new_certificate_none_either(url
 
 
 def test_a_step_is_signalled_with_date_and_size(url: str) -> None:
-    ordered = charts_sample.written(url, stepped(40.0 * OWN_ppm))
+    ordered = store_sample.written(url, stepped(40.0 * OWN_ppm))
     subject = chart_unit(url, Filters(None, None, "dsf_n"))
     assert len(subject.series) == 3
     assert [series.parameter.quantity for series in subject.shown] == ["dsf_n"]
@@ -77,7 +75,7 @@ def test_a_step_is_signalled_with_date_and_size(url: str) -> None:
 
 
 def test_an_adjustment_is_no_signal_and_its_calibrations_say_so(any_url: str) -> None:
-    ordered = charts_sample.written(any_url, stepped(40.0 * OWN_ppm))
+    ordered = store_sample.written(any_url, stepped(40.0 * OWN_ppm))
     found, left = (ordered[place][0]["session"] for place in (16, 17))
     assert signalled(chart_unit(any_url, Filters()))
     state_calibration(any_url, found, "as_found", "gain resistor", "A. Meyer")
@@ -87,12 +85,11 @@ def test_an_adjustment_is_no_signal_and_its_calibrations_say_so(any_url: str) ->
     assert all(np.isnan(series.score[17]) and np.isfinite(series.score[18]) for series in subject.series)
     assert [row["state"] for row in list_calibrations(any_url, Filters())][15:19] == [None, "as_found", "as_left", None]
     told = show_calibration(any_url, left).adjustment
-    assert told is not None
     assert (told["state"], told["what"], told["stated_by"]) == ("as_left", "gain resistor", "A. Meyer")
 
 
 def test_a_person_begins_a_phase_and_it_stays(any_url: str) -> None:
-    charts_sample.written(any_url, stepped(40.0 * OWN_ppm, 10))
+    store_sample.written(any_url, stepped(40.0 * OWN_ppm, 10))
     with pytest.raises(StoreError, match=r"B-STORE-041: .*of at least 8"):
         freeze(any_url, ("unit", "A1"), (date(2014, 5, 1), date(2014, 6, 30)), 100.0, "A. Meyer", "too short")
     done = freeze(any_url, ("unit", "A1"), (None, date(2015, 2, 20)), 100.0, "A. Meyer", "before the repair")
@@ -105,14 +102,13 @@ def test_a_person_begins_a_phase_and_it_stays(any_url: str) -> None:
         any_url, ("unit", None), (date(2015, 3, 1), date(2015, 11, 30)), 300.0, "B. Kim", "new phase after the repair"
     )
     later = chart_unit(any_url, Filters())
-    assert later.phase is not None
     assert (later.phase["stated_by"], later.run_length) == ("B. Kim", 300.0)
     assert {(series.first, series.score.size) for series in later.series} == {(9, 12)}
     assert signalled(later) == set()
 
 
 def test_what_is_no_first_phase(url: str) -> None:
-    charts_sample.written(url, stepped(0.0))
+    store_sample.written(url, stepped(0.0))
     wrong = (
         ((None, date(2999, 1, 1)), 100.0, "A", "r", "not over"),
         ((date(2015, 1, 1), date(2014, 1, 1)), 100.0, "A", "r", "ends before"),
@@ -134,7 +130,7 @@ def test_doubtful_estimates_and_simulated_calibrations_never_enter(url: str) -> 
     for document, _ in simulated:
         document["provenance"] |= {"simulated": True, "session_sha256": document["provenance"]["session_sha256"][::-1]}
         document["estimates"][2]["value"] = 1.0
-    charts_sample.written(url, history, simulated)
+    store_sample.written(url, history, simulated)
     subject = chart_unit(url, Filters())
     sizes = {series.parameter.quantity: series.score.size for series in subject.series}
     assert sizes == {"dsf_n": 21, "dsf_p": 22, "bias": 22}
@@ -145,13 +141,13 @@ def test_doubtful_estimates_and_simulated_calibrations_never_enter(url: str) -> 
 def test_an_odd_calibration_in_the_first_phase_is_named(url: str) -> None:
     history = stepped(0.0)
     history[7][0]["estimates"][0]["value"] += 100.0 * OWN_ppm
-    charts_sample.written(url, history)
+    store_sample.written(url, history)
     (note,) = chart_unit(url, Filters()).notes
     assert note.startswith(f"dsf_n (channel 1, 20 degC): {history[7][0]['session']} does not belong")
 
 
 def test_a_history_of_the_version_before_is_brought_up_to_date(url: str) -> None:
-    charts_sample.written(url, stepped(0.0)[:8])
+    store_sample.written(url, stepped(0.0)[:8])
     engine = create_engine(url)
     with engine.begin() as connection:
         for statement in ("DROP TABLE states", "DROP TABLE phases", "UPDATE history SET version = 2"):
@@ -162,14 +158,14 @@ def test_a_history_of_the_version_before_is_brought_up_to_date(url: str) -> None
 
 
 def test_too_few_calibrations_have_no_chart_and_it_is_said(url: str) -> None:
-    charts_sample.written(url, stepped(0.0)[:11])
+    store_sample.written(url, stepped(0.0)[:11])
     subject = chart_unit(url, Filters())
     assert subject.series == []
     assert "3 of 3 parameters have no chart" in subject.notes[-1]
 
 
 def test_an_adjustment_needs_what_and_who_and_comes_with_its_session(url: str) -> None:
-    session = charts_sample.written(url, stepped(0.0)[:1])[0][0]["session"]
+    session = store_sample.written(url, stepped(0.0)[:1])[0][0]["session"]
     for state, what, by in (("as_bought", "x", "A"), ("as_left", " ", "A"), ("as_left", "x", "")):
         with pytest.raises(StoreError, match="B-STORE-040"):
             state_calibration(url, session, state, what, by)
@@ -191,7 +187,7 @@ def population(wrong_ppm: float = 0.0, bench_ppm: float = 0.0, units: int = 8, *
     for number in range(units):
         days = np.sort(rng.uniform(0.0, 365.0 * YEARS, 10))
         off = np.where((days > 3.8 * 365.0) & (np.arange(10) % 2 == number % 2), bench_ppm, 0.0)
-        history = charts_sample.unit(f"U{number}", days, SEED + number, gains, off, **more)
+        history = store_sample.unit(f"U{number}", days, SEED + number, gains, off, **more)
         for place, (_, manifest) in enumerate(history):
             manifest["station"] = f"bench_{1 + (place + number) % 2}"
         histories.append(history)
@@ -202,12 +198,12 @@ def population(wrong_ppm: float = 0.0, bench_ppm: float = 0.0, units: int = 8, *
 def good_history(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Return a history in which nothing is wrong."""
     url = new_history("sqlite", tmp_path_factory.mktemp("good"))
-    charts_sample.written(url, *population())
+    store_sample.written(url, *population())
     return url
 
 
 def test_the_wrong_certificate_is_the_one_that_signals(url: str) -> None:
-    charts_sample.written(url, *population(wrong_ppm=60.0))
+    store_sample.written(url, *population(wrong_ppm=60.0))
     subject = chart_certificates(url, Filters())
     assert [series.parameter.quantity for series in subject.series] == ["dsf_n", "dsf_p"]
     for series in subject.series:
@@ -215,15 +211,17 @@ def test_the_wrong_certificate_is_the_one_that_signals(url: str) -> None:
         (signal, place, change), *others = series.signals
         assert {at for _, at, _ in others} <= {YEARS - 2, YEARS - 1}  # its EWMA and CUSUM, and still a year later
         assert (signal.kind, place) == ("shewhart", YEARS - 2)
-        assert change is not None
         assert abs(change.size - 60.0) < 35.0  # and what this certificate and those before it are off by chance
         assert series.scatter_std == pytest.approx(2.0, rel=0.25)
+    until = date(2019, 12, 31)
+    for subject_of, count in ((("unit", "U3"), 10), (("station", "bench_1"), 40)):  # its own, and nobody else's
+        assert freeze(url, subject_of, (None, until), 100.0, "A. Meyer", "all")["calibrations"] == count
 
 
 def test_certificates_that_hold_and_simulated_units_give_no_signal(good_history: str, url: str, tmp_path: Path) -> None:
     shutil.copy(good_history.removeprefix("sqlite:///"), tmp_path)
-    simulated = charts_sample.unit("S1", np.arange(0.0, 1800.0, 100.0), 1, np.full(YEARS, 500.0), simulated=True)
-    charts_sample.written(url, simulated)
+    simulated = store_sample.unit("S1", np.arange(0.0, 1800.0, 100.0), 1, np.full(YEARS, 500.0), simulated=True)
+    store_sample.written(url, simulated)
     subject = chart_certificates(url, Filters(None, None, "dsf_n"))
     assert not any(series.signals for series in subject.series)
     assert not subject.simulated
@@ -232,7 +230,7 @@ def test_certificates_that_hold_and_simulated_units_give_no_signal(good_history:
 
 
 def test_one_unit_with_one_certificate_judges_nothing_and_says_so(url: str) -> None:
-    charts_sample.written(url, population()[0][:2])
+    store_sample.written(url, population()[0][:2])
     subject = chart_certificates(url, Filters())
     assert not any(np.isfinite(series.score).any() for series in subject.series)
     assert "2 of 2 quantities judge no certificate" in subject.notes[-1]
@@ -240,7 +238,7 @@ def test_one_unit_with_one_certificate_judges_nothing_and_says_so(url: str) -> N
 
 
 def test_a_bench_that_is_off_is_found_by_all_units_on_it(url: str) -> None:
-    charts_sample.written(url, *population(bench_ppm=60.0))
+    store_sample.written(url, *population(bench_ppm=60.0))
     off, good_history = (chart_station(url, name, Filters(None, None, "dsf_n")) for name in ("bench_1", "bench_2"))
     assert off.shown[0].signals
     assert off.shown[0].first < len(off.shown[0].names)
@@ -250,13 +248,12 @@ def test_a_bench_that_is_off_is_found_by_all_units_on_it(url: str) -> None:
     signs = {np.sign(signal.statistic) for signal, _, _ in off.shown[0].signals}
     assert signs == {1.0}
     change = off.shown[0].signals[0][2]
-    assert change is not None
     assert abs(change.size - 60.0) < change.expanded
     assert good_history.shown[0].signals[0][0].statistic < 0.0  # two benches alone do not tell which of them is off
 
 
 def test_a_bench_with_few_calibrations_has_no_chart_unless_its_first_phase_is_stated(url: str) -> None:
-    charts_sample.written(url, charts_sample.unit("A1", 30.0 * np.arange(20), SEED, np.zeros(2)))
+    store_sample.written(url, store_sample.unit("A1", 30.0 * np.arange(20), SEED, np.zeros(2)))
     subject = chart_station(url, "bench_1", Filters())
     assert (subject.series, "3 of 3 quantities have no chart" in subject.notes[-1]) == ([], True)
     freeze(url, ("station", "bench_1"), (None, date(2015, 7, 1)), 50.0, "A. Meyer", "as good as new")
@@ -273,12 +270,12 @@ def adjusted_history(url: str, states: dict[int, str], other: dict[int, str] | N
     """Twelve calibrations each quarter, adjusted by 500 ppm before the seventh."""
     days = 91.0 * np.arange(12)
     steps = np.where(np.arange(12) >= 6, 500.0, 0.0)
-    ordered = charts_sample.written(url, charts_sample.unit("A1", days, SEED, np.zeros(4), steps))
+    ordered = store_sample.written(url, store_sample.unit("A1", days, SEED, np.zeros(4), steps))
     if other is not None:
-        second = charts_sample.unit("A1", days + 1.0, SEED + 1, np.zeros(4), steps)
+        second = store_sample.unit("A1", days + 1.0, SEED + 1, np.zeros(4), steps)
         for document, _ in second:
             document["campaign"] = "another"
-        charts_sample.written(url, second)
+        store_sample.written(url, second)
         for place, state in other.items():
             state_calibration(url, second[place][0]["session"], state, "gain", "A. Meyer")
     for place, state in states.items():
@@ -292,7 +289,6 @@ def test_no_drift_and_no_agreement_across_an_adjustment(url: str, states: dict[i
     comparison = compare_unit(url, Filters(None, None, "dsf_n"))
     assert comparison.series.level.tolist() == [0] * 6 + [1] * 6
     (parameter,) = comparison.parameters
-    assert parameter.line is not None
     assert abs(parameter.line.rate) < 60.0  # 500 ppm within 91 days would be 2,000 a year
     assert np.isnan(parameter.en[[0, 6]]).all()
     assert np.nanmax(np.abs(parameter.en)) < 2.0

@@ -90,9 +90,8 @@ def test_scale_factor_campaign_gives_its_coefficients_and_no_bias(
     wrong = dataclasses.replace(
         scale_factor, compensation=[*scale_factor.compensation, bias_analysis().compensation[0]]
     )
-    with pytest.raises(InputError, match="'scale_factor' is diagnostic") as caught:
+    with pytest.raises(InputError, match=r"B-COEF-004: .*'scale_factor' is diagnostic"):
         document(wrong, campaign)
-    assert caught.value.code == "B-COEF-004"
 
 
 def test_document_is_valid_by_the_shipped_schema(both: dict[str, Any]) -> None:

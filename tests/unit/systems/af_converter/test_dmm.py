@@ -153,9 +153,8 @@ def test_printed_equations_are_refused_with_the_rank(
     differences = (pairs[: levels.size] @ np.column_stack([n_A, -p_A]))[levels > 0] / levels[levels > 0, None]
     record_property("obtained", f"channel {channel}: {np.linalg.cond(differences):.0f}, joint {condition:.2f}")
     assert condition_number(differences) > printed
-    with pytest.raises(FitError, match="K_N and K_P apart: rank 1 of 2") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-001: .*K_N and K_P apart: rank 1 of 2"):
         require_separable(differences, "differences")
-    assert caught.value.code == "B-FIT-001"
 
 
 def test_analysis_as_printed_gives_the_mean_and_says_why_not_more() -> None:

@@ -262,8 +262,6 @@ def test_start_of_the_play_matters_only_without_preparation() -> None:
     np.testing.assert_allclose(first[300:], second[300:], atol=1e-9)
 
 
-# --- plausible mistakes in the noise of the windows ---------------------------------------------------------------
-
 MISTAKEN = 12
 
 

@@ -9,7 +9,7 @@ import pytest
 from bias_simulation import slack
 from pulse_simulation import K0_C, WHITE_A_rtHz
 from scipy.integrate import solve_ivp
-from whitened_covariance import covariance_of
+from strd_linear import covariance_of
 
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.gates import (

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from import_sample import RAMP, HOLD_s, LAG_s, RAMP_s, programme, ramp_rows
-from import_sample import lagging as lagging_by
+from imported_logs import RAMP, HOLD_s, LAG_s, RAMP_s, programme, ramp_rows
+from imported_logs import lagging as lagging_by
 from scipy import stats
 from scipy.signal import lfilter
 from spoken import english_left

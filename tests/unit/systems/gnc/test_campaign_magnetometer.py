@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gnc_exchanges import FRAME, exchange
+from gnc_rig import FRAME, exchange
 from imported_logs import MAPPINGS, estimates_of, imported, of_mirror
 from imu_material import Rig
 from numpy.typing import NDArray

@@ -1,18 +1,25 @@
-"""The calibration of a simulated unit found again, what is missing named, and the check of the compensation."""
+"""Accelerometer triad from poses, and the calibration of a simulated unit found again: intervals, what is missing."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from imu_fit_simulation import ARROWS, draw, positions
 from imu_material import POSES, SITE, Rig, Unit, calibration, values
 from one_estimate import every
+from scipy import signal, stats
 from spoken import english_left
 
 from bench.analysis import Analysis
+from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.analysis import analyse
+from bench.systems.gnc.estimators.earth_rate import quantisation_variance, static_means
+from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position
 
 SEED = 606
 
@@ -193,3 +200,173 @@ def test_no_samples_no_site_and_an_unknown_method() -> None:
         analysed(short(), site={"latitude_deg": 1.0, "azimuth_deg": 0.0})
     with pytest.raises(FitError, match="B-FIT-004"):
         analyse(short().material("imu_calibration"), "other")
+
+
+Keep = Callable[[str, object], None]
+Found = tuple[TriadFit, np.ndarray, np.ndarray]
+FORCES = np.array(list(ARROWS.values()), float)
+
+
+def fitted(seed: int, declared_deg: float = 0.0, known: bool = True, **more: float) -> Found:
+    """Fit of one drawn unit; errors of K row by row and of the bias of a = K N + bias; errors of S, (3, 3)."""
+    rng = np.random.default_rng([31, seed])
+    unit = draw(rng, 0.01, 0.003, 0.010)
+    poses, forces = positions(unit, rng, **more)
+    mean, covariance, _ = static_means(poses, 200.0, resolution=1e-3)
+    fit = fit_six_position(mean, forces, covariance if known else None, tilt_std_deg=declared_deg)
+    truth = np.concatenate([np.linalg.inv(unit.sensitivity).ravel(), -unit.bias])
+    return fit, np.concatenate([fit.matrix.ravel(), fit.bias]) - truth, fit.sensitivity - unit.sensitivity
+
+
+def covered(found: list[Found]) -> np.ndarray:
+    """Per cent of 95 % intervals that hold the truth, for each of the twelve."""
+    inside = [np.abs(e) <= coverage_factor(f.dof) * np.sqrt(f.covariance.diagonal()) for f, e, _ in found]
+    return 100.0 * np.mean(inside, axis=0)
+
+
+@pytest.mark.validates(
+    "accelerometer triad of 50 units, 60 s in each of six poses: scale and cross terms within 50 ppm",
+    against="the simulated truth: scale 1 %, cross coupling 0.3 %, bias 10 mg, noise 0.1 mg/sqrt(Hz), steps of 1 mg",
+)
+def test_fifty_units_within_50_ppm(record_property: Keep) -> None:
+    found = [fitted(seed) for seed in range(50)]
+    off_ppm = 1e6 * np.array([sensitivity for _, _, sensitivity in found])
+    scale, cross = off_ppm[:, range(3), range(3)], off_ppm[:, ~np.eye(3, dtype=bool)]
+    bias_mg = 1e3 * np.array([errors[9:] for _, errors, _ in found])
+    figure = f"rms scale {np.std(scale):.1f}, cross {np.std(cross):.1f}, worst {np.abs(off_ppm).max():.1f} ppm"
+    record_property("obtained", f"{figure}; bias rms {np.sqrt(np.mean(bias_mg**2)):.4f} mg")
+    assert np.abs(off_ppm).max() < 50.0
+    assert np.sqrt(np.mean(bias_mg**2)) < 0.01
+    assert sum(fit.inflated for fit, _, _ in found) == 0
+
+
+@pytest.mark.validates(
+    "accelerometer triad: 95 % intervals of the twelve parameters, 500 units",
+    against="the simulated truth, table without and with 1 arcmin of tilt per pose and axis",
+)
+@pytest.mark.parametrize("tilt_deg", [0.0, 1.0 / 60.0])
+def test_intervals_cover(record_property: Keep, tilt_deg: float) -> None:
+    found = [fitted(seed, tilt_deg, seconds=2.0, tilt_deg=tilt_deg) for seed in range(500)]
+    share = covered(found)
+    cross_ppm = 1e6 * np.array([s for _, _, s in found])[:, ~np.eye(3, dtype=bool)]
+    record_property(
+        "obtained", f"tilt {60 * tilt_deg:g}': {share.min():.1f} to {share.max():.1f} %, all {share.mean():.1f} %"
+    )
+    if tilt_deg:
+        record_property("obtained", f"cross coupling then off by {np.std(cross_ppm):.0f} ppm rms")
+        assert 150.0 < np.std(cross_ppm) < 300.0
+    assert np.all(np.abs(share - 95.0) <= 4.0)
+    assert abs(share.mean() - 95.0) <= 1.5
+
+
+def test_intervals_from_residuals_alone_cover() -> None:
+    """Six degrees of freedom: Student's t; noise alike on all axes is what residuals stand for."""
+    share = covered([fitted(seed, known=False, seconds=1.0) for seed in range(1000, 1400)])
+    assert np.all(np.abs(share - 95.0) <= 4.5)
+
+
+def test_tilt_that_was_not_declared_is_noticed_and_enlarges_the_intervals() -> None:
+    found = [fitted(seed, tilt_deg=1.0 / 60.0) for seed in range(40)]
+    assert all(fit.inflated for fit, _, _ in found)
+    assert {fit.dof for fit, _, _ in found} == {6.0}  # as many as the residuals that say how much larger it was
+    assert covered(found).mean() > 91.0
+
+
+@pytest.mark.validates(
+    "GNC paper (2): six-position least squares with the column of ones",
+    against="the formula K = (N^T N)^-1 N^T F in fractions of whole numbers, and numpy.linalg.lstsq",
+)
+def test_the_papers_formula(record_property: Keep) -> None:
+    """Gauss and Jordan in exact fractions."""
+    rng, exact = np.random.default_rng(5), np.vectorize(Fraction)
+    mean = np.round((FORCES + rng.normal(size=(6, 3)) * 0.01) * 4096) / 4096
+    N, F = exact(np.column_stack([mean, np.ones(6)])), exact(FORCES)
+    rows = np.hstack([N.T @ N, N.T @ F])
+    for i in range(4):
+        rows[i] = rows[i] / rows[i, i]
+        for k in set(range(4)) - {i}:
+            rows[k] = rows[k] - rows[k, i] * rows[i]
+    solution = rows[:, 4:].astype(float)
+    fit = fit_six_position(mean, FORCES)
+    apart = max(np.abs(fit.matrix - solution[:3].T).max(), np.abs(fit.bias - solution[3]).max())
+    other = np.linalg.lstsq(np.column_stack([mean, np.ones(6)]), FORCES, rcond=None)[0]
+    record_property("obtained", f"apart {apart:.0e} and {np.abs(fit.matrix - other[:3].T).max():.0e}")
+    assert apart < 1e-13
+    assert np.abs(fit.bias - other[3]).max() < 1e-13
+    mean = FORCES + np.array([0.010, -0.010, 0.010])
+    printed = np.linalg.lstsq(mean, FORCES, rcond=None)[0]  # without the ones, as the text has it, the bias stays
+    assert np.abs(mean @ printed - FORCES).max() > 0.009
+    assert np.abs(fit_six_position(mean, FORCES).apply(mean, bias_sign=1) - FORCES).max() < 1e-12
+
+
+def test_sensitivity_and_its_covariance_by_trials() -> None:
+    """The delta method against inverses of 40,000 drawn matrices."""
+    fit, _, _ = fitted(3, 1.0 / 60.0, seconds=2.0)
+    rng = np.random.default_rng(8)
+    drawn = rng.multivariate_normal(fit.matrix.ravel(), fit.covariance[:9, :9], size=40_000)
+    inverse = np.linalg.inv(drawn.reshape(-1, 3, 3)).reshape(-1, 9)
+    spread = np.cov(inverse.T)
+    size = np.sqrt(np.outer(spread.diagonal(), spread.diagonal()))
+    assert np.abs((spread - fit.sensitivity_covariance) / size).max() < 0.03
+    assert fit.scale_error_std_ppm == pytest.approx(1e6 * np.std(inverse[:, [0, 4, 8]], axis=0), rel=0.02)
+    assert fit.cross_coupling_std[0, 1] == pytest.approx(np.std(inverse[:, 1]), rel=0.02)
+    assert fit.scale_error_ppm == pytest.approx(1e6 * (np.diag(np.linalg.inv(fit.matrix)) - 1.0))
+
+
+def test_gravity_that_is_not_certain_goes_into_every_scale_alike() -> None:
+    mean = FORCES * 1.01
+    tight = np.tile(np.eye(3) * 1e-20, (6, 1, 1))
+    fit = fit_six_position(mean, FORCES, tight, force_relative_std=50e-6)
+    assert fit.matrix_std.diagonal() * 1.01 == pytest.approx(50e-6)
+    assert fit.covariance[0, 4] == pytest.approx(fit.covariance[0, 0])
+    assert fit.bias_std.max() < 1e-9
+
+
+def test_more_poses_than_six_and_another_unit_of_the_output() -> None:
+    rng = np.random.default_rng(12)
+    force = rng.normal(size=(24, 3))
+    matrix, bias = np.eye(3) + rng.normal(size=(3, 3)) * 0.02, np.array([0.1, -0.2, 0.3])
+    mean = (force - bias) @ np.linalg.inv(matrix).T * 1000.0
+    fit = fit_six_position(mean, force)
+    assert fit.matrix * 1000.0 == pytest.approx(matrix)
+    assert fit.bias == pytest.approx(bias)
+    assert fit.residual_dof == 60
+
+
+def test_poses_that_do_not_determine_all_twelve_are_refused() -> None:
+    for poses in ([0, 2, 4], [0, 1, 2, 3], [0, 0, 2, 2, 4, 4]):
+        with pytest.raises(FitError, match=r"B-FIT-001.*rank"):
+            fit_six_position(FORCES[poses] * 1.01, FORCES[poses])
+    fit = fit_six_position(FORCES[[0, 2, 4, 5]], FORCES[[0, 2, 4, 5]])  # four: values without an uncertainty
+    assert fit.matrix == pytest.approx(np.eye(3))
+    assert np.isnan(fit.bias_std).all()
+    with pytest.raises(FitError, match="B-FIT-083"):  # a record at rest shorter than its means
+        static_means([np.zeros((10, 3))], 200.0)
+
+
+def test_quantisation_left_in_a_mean() -> None:
+    """Against means of rounded normal noise over all places within a step, by numerical integration."""
+    places, steps = (np.arange(400) + 0.5) / 400 - 0.5, np.arange(-30, 31)
+    for std in (0.02, 0.3, 0.5):
+        upper = stats.norm.cdf((steps + 0.5 - places[:, None]) / std)
+        lower = stats.norm.cdf((steps - 0.5 - places[:, None]) / std)
+        left = (upper - lower) @ steps - places
+        stated = quantisation_variance(np.array(std * 0.005), 0.005) / 0.005**2
+        assert stated == pytest.approx(np.mean(left**2), rel=1e-2)
+    assert quantisation_variance(np.array([0.1]), 0.0) == 0.0
+
+
+def test_noise_slower_than_the_blocks_is_part_of_the_means() -> None:
+    """White noise and a slow part as large in the mean (correlated over a third of a record): intervals hold both."""
+    rng = np.random.default_rng(4242)
+    z = []
+    for _ in range(150):
+        poses = []
+        for _ in range(6):
+            slow, kept = rng.normal(size=3), np.exp(-1.0 / 100.0)
+            kicks = rng.normal(size=(300, 3)) * np.sqrt(1.0 - kept**2)
+            walk, _ = signal.lfilter([1.0], [1.0, -kept], kicks, axis=0, zi=kept * slow[None])
+            poses.append(walk + rng.normal(0.0, 12.0, (300, 3)))
+        means, covariance, _ = static_means(poses, 1.0)
+        z.append(means / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
+    assert np.sqrt(np.mean(np.square(z))) < 1.15

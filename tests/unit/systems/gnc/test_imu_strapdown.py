@@ -120,7 +120,6 @@ def test_a_turn_without_errors_ends_level_and_at_rest() -> None:
     force, rate, begins = poses(TURNS)
     rests = StaticIntervals(np.array(begins), np.array(begins) + 300, 1.0, 1.0)
     between = drift_between_rests(force, rate, rests, RATE, NONE)
-    assert between is not None
     assert len(between.rest) == len(TURNS)
     assert between.level_error_deg.max() < 0.02  # 15 deg/h of the Earth over 3 s, in the wrong axes
     assert between.velocity_rms_m_s < 0.02

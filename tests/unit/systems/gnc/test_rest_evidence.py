@@ -109,7 +109,6 @@ def test_the_specification_and_the_verdicts_show_the_same_worst_value() -> None:
     assert row[4] == "z"
     model = ReportModel(title="T", results={"campaign": "gnc_unit_test", "estimates": entries})
     verdicts = verdict_table(model, words_of(ENGLISH))
-    assert verdicts is not None
     (judged,) = [line for line in verdicts.rows if "repeatability" in line[0]]
     assert row[2] in judged
 

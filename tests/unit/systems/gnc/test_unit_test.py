@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from gnc_exchanges import PATTERN, ad, exchange, exchanges, imu, material, sound_items, supply
+from gnc_rig import PATTERN, ad, exchange, exchanges, imu, material, sound_items, supply
 from spoken import english_left
 
 from bench.analysis import Exchange

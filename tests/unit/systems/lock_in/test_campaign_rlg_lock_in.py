@@ -241,7 +241,6 @@ def test_the_alignment_error_by_bias_is_a_value_or_a_limit(shown: bool, text: st
 def test_ratio_of_two_walks() -> None:
     found = result(BOTH)
     ratio = found.ratio(JUDGED)
-    assert ratio is not None
     assert ratio.value == pytest.approx(0.2)
     assert ratio.std == pytest.approx(0.2 * np.hypot(0.05, 0.03))  # relative uncertainties of both
     assert found.ratio("fresnel") is None
@@ -255,7 +254,6 @@ def test_the_ratio_of_outputs_that_scatter_together(shared: float) -> None:
     together = shared * first + np.sqrt(1.0 - shared**2) * other
     drawn = np.std(0.2 * (1.0 + 0.05 * together) / (1.0 + 0.03 * first))
     ratio = replace(result(BOTH), shared={JUDGED: shared}).ratio(JUDGED)
-    assert ratio is not None
     assert ratio.std == pytest.approx(drawn, rel=0.02)
 
 
@@ -294,7 +292,6 @@ def test_constants_of_stretches_are_averaged_by_weight_and_about_the_half_turn()
     ]
     found = result(BOTH, fits)
     rate, phase = found.lock_in_deg_s, found.backscatter_deg
-    assert rate is not None
     assert phase is not None
     assert rate.value == pytest.approx(0.05 * (1.02 + 4.0 * 0.99) / 5.0)
     assert rate.std == pytest.approx(0.05 * 0.01 / np.sqrt(5.0))

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 from doubt_lock_in import beta, wrong
-from laser_edges import simulated_edges
 from laser_physics import KNOTS, World, crossings, half_cycles
 from numpy.typing import NDArray
+from rlg_rig import simulated_edges
 
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, cycle_increments, net_angle, random_walk

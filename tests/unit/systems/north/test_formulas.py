@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import north_simulation as sim
+import fog_material as sim
 import numpy as np
 import pytest
-from north_simulation import single_north
+from fog_material import single_north
 from scipy import optimize
 
 from bench.model.errors import FitError

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
-import north_simulation as sim
+import fog_material as sim
 import numpy as np
 import pytest
 from fog_material import Gyro, NorthRig, campaign

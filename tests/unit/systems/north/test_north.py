@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
-from north_coverage import eight_of, rows_of, waveform_of
+from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign, eight_of, rows_of, waveform_of
 from one_estimate import every as of
 from one_estimate import table_of
 
@@ -304,9 +303,8 @@ def test_pulses_exchanged_cost_the_eight_samples_and_not_the_waveform() -> None:
     assert of(analysis, "azimuth_error")[0].value == pytest.approx(0.0, abs=0.05)
     assert "B-FIT-111" in analysis.missing[0]
     assert of(analysis, "azimuth", method="least_squares") == []
-    with pytest.raises(FitError, match="B-FIT-111") as caught:
+    with pytest.raises(FitError, match=r"B-FOG-005: .*B-FIT-111"):
         analyse(rig.material())
-    assert caught.value.code == "B-FOG-005"
 
 
 def test_an_amplitude_that_drifts_moves_north_little_and_is_told() -> None:

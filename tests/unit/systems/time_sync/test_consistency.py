@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
-from sync_flights import BASE, LEVEL_UNTIL_S, flight, level_matrices, setup, turning, white_egi
+from sync_rig import BASE, LEVEL_UNTIL_S, flight, level_matrices, setup, turning_path, white_egi
 
 from bench.maths.strapdown import earth_rate, navigate, small_rotation
 from bench.systems.time_sync.estimators.kalman import innovation
@@ -154,7 +154,7 @@ def test_error_model_is_that_of_the_mechanisation() -> None:
 
 def test_biases_are_found_with_their_signs() -> None:
     """Sensors whose biases stand far above all noise, in a turn: what is left of them is a small part."""
-    path, runs = turning(), 3
+    path, runs = turning_path(), 3
     unit = imu_runs(path, 6.0, runs, 5, ImuClass(5000.0, 0.1, 300.0, 1e-3))
     egi = white_egi(path, (0.01, 0.002, 0.001), np.full(runs, 0.0137), 6)
     begin = FilterSetup(

@@ -147,7 +147,6 @@ def test_the_image_shows_what_navigation_is_off_by() -> None:
     task = Task("image", "linear", 11.0, (Group(0.02, augmented=False, noise=BASE), imaged), runs=1, seed=2)
     flown = tasks.fly(task)
     fine = flown.run.fine
-    assert fine is not None
     assert fine.t_s[0] == pytest.approx(0.9, abs=0.006)
     true = flown.path.state(fine.t_s)
     middle_s, sight = 1.0 + 0.5 * 9.999, np.array([0.0, math.sqrt(1.0 - (3.0 / 45.0) ** 2), 3.0 / 45.0])

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shown_run import ShownRun
-from situations import LIVING, state_of
+from shown_run import LIVING, ShownRun, state_of
 from web_rig import Page, served
 from websockets.sync.client import connect
 

@@ -1,22 +1,33 @@
-"""What is claimed of a bench: what it said, as long as it is heard; UNKNOWN from then on, never what it was."""
+"""What is claimed of a bench, as long as it is heard; what ``fleet.yaml`` says and what stands below the benches."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import logging
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import store_sample
 from top_sample import SetClock
+from web_rig import Page, served
 
-from bench.web.fleet.fleet_file import FleetBench
+from bench.commands.history import show
+from bench.commands.requests import Place, ServeRequest
+from bench.commands.serve import serve
+from bench.model.errors import BenchError, InputError
+from bench.store import Filters, record_calibration
+from bench.web.fleet.app import create_fleet_app
+from bench.web.fleet.calibrated import LONGEST_DAYS
+from bench.web.fleet.fleet_file import FleetBench, load_fleet
 from bench.web.fleet.overview import BEGIN_S, MOST_RUNS, Overview, newest_over, over_card
 from bench.web.fleet.seat import CONNECTING, SILENT, SILENT_S, NotUnderstood, Seat
 from bench.web.recorded.listing import session_row
+from bench.web.security.tokens import VIEWER
 from bench.web.telemetry import SeenRun
 
 RUN = "20260301T000000Z_scale_factor_7"
@@ -153,8 +164,6 @@ def test_whatever_a_bench_says_the_page_of_the_others_goes_on(seat: Seat, runs: 
     assert ".." not in text
 
 
-# --- what a bench tells of its runs ------------------------------------------------------------------------------
-
 LOST = {"run": RUN, "state": "lost", "attention": "much", "bench": {"state": "unknown"}, "guard": None}
 
 
@@ -259,7 +268,6 @@ def test_a_session_that_is_left_open_is_not_the_newest_that_is_over(tmp_path: Pa
         if is_open:
             (tmp_path / name / "session.open").touch()
     last = newest_over(tmp_path)
-    assert last is not None
     assert (last["run"], last["outcome"], last["attention"]) == ("20260101T000000Z_old_1", "damaged", "some")
     assert newest_over(tmp_path / "20260101T000000Z_old_1") is None
     assert over_card({"run": RUN, "state": "ended"})["outcome"] is None
@@ -277,3 +285,177 @@ def test_a_folder_that_is_gone_is_not_known_and_said_once(
     assert len(caplog.records) == 1
     tmp_path.mkdir()
     look(overview)
+
+
+TOKEN = "a" * 32
+REMOTE = "  - {name: one, url: 'https://one.example.org', token_env: TOKEN_ONE}\n"
+ENVIRONMENT = {"TOKEN_ONE": TOKEN, "EMPTY": "", "WORDS": "not a token"}
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "fleet.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_the_example_of_the_page_is_taken(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[4] / "docs" / "fleet.md").read_text(encoding="utf-8")
+    kept(tmp_path).rename(tmp_path / "bench-1.token")
+    (tmp_path / "sessions").mkdir()
+    path = written(tmp_path, page.split("```yaml\n")[1].split("```")[0])
+    benches = load_fleet(path, {"BENCH_2_TOKEN": TOKEN})
+    assert [bench.name for bench in benches] == ["bench-1", "bench-2", "this machine"]
+
+
+def refused(folder: Path, lines: str) -> str:
+    path = written(folder, f"benches:\n{lines}")
+    with pytest.raises(InputError) as raised:
+        load_fleet(path, ENVIRONMENT)
+    assert raised.value.exit_status == 2
+    return str(raised.value).replace(str(path), "fleet.yaml")
+
+
+def kept(folder: Path, text: str = TOKEN, mode: int = 0o600) -> Path:
+    path = folder / "one.token"
+    path.write_text(text)
+    path.chmod(mode)
+    return path
+
+
+def test_what_it_says(tmp_path: Path) -> None:
+    kept(tmp_path, f"{TOKEN}\n")
+    (tmp_path / "sessions").mkdir()
+    lines = (
+        "benches:\n"
+        f"{REMOTE}"
+        "  - {name: Bench 2, place: room 2.14, url: 'http://127.0.0.1:8321/', token_file: one.token}\n"
+        "  - {name: 벤치, folder: sessions}\n"
+    )
+    one, two, three = load_fleet(written(tmp_path, lines), ENVIRONMENT)
+    assert (one.name, one.url, one.token, one.folder) == ("one", "https://one.example.org", TOKEN, None)
+    assert (two.place, two.url, two.token) == ("room 2.14", "http://127.0.0.1:8321", TOKEN)
+    assert (three.name, three.url, three.folder) == ("벤치", "", tmp_path / "sessions")
+    assert two.where == f"{tmp_path / 'fleet.yaml'}:3:6"
+    assert TOKEN not in repr(one)
+
+
+NOT_TAKEN = """http://one.example.org http://192.0.2.7:8321 ftp://one.example.org one.example.org
+    https://kim:secret@one.example.org https://one.example.org/runs/x https://one.example.org?token=x
+    https://one.example.org:99999"""
+TOKENS = {
+    "token_env: MISSING": "the variable MISSING is empty",
+    "token_env: EMPTY": "the variable EMPTY is empty",
+    "token_env: WORDS": "the variable WORDS holds no token",
+    "token_file: no.token": "cannot be read: No such file",
+    "token_file: .": "cannot be read: ",
+}
+NO_BENCH = """name: one
+    name: one, url: 'https://one.example.org'
+    name: one, url: 'https://one.example.org', token_env: A, token_file: b
+    name: one, folder: a, token_env: A
+    name: one, folder: a, url: 'https://one.example.org', token_env: A
+    name: '', folder: a
+    name: one, folder: a, token: secret"""
+WRONG = [
+    ("name: one, folder: nowhere", "B-FLEET-004: fleet.yaml:2:17: ", ""),
+    *((f"name: one, url: '{url}', token_env: A", "B-FLEET-001: fleet.yaml:2:17: ", "") for url in NOT_TAKEN.split()),
+    *((f"name: a, url: 'https://a.org', {key}", "B-FLEET-003: fleet.yaml:2:37: ", TOKENS[key]) for key in TOKENS),
+    *((line.strip(), "B-YAML-01", ": fleet.yaml:2:") for line in NO_BENCH.splitlines()),
+]
+
+
+@pytest.mark.parametrize(("line", "begins", "words"), WRONG)
+def test_a_line_that_is_not_taken_has_its_code_and_its_place(
+    tmp_path: Path, line: str, begins: str, words: str
+) -> None:
+    said = refused(tmp_path, f"  - {{{line}}}\n")
+    assert said.startswith(f"error {begins}")
+    assert words in said
+    assert "kim:secret" not in said
+
+
+def test_a_bench_that_stands_there_twice_b_fleet_002(tmp_path: Path) -> None:
+    first, second = refused(tmp_path, f"{REMOTE}{REMOTE.replace('org', 'org/')}").splitlines()
+    assert first.startswith("error B-FLEET-002: fleet.yaml:3:6: name 'one' stands there twice, first at fleet.yaml:2:6")
+    assert second.startswith("error B-FLEET-002: fleet.yaml:3:17: url 'https://one.example.org/'")
+    (tmp_path / "a").mkdir()
+    folders = "  - {name: one, folder: a}\n  - {name: two, folder: a}\n"
+    assert "fleet.yaml:3:17: folder 'a' stands there twice" in refused(tmp_path, folders)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners here")
+@pytest.mark.parametrize(("text", "mode", "words"), [(TOKEN, 0o640, "has mode 0640"), ("", 0o600, "is empty")])
+def test_the_file_of_a_token_is_for_its_owner_b_fleet_003(tmp_path: Path, text: str, mode: int, words: str) -> None:
+    kept(tmp_path, text, mode)
+    said = refused(tmp_path, "  - {name: one, url: 'https://one.example.org', token_file: one.token}\n")
+    assert "B-FLEET-003" in said
+    assert words in said
+    assert TOKEN not in said
+
+
+def test_all_mistakes_are_said_at_once_in_order(tmp_path: Path) -> None:
+    lines = "  - {name: a, folder: nowhere}\n  - {name: a, url: 'http://x.example.org', token_env: A}\n"
+    said = refused(tmp_path, lines).splitlines()
+    assert [line.split(": ")[0] for line in said] == ["error B-FLEET-004", "error B-FLEET-002", "error B-FLEET-001"]
+
+
+@pytest.mark.parametrize("option", [{"out": Path("sessions")}, {"mqtt": "mqtt://127.0.0.1"}])
+def test_what_belongs_to_one_bench_b_fleet_005(tmp_path: Path, option: dict[str, object]) -> None:
+    with pytest.raises(InputError) as raised:
+        serve(ServeRequest(fleet=written(tmp_path, f"benches:\n{REMOTE}"), **option))  # type: ignore[arg-type]
+    assert raised.value.code == "B-FLEET-005"
+    assert next(iter(option)) in raised.value.where
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> str:
+    url = f"sqlite:///{tmp_path_factory.mktemp('history') / 'history.sqlite'}"
+    for number, (document, manifest) in enumerate(store_sample.calibrations(4, 200.0, 17)):
+        other = {**document, "uut": {"model": "NGU", "serial": "B2"}} if number == 3 else document
+        record_calibration(url, other, manifest, None)
+    return url
+
+
+@pytest.fixture(scope="module")
+def page(url: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    top = tmp_path_factory.mktemp("fleet")
+    with served(top, make=lambda serving: create_fleet_app(serving, ()), history=url) as server:
+        yield server
+
+
+def test_who_is_due_is_what_the_command_says(page: Page, url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = page.ask("GET", "/api/v1/due", page.cookie(VIEWER)).json
+    assert show.due(Place(url, None), Filters(), LONGEST_DAYS, True) == 1
+    said = json.loads(capsys.readouterr().out)["due"]
+    assert len(said) == 2
+    assert answer["due"] == sorted(said, key=lambda due: due["due_utc"])
+    assert answer["named"] is True
+
+
+def test_sessions_over_all_are_the_history_newest_first(
+    page: Page, url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = page.ask("GET", "/api/v1/calibrations", page.cookie(VIEWER)).json
+    show.list_all(Place(url, None), Filters(), True)
+    assert answer["calibrations"] == json.loads(capsys.readouterr().out)["calibrations"][::-1]
+    assert [row["uut_serial"] for row in answer["calibrations"]] == ["B2", "A1", "A1", "A1"]
+
+
+@pytest.mark.parametrize(("file", "status"), [("nothing.sqlite", 200), ("text.sqlite", 400)])
+def test_a_history_that_is_not_there_is_empty_and_one_that_cannot_be_read_says_why(
+    tmp_path: Path, file: str, status: int
+) -> None:
+    (tmp_path / "text.sqlite").write_text("no database " * 100)
+    url = f"sqlite:///{tmp_path / file}"
+    with served(tmp_path, make=lambda serving: create_fleet_app(serving, ()), history=url) as page:
+        answer = page.ask("GET", "/api/v1/due", page.cookie(VIEWER))
+        assert answer.status == status
+        assert answer.json.get("due", []) == []
+        assert answer.json.get("error", "").startswith("B-STORE") is (status == 400)
+
+
+def test_an_address_that_can_never_be_opened_is_refused_before_anything_is_served(tmp_path: Path) -> None:
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(f"benches:\n  - {{name: here, folder: '{tmp_path}'}}\n")
+    with pytest.raises(BenchError, match="B-STORE-001: "):
+        serve(ServeRequest(fleet=fleet, history="nonsense"))

@@ -47,7 +47,6 @@ class MqttBroker:
     def start(self) -> None:
         words = [_python(), str(PROGRAM), str(self.port), str(self._users), USER, SECRET]
         self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        assert self.process.stdout is not None
         assert self.process.stdout.readline() == "listening\n"
 
     def kill(self) -> None:
@@ -101,8 +100,7 @@ class Subscriber:
 
 def free_port() -> int:
     with socket.create_server(("127.0.0.1", 0)) as free:
-        port: int = free.getsockname()[1]
-        return port
+        return free.getsockname()[1]
 
 
 @pytest.fixture

@@ -312,8 +312,6 @@ def test_the_end_of_a_recording_that_takes_long_to_read_holds_nobody_up(
     assert now(samples(page), "bench_run_outcome") == ["damaged"]
 
 
-# --- what docs/ways-out.md asks for --------------------------------------------------------------------------------
-
 ROOT = Path(__file__).resolve().parents[4]
 PAGE = (ROOT / "docs" / "ways-out.md").read_text(encoding="utf-8")
 BOARD = (ROOT / "docs" / "grafana" / "bench.json").read_text(encoding="utf-8")

@@ -96,9 +96,6 @@ def test_frames_tell_the_function_generator_and_a_channel_over_range():
     assert set(over[100:].tolist()) == {1 << 6}
 
 
-# --- when the bytes are there ----------------------------------------------------------------------------------------
-
-
 def test_frames_are_there_when_the_line_has_carried_them_by_the_master_clock():
     clock, unit = powered_unit(
         options={"master_error_ppm": "0", "noise": "off"}, thermal=lambda t: np.full(len(t), 20.0)
@@ -392,9 +389,6 @@ def test_a_trip_ends_the_pulses_at_its_time():
     assert npp.sum() == pytest.approx(
         0.1 * (33.333 - 1.0) / (1.25e-6 * (1 + 1e-6 * unit.truth.dsf_n_ppm(1, 31.0))), rel=1e-4
     )
-
-
-# --- faults of the link ----------------------------------------------------------------------------------------------
 
 
 def _with_faults(period_s):

@@ -136,12 +136,8 @@ def test_hysteresis_can_be_switched_off() -> None:
     world = open_world("af_converter", clock=VirtualClock(), seed=1, station=station(), options=options)
     world.close()
     assert not world.unit.truth.hysteresis_A.any()
-    with pytest.raises(InputError, match="hysteresis") as caught:
+    with pytest.raises(InputError, match=r"B-NGU-001: .*hysteresis"):
         NguTruth(4, {"hysteresis": "no"})
-    assert caught.value.code == "B-NGU-001"
-
-
-# --- the unit in time ------------------------------------------------------------------------------------------------
 
 
 def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
@@ -156,9 +152,6 @@ def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
             offset = thermal.play_offset_degC(t_ns, truth.half_width_degC[number - 1])
             mean_A = truth.bias_A(number, unit_degC, t_ns / NS, offset).mean()
             assert abs(block.bias_A[number - 1] - mean_A) < 5e-12
-
-
-# --- the truth list --------------------------------------------------------------------------------------------------
 
 
 def bias_campaign_windows() -> list[RecordWindow]:

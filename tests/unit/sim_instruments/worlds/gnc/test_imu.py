@@ -8,7 +8,7 @@ from collections.abc import Callable
 import allantools
 import numpy as np
 import pytest
-from gnc_sensor_bench import (
+from gnc_campaigns import (
     IDEAL,
     MOUNTINGS,
     QUIET,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from laser_edges import Edges, simulated_edges
+from rlg_rig import Edges, simulated_edges
 from scipy.integrate import solve_ivp
 from scipy.special import j0
 

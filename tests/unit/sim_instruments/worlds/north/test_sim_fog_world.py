@@ -79,8 +79,6 @@ def heading_of(output_V, encoder_deg):
 
 MS = 1_000_000
 
-# --- one process ---------------------------------------------------------------------------------------------------
-
 
 def test_frames_and_waveform_are_the_same_samples_and_the_encoder_is_latched_in_their_middle():
     rig = running(seed=7)
@@ -137,9 +135,6 @@ def test_noise_is_white_and_of_the_stated_size():
     for lag in (1, 2, 10, 500):
         assert abs(np.corrcoef(noise_V[lag:], noise_V[:-lag])[0, 1]) < 4.0 / np.sqrt(18_000)
     assert world.sensor.noise_V == pytest.approx(0.5)
-
-
-# --- headings ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rate_deg_s", [360.0, -360.0, 90.0])
@@ -209,9 +204,6 @@ def test_the_level_tells_what_turns_north(tilt, head_deg):
     assert error_deg == pytest.approx(np.rad2deg(1e-3 * about_north) * np.tan(np.deg2rad(37.0)), rel=3e-3)
 
 
-# --- options -------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("order", [2, 3, 4, 5])
 def test_harmonics_have_the_stated_size(order):
     rig = running(**QUIET, **{f"harmonic_{order}_ppm": 10_000})
@@ -252,9 +244,6 @@ def test_parameters_vary(parameters, scatter_V):
     assert np.abs(rows[:, 1]).max() <= 1.2
 
 
-# --- a person, the truth -------------------------------------------------------------------------------------------
-
-
 def window(number, item, head_deg, begin_s, **more):
     conditions = {"item": item, "head_deg": head_deg, "index": 1, **more}
     return RecordWindow(number, "fog", 0, 5000, begin_s * NS, (begin_s + 5) * NS, conditions)
@@ -287,7 +276,6 @@ def test_truth_is_that_of_the_time_of_each_record():
     assert rig.world.truth([]) == []
 
 
-# --- marks ---------------------------------------------------------------------------------------------------------
 LATITUDE_DEG = 37.0
 EARTH_DEG_H = 15.041067
 FINE_S = np.linspace(0.0, 50.0, 500_001)
@@ -356,9 +344,6 @@ def test_a_swing_in_step_with_the_turns_displaces_the_pulses_anew_after_each_sta
         displaced_deg.append(uniform_deg[0])
     assert np.abs(displaced_deg).max() < 0.05
     assert np.ptp(displaced_deg) > 0.02
-
-
-# --- supply and port -----------------------------------------------------------------------------------------------
 
 
 def test_it_speaks_2_s_behind_its_supply_and_counts_from_0():

@@ -13,9 +13,6 @@ def length(name):
     return 6 + LAYOUTS[name][1].size
 
 
-# --- supply and ports ----------------------------------------------------------------------------------------------
-
-
 def test_it_speaks_3_s_behind_its_supply_whatever_the_voltage():
     rig = Rig()
     rig.clock.sleep(5.0)
@@ -116,9 +113,6 @@ def test_nothing_depends_on_when_one_looks():
     for name in BAUDS:
         assert len(seen[0][name]) > 400 * length("imu") or name == "egi"
         assert seen[0][name] == seen[1][name] == seen[2][name], name
-
-
-# --- faults of the lines -------------------------------------------------------------------------------------------
 
 
 # --- clocks, by what is seen ---------------------------------------------------------------------------------------

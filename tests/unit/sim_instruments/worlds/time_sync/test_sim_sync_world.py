@@ -43,9 +43,6 @@ def turned():
     return turning(4.5, before_s=20.0, turn_s=20.0, after_s=20.0, tag_noise_s=0.0, seed=3, listen=("egi", "imu"))
 
 
-# --- the streams are the direct simulation -------------------------------------------------------------------------
-
-
 def test_the_stream_of_the_imu_is_the_direct_simulation_on_the_same_path_with_the_same_draws(turned):
     rig = turned
     rows, path = rig.rows("imu"), rig.world.flight.path
@@ -170,9 +167,6 @@ def test_before_a_flight_the_egi_aligns_and_a_flight_begins_at_the_origin_headin
     assert np.diff(rows[:, 0]).tolist() == [1.0] * (len(rows) - 1)
 
 
-# --- the radar -----------------------------------------------------------------------------------------------------
-
-
 def test_echoes_are_those_of_three_reflectors_broadside_five_seconds_ahead():
     """Range and phase of the middle reflector, by a path written here: straight north at 250 m/s from 0 s."""
     rig = flying(250.0, **QUIET, imu_clock_ppm=20.0)
@@ -262,9 +256,6 @@ def test_the_radar_is_silent_on_the_ground_and_counts_on_from_one_time_to_the_ne
     before = len(rig.bytes_of("radar"))
     rig.clock.sleep(0.5)
     assert len(rig.bytes_of("radar")) - before <= 2 * 296
-
-
-# --- truth, operations, options ------------------------------------------------------------------------------------
 
 
 def windows(*spans_s, **conditions):
