@@ -10,17 +10,17 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 1_007_183,
-    "tokens a line": 10.58,
-    "files": 873,
+    "tokens": 988_500,
+    "tokens a line": 10.57,
+    "files": 852,
     "dict[str, Any]": 509,
-    "lines of tests": 99_554,
-    "tests of several deep modules": 160,
-    "words of docs": 157_582,
+    "lines of tests": 99_250,
+    "tests of several deep modules": 159,
+    "words of docs": 157_300,
 }
 CEILINGS_OF_WAYS = {
-    "files of a frame": 83,
-    "files of a step": 125,
+    "files of a frame": 79,
+    "files of a step": 123,
     "files of a check": 67,
     "changes in a decode": 21,
     "changes in a call": 170,
