@@ -24,6 +24,7 @@ from bench.maths.tests import f_tail
 _SEEN = 1e-6  # of a column: what the projection leaves of one that no data can show is rounding
 _ALIKE = 9.0  # of twice a log-likelihood: less says nothing on which of two is true
 _NEARLY = 0.02  # of it: shapes are never exactly those of the world
+_LEFT = 1e-3  # of a column: less is left of none that readings could not say as well
 _AT_ONCE = 200  # columns: what is computed of them beside takes no more memory than a few of these
 _FEW = 3  # departures: what they do not explain is told of all at once
 _MOST = 20  # of them with shapes that are an item's own
@@ -289,9 +290,21 @@ class _Left:
         self.scatter = nothing if rows.scatter is None else rows.scatter
         self.error, self.dof = rows.white, rows.white.size
         self.noise_dof = rows.noise_dof
-        self._project(rows.design, _SEEN)
+        self._project(rows.design, self._of_readings(rows))
 
-    def _project(self, design: Floats, least: float) -> None:
+    def _of_readings(self, rows: Residuals) -> Floats:
+        """Return what part of each column, (c,), may be left because the design is of readings, which err themselves.
+
+        A column that says what they should be, such as the stated level, differs from them by the very residuals.
+        """
+        white = rows.whiten(rows.readings[:, None])[:, 0]
+        if not np.isfinite(white).all() or not white.any():
+            return np.full(self.whole.size, _SEEN)
+        touched = (self.columns != 0.0).astype(np.float64)
+        part = np.sqrt(rows.white**2 @ touched / np.maximum(white**2 @ touched, _SEEN))
+        return np.clip(part, _SEEN, _LEFT)
+
+    def _project(self, design: Floats, least: float | Floats) -> None:
         """Take columns (n, p) out of everything; what then is shorter than ``least`` of itself is not to be seen."""
         q = _orthonormal(design)
         self.dof -= q.shape[1]

@@ -159,7 +159,7 @@ class Labels:
 
 
 _UNITS = ((1.0, "h"), (60.0, "min"), (3600.0, "s"))
-_GENERAL = (*OF_TIME, "at", "power", "size", "constant", "exchanged", "tail")
+_GENERAL = (*OF_TIME, "at", "power", "size", "constant", "exchanged", "tail", "onset")
 _NAMED = 2  # of the other explanations
 _DAY_h, _LONGEST = 24.0, 8.0  # of the time that the readings take: a longer cycle is a drift
 _SETTLES = (0.03, 0.06, 0.12, 0.25, 0.5)  # of the time that the readings take

@@ -320,7 +320,7 @@ def _store_bits(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> N
 
 def are_right(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return for each frame (n, length) whether its check and its trailer are right, (n,)."""
-    right = _computed(layout, message, rows) == extract_column(rows, _stored(layout, rows.shape[1]))
+    right = extract_column(rows, _stored(layout, rows.shape[1])) == _computed(layout, message, rows)
     if layout.trailer:
         right &= (rows[:, -len(layout.trailer) :] == np.frombuffer(layout.trailer, np.uint8)).all(axis=1)
     return np.asarray(right)

@@ -180,7 +180,7 @@ class Crc:
 
     def _linear(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         odd, table = rows.shape[1] % 2, self._table16
-        words = np.ascontiguousarray(rows[:, odd:].view("<u2").T)
+        words = rows[:, odd:].view("<u2").T.copy()  # a copy of one row too: it is written to
         state = np.zeros(len(rows), self._dtype)
         if odd:
             state = table.take(rows[:, 0].astype(np.uint16) << 8)

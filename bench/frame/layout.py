@@ -76,7 +76,7 @@ class Field:
         at, odd = divmod(first + element * width, 8)
         return self.offset + at, odd
 
-    @property
+    @cached_property
     def rest(self) -> bool:
         """Whether the field takes everything up to the check."""
         return self.count == 0
@@ -86,7 +86,7 @@ class Field:
         """Whether its bytes are characters, filled up with zeros."""
         return self.form == "text"
 
-    @property
+    @cached_property
     def scaled(self) -> bool:
         """Whether physical and raw values differ."""
         return self.scale != 1.0 or self.shift != 0.0

@@ -74,7 +74,7 @@ class RecordCutter:
                         item.signals.add_beside(item.window.link, other)
         if len(batch.bad_offset):
             self._take_bad(batch, frames)
-        if len(frames):
+        if len(frames.offset):
             steady = not batch.lost and not batch.duplicate and not frames.suspect.any()
             self._take(frames, steady)
 
@@ -85,7 +85,7 @@ class RecordCutter:
         """
         for frames in batch.messages.values():
             t_ns = frames.t_ns
-            if not len(frames) or t_ns is None:
+            if t_ns is None or not len(t_ns):
                 continue
             for item in self._open:
                 if item.beside is not None:

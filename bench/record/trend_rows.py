@@ -218,9 +218,9 @@ class LinkReduction:
         """Queue a batch; this is quick."""
         for message in self._messages:
             frames = batch.messages[message]
-            if len(frames):
+            if len(frames.offset):
                 self._waiting.setdefault(message, []).append(frames)
-                self.frames += len(frames)
+                self.frames += len(frames.offset)
 
     def rows(self, offset_ns: int) -> TrendRows | None:
         """Rows of what was queued, one a second; None if it was nothing. ``offset_ns``: UTC minus monotonic time."""

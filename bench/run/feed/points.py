@@ -92,7 +92,7 @@ class Points:
         """Frames of a link were decoded."""
         with self._waiting_lock:
             for message, frames in batch.messages.items():
-                if (link, message) in self._places and frames.t_ns is not None and len(frames):
+                if (link, message) in self._places and frames.t_ns is not None and len(frames.t_ns):
                     newest = int(frames.t_ns[-1])
                     self._waiting.append((link, newest, frames))
                     self._newest_ns[link] = max(newest, self._newest_ns.get(link, newest))

@@ -225,7 +225,7 @@ class LinkReader:
                 return
             batch = self.decoder.flush()
             for message, frames in batch.messages.items():
-                if len(frames):
+                if len(frames.offset):
                     self._note(message, frames)
             for listener in self.listeners:
                 listener(batch)

@@ -76,6 +76,10 @@ def test_long_blocks_strided_rows_and_no_rows() -> None:
     values = crc.of_rows(frames[:, 2:55])
     for row in (0, 4095, 4096, 8191, 8192, 8999):
         assert values[row] == ORACLES["crc-32/iso-hdlc"].calc(frames[row, 2:55].tobytes())
+    for few in (frames[:1, 2:55], frames[:2, 2:55]):
+        before = few.tobytes()
+        assert Crc(CATALOGUE["crc-15/can"]).of_rows(few)[0] == ORACLES["crc-15/can"].calc(few[0].tobytes())
+        assert few.tobytes() == before
     assert Crc(CATALOGUE["crc-16/arc"]).of_rows(np.empty((0, 9), np.uint8)).shape == (0,)
     assert Crc(CATALOGUE["crc-15/can"]).of_rows(np.empty((0, 9), np.uint8)).shape == (0,)
 

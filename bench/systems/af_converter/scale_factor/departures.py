@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -193,29 +194,32 @@ class _Halves:
     def __init__(self, rows: _Rows, labels: Labels) -> None:
         known, white, std_A = rows.halves()
         tails = list(self._tails(rows, labels))
-        made = np.column_stack([halves_A[known] / std_A for _, halves_A, _ in tails])
+        made = np.column_stack([halves_A[known] / std_A for _, _, halves_A, _ in tails])
         axes, size, _ = np.linalg.svd(made, full_matrices=False)
         axes = axes[:, size > _RANK * size.max(initial=0.0)]
         self.white = axes.T @ white
         self.rest = float(white @ white - self.white @ self.white), white.size - self.white.size
         self.tails = [
-            Departure("current", "tail", "ppm", whole_A[:, None], about, beside=axes.T @ one)
-            for (whole_A, _, about), one in zip(tails, made.T, strict=True)
+            Departure("current", shape, "ppm", whole_A[:, None], about, beside=axes.T @ one)
+            for (shape, whole_A, _, about), one in zip(tails, made.T, strict=True)
         ]
 
     @staticmethod
-    def _tails(rows: _Rows, labels: Labels) -> Iterator[tuple[Floats, Floats, dict[str, Any]]]:
-        """Yield what a tail of 1 ppm of each change adds to records and to differences of their halves, (r,) each."""
-        gate_s, change_A = rows.column("gate_s"), PPM * rows.change_A
+    def _tails(rows: _Rows, labels: Labels) -> Iterator[tuple[str, Floats, Floats, dict[str, Any]]]:
+        """Yield what a tail of 1 ppm adds to records and to differences of their halves, (r,) each.
+
+        It is of the change from the record before, or of switching on where the current goes through zero.
+        """
+        gate_s, sizes_A = rows.column("gate_s"), {"tail": PPM * rows.change_A, "onset": PPM * rows.reference_A}
         for share in _TAILS:
             early = 2.0 * share * (1.0 - np.exp(-0.5 / share))
             late = early * np.exp(-0.5 / share)
             for name in ("", *labels.kinds):
                 kind = labels.kinds.get(name, np.zeros(gate_s.size))
-                for value in np.unique(kind).tolist():
-                    inside_A = change_A * (kind == value)
+                for value, (shape, size_A) in product(np.unique(kind).tolist(), sizes_A.items()):
+                    inside_A = size_A * (kind == value)
                     about = {"seconds": share * float(gate_s.mean())} | ({name: value} if name else {})
-                    yield inside_A * (early + late) / 2.0, inside_A * (early - late), about
+                    yield shape, inside_A * (early + late) / 2.0, inside_A * (early - late), about
 
 
 @dataclass(frozen=True)
