@@ -302,7 +302,7 @@ class _Left:
             return np.full(self.whole.size, _SEEN)
         touched = (self.columns != 0.0).astype(np.float64)
         part = np.sqrt(rows.white**2 @ touched / np.maximum(white**2 @ touched, _SEEN))
-        return np.clip(part, _SEEN, _LEFT)
+        return np.asarray(np.clip(part, _SEEN, _LEFT))
 
     def _project(self, design: Floats, least: float | Floats) -> None:
         """Take columns (n, p) out of everything; what then is shorter than ``least`` of itself is not to be seen."""
