@@ -59,9 +59,9 @@ class Departed(sim.World):
         return current_A + self.size * self.where(at) * (self.what == "current")
 
     def halves_A(self, at: sim.Place, seconds: float) -> tuple[float, float]:
-        if self.what != "tail" or at.step[0] == "open":
+        if self.what not in ("tail", "onset") or at.step[0] == "open":
             return 0.0, 0.0
-        begin_A = self.size * self.where(at) * (at.step[1] * at.step[2] - at.before_A)
+        begin_A = self.size * self.where(at) * (at.step[1] * at.step[2] - at.before_A * (self.what == "tail"))
         left = np.exp(-seconds / 2.0 / TAIL_s)
         mean_A = begin_A * TAIL_s / (seconds / 2.0) * (1.0 - left)
         return mean_A, mean_A * left
@@ -113,6 +113,7 @@ TABLE: tuple[tuple[str, str, Where, tuple[float, ...]], ...] = (
     ("self_heating", "part", lambda at: (at.step[1] / sim.KIND[KINDS[at.channel]]["full_scale_A"]) ** 2,
      (3e-6, 3e-5, 5e-4)),
     ("settling_tail", "tail", _always, (5e-7, 5e-6, 4e-5)),
+    ("settling_onset", "onset", _always, (5e-7, 5e-6, 4e-5)),
     ("memory", "current", lambda at: 1e-6 * at.before_A, (1.0, 20.0, 500.0)),
 )  # fmt: skip
 

@@ -24,6 +24,7 @@ SWITCHES = {switch.name: switch for switch in worlds.SWITCHES}
         ("self_heating", 5e-4, ["grows with the power 2 of the level"]),
         ("memory", 20.0, ["the current of the step before"]),
         ("settling_tail", 5e-6, ["what a change leaves, gone in about 40 s: +5.01 ppm"]),
+        ("settling_onset", 4e-5, ["what switching the current on leaves"]),
     ],
 )
 def test_what_departs_is_named_with_its_size(name: str, size: float, words: list[str]) -> None:
