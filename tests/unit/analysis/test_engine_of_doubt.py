@@ -76,7 +76,7 @@ def test_noise_that_is_estimated_shows_less() -> None:
 
 def test_what_readings_should_be_is_no_departure_of_them() -> None:
     """The design is of readings; the stated level, free of their errors, differs from it by the very residuals."""
-    level, late = np.tile(np.linspace(1e5, 6e5, RECORDS), VISITS), 1.0 * (HOURS > HOURS.mean())
+    level, late = np.tile(np.linspace(1e5, 6e5, RECORDS), VISITS), 1.0 * (HOURS.mean() < HOURS)
     white = np.random.default_rng(4).normal(size=VISIT.size) + 60.0 * late
     rows = rows_of(white, (level + white)[:, None], readings=level + white)
     (finding,) = search(rows, [column(level), column(late)]).findings
