@@ -20,8 +20,6 @@ from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-from plan_sample import reworded
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # this revision is drilled, whichever is installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -43,6 +41,7 @@ from loss_schedule import (
     drawn,
     scale_of,
 )
+from plan_sample import reworded
 
 from bench.plan import compile_sequence, load_station
 
