@@ -297,9 +297,9 @@ class _Left:
 
         A column that says what they should be, such as the stated level, differs from them by the very residuals.
         """
-        white = rows.whiten(rows.readings[:, None])[:, 0]
-        if not np.isfinite(white).all() or not white.any():
+        if not np.isfinite(rows.readings).all() or not rows.readings.any():
             return np.full(self.whole.size, _SEEN)
+        white = rows.whiten(rows.readings[:, None])[:, 0]
         touched = (self.columns != 0.0).astype(np.float64)
         part = np.sqrt(rows.white**2 @ touched / np.maximum(white**2 @ touched, _SEEN))
         return np.asarray(np.clip(part, _SEEN, _LEFT))
