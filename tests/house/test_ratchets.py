@@ -14,7 +14,7 @@ CEILINGS = {
     "tokens a line": 10.56,
     "files": 842,
     "dict[str, Any]": 503,
-    "lines of tests": 97_497,
+    "lines of tests": 97_512,
     "tests of several deep modules": 149,
     "words of docs": 157_171,
 }
