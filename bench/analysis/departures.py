@@ -24,7 +24,7 @@ from bench.maths.tests import f_tail
 _SEEN = 1e-6  # of a column: what the projection leaves of one that no data can show is rounding
 _ALIKE = 9.0  # of twice a log-likelihood: less says nothing on which of two is true
 _NEARLY = 0.02  # of it: shapes are never exactly those of the world
-_LEFT = 1e-3  # of a column: less is left of none that readings could not say as well
+_EQUAL = 1.0 - 1e-9  # of the best: what is less far from it is decided by order, not by rounding
 _AT_ONCE = 200  # columns: what is computed of them beside takes no more memory than a few of these
 _FEW = 3  # departures: what they do not explain is told of all at once
 _MOST = 20  # of them with shapes that are an item's own
@@ -175,14 +175,15 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     together = np.zeros(rows.expanded.size, bool)
     while len(findings) < _MOST:
         gains, sizes = left.fitted()
-        best = int(np.argmax(gains / left.bounds(chance)))
-        if gains[best] < left.bounds(chance)[best]:
+        ratio = gains / left.bounds(chance)
+        if not ratio.size or ratio.max() < 1.0:
             break
+        best = int(np.argmax(ratio >= _EQUAL * ratio.max()))
         if sum(not finding.is_own for finding in findings) == _FEW:
             together[:] = True
             break
         near = np.flatnonzero(left.visible & (gains[best] - gains < max(_ALIKE, _NEARLY * gains[best])))
-        alike = near[np.argsort(-gains[near])].tolist()
+        alike = near[np.argsort(-np.round(gains[near] / gains[best], 9), kind="stable")].tolist()
         judged = [at for at in alike if not (_touched(departures[at]) & ~departing).any()] or alike
         findings.append(_finding(rows, departures, best, judged, gains, sizes))
         if (_touched(departures[judged[0]]) & departing).any():
@@ -290,21 +291,9 @@ class _Left:
         self.scatter = nothing if rows.scatter is None else rows.scatter
         self.error, self.dof = rows.white, rows.white.size
         self.noise_dof = rows.noise_dof
-        self._project(rows.design, self._of_readings(rows))
+        self._project(rows.design, _SEEN)
 
-    def _of_readings(self, rows: Residuals) -> Floats:
-        """Return what part of each column, (c,), may be left because the design is of readings, which err themselves.
-
-        A column that says what they should be, such as the stated level, differs from them by the very residuals.
-        """
-        if not np.isfinite(rows.readings).all() or not rows.readings.any():
-            return np.full(self.whole.size, _SEEN)
-        white = rows.whiten(rows.readings[:, None])[:, 0]
-        touched = (self.columns != 0.0).astype(np.float64)
-        part = np.sqrt(rows.white**2 @ touched / np.maximum(white**2 @ touched, _SEEN))
-        return np.asarray(np.clip(part, _SEEN, _LEFT))
-
-    def _project(self, design: Floats, least: float | Floats) -> None:
+    def _project(self, design: Floats, least: float) -> None:
         """Take columns (n, p) out of everything; what then is shorter than ``least`` of itself is not to be seen."""
         q = _orthonormal(design)
         self.dof -= q.shape[1]

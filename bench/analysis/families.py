@@ -250,10 +250,10 @@ def _values(labels: Labels) -> Iterable[_Shape]:
 def _shapes(labels: Labels) -> Iterable[_Shape]:
     """Yield shapes of time and of scales."""
     since_h, begins_h = labels.hours - labels.hours.min(), labels.begins_h
-    for before, at in pairwise(sorted(begins_h.values())):
-        yield _Shape("step", 1.0 * (since_h >= at), {"after": before, "hours": at})
     for visit in begins_h:
         yield _Shape("visit", 1.0 * (labels.visit == visit), {"visit": visit})
+    for before, at in pairwise(sorted(begins_h.values())):
+        yield _Shape("step", 1.0 * (since_h >= at), {"after": before, "hours": at})
     span_h = max(float(np.ptp(since_h)), 1e-9)
     yield _Shape("drift", since_h / span_h)
     for part in _SETTLES:

@@ -171,7 +171,7 @@ DECLARATION = System(
             standards={"dsf_n": "calibrator", "dsf_p": "calibrator"},
             assumptions=f"{_HERE}.assumptions:of_levels",
             predicted=f"{_HERE}.scale_factor.predicted:predicted",
-            point=f"{_HERE}.point",
+            point=f"{_HERE}.groups",
             design=f"{_HERE}.scale_factor.design.campaign:design",
             **_AT_ONE_TEMPERATURE,
             **_DATA_SHEET,

@@ -74,15 +74,6 @@ def test_noise_that_is_estimated_shows_less() -> None:
     assert not search(rows_of(white, ONE[:, None], noise_dof=3.0), departs).findings
 
 
-def test_what_readings_should_be_is_no_departure_of_them() -> None:
-    """The design is of readings; the stated level, free of their errors, differs from it by the very residuals."""
-    level, late = np.tile(np.linspace(1e5, 6e5, RECORDS), VISITS), 1.0 * (HOURS.mean() < HOURS)
-    white = np.random.default_rng(4).normal(size=VISIT.size) + 60.0 * late
-    rows = rows_of(white, (level + white)[:, None], readings=level + white)
-    (finding,) = search(rows, [column(level), column(late)]).findings
-    assert finding.size == pytest.approx(60.0, rel=0.05)
-
-
 def test_what_explains_the_rows_as_well_is_judged_with_the_best() -> None:
     """Two columns that differ in one row of the last visit: only the second one moves that visit."""
     first = 1.0 * (VISIT == 0) * np.tile([1.0, -1.0, 1.0, -1.0, 1.0, 1.0], VISITS)

@@ -335,7 +335,7 @@ class LevelRows:
             visit=self.visit,
             scales={
                 "temperature": (self.rest_degC / warmest_degC, (3, 4)),
-                "level": (self.column("level_A") / full_A, (1, 2, 3)),
+                "level": (np.abs(self.counted_A) * (self.column("level_A") > 0.0) / full_A, (1, 2, 3)),
                 "before": (1e3 * self.before_A, (1,)),
             },
             carriers={"gain": ("ppm", PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
