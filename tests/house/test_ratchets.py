@@ -16,7 +16,7 @@ CEILINGS = {
     "dict[str, Any]": 503,
     "lines of tests": 97_512,
     "tests of several deep modules": 149,
-    "words of docs": 157_171,
+    "words of docs": 157_250,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 79,
