@@ -175,10 +175,10 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     together = np.zeros(rows.expanded.size, bool)
     while len(findings) < _MOST:
         gains, sizes = left.fitted()
-        ratio = gains / left.bounds(chance)
-        if not ratio.size or ratio.max() < 1.0:
+        odds = gains / left.bounds(chance)
+        if not odds.size or odds.max() < 1.0:
             break
-        best = int(np.argmax(ratio >= _EQUAL * ratio.max()))
+        best = int(np.argmax(odds >= _EQUAL * odds.max()))
         if sum(not finding.is_own for finding in findings) == _FEW:
             together[:] = True
             break
