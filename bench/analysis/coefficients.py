@@ -38,7 +38,7 @@ class UnitUnderTest(Closed):
 
 
 class CoefficientsFile(Closed):
-    """What the document of every system holds in front of its coefficients; behind them stand its ``sources``."""
+    """Hold what stands in front of the coefficients of every system; behind them stand its ``sources``."""
 
     schema_version: Literal[1] = Field(alias="schema")
     uut: UnitUnderTest

@@ -209,7 +209,7 @@ def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, le
         moves = np.abs(rows.operator @ effects) / rows.expanded[:, None]
         moves[moves < _SEEN * (np.abs(rows.operator) @ np.abs(effects)) / rows.expanded[:, None]] = 0.0  # rounding
         for at, (departure, move) in enumerate(zip(some, moves.T, strict=True), start=start):
-            if not departure.own and length[at] < needed[at] * move.max():
+            if not departure.own and move.any() and length[at] < needed[at] * move.max():
                 seen = float(needed[at] / length[at]) if length[at] else math.inf
                 one = Unseen(departure, float(1.0 / move.max()), seen, int(move.argmax()))
                 family = departure.family
@@ -357,6 +357,7 @@ class _Left:
         if math.isfinite(self.noise_dof):
             dof = self.noise_dof or np.maximum(self.dof - self.count, 1)
             known = special.fdtri(self.count, dof, 1.0 - chance) * self.count
+            known = np.where(self.noise_dof or self.dof > self.count, known, math.inf)
         free = np.maximum(len(self.variance) - self.count, 1)
         ratio = special.fdtri(self.count, free, 1.0 - chance) * self.count / free
         held = (np.sum(self.of_scatter**2, axis=0) > _SEEN * self.square)[self.first]

@@ -24,6 +24,7 @@ from tree import PRODUCT, TOP, module_of, python_files, text_of
 
 from bench import cli
 from bench.maths.verdict import coverage_factor
+from bench.model.systems import named, own_systems
 
 CONFIGURATION = read_configuration(str(TOP / ".importlinter"))
 CONTRACTS = {str(options["id"]): options for options in CONFIGURATION["contracts_options"]}
@@ -218,3 +219,10 @@ def test_one_thread_unless_somebody_wants_more(
     assert ended.value.code == 0
     assert capsys.readouterr().out
     assert [os.environ[name] for name in names] == [after, after]
+
+
+def test_every_name_that_a_declaration_holds_as_text_is_there() -> None:
+    for declaration in own_systems():
+        names = set(re.findall(r"(?<!class )'(bench\.systems\.[\w.]+(?::\w+)?)'", repr(declaration)))
+        assert names
+        assert all(named(name) for name in names)

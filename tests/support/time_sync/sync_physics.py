@@ -156,7 +156,8 @@ def wander(rng: np.random.Generator, count: int, time_s: float, step_s: float = 
 
 @dataclass(frozen=True)
 class Recording:
-    """One drive of both units: ``seed`` draws, ``world`` what is wrong, ``noise`` False without errors of any unit.
+    """One drive of both units: ``seed`` draws, ``world`` what is wrong, ``noise`` False without errors of any unit,
+    but delays of the line.
 
     ``offset_s``: EGI minus IMU clock in the middle.   ``epoch_s``: by which the clock of the EGI is ahead besides.
     ``poll_ns``: step of the receive stamps.   ``loss``: share of frames that are lost.

@@ -6,6 +6,7 @@ Source: Tedaldi, Pretto and Menegatti, ICRA 2014; ``estimators.static_intervals`
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     gravity, unit = _gravity(log)
     fit = fit_multi_position(means, gravity)
     estimates = _estimates(fit, unit, log, _held_out(means, gravity))
-    searches = [search_of_rests(fit, means, _middle_s(rests, log), estimates)]
+    searches = list(searches_of(fit, means, _middle_s(rests, log), estimates))
     return Analysis(
         "imu_multi_position",
         method,
@@ -78,14 +79,19 @@ def _middle_s(rests: StaticIntervals, log: ImuLog) -> Floats:
     return np.asarray((rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz))
 
 
-def search_of_rests(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimates) -> Searched:
-    """Return what the lengths of the rests say against one ellipsoid that stays; their noise is what it leaves over.
+def searches_of(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimates) -> Iterator[Searched]:
+    """Yield what the lengths of the rests say against one ellipsoid that stays; their noise is what it leaves over.
+
+    Rests that leave nothing over say nothing.
 
     Args:   means: (n, 3) reading of each rest.   middle_s: (n,).   entries: that follow from the ellipsoid are judged.
     Source: docs/decisions/0052-departures.md.
     """
+    judged = ("accel_sensitivity", "accel_zero", "accel_matrix")
+    stated = [entry for entry in entries if entry.quantity in judged and entry.expanded_uncertainty]
+    if not stated:
+        return
     jacobian, sigma = fit.jacobian(means), fit.residual_rms * math.sqrt(len(means) / fit.dof)
-    stated = [entry for entry in entries if entry.quantity in ("accel_sensitivity", "accel_zero", "accel_matrix")]
     operator = np.array([_gradient(fit, entry) for entry in stated]) @ -np.linalg.pinv(jacobian)
     expanded = np.array([entry.expanded_uncertainty for entry in stated])
     rows = Residuals(
@@ -109,7 +115,7 @@ def search_of_rests(fit: NormFit, means: Floats, middle_s: Floats, entries: Esti
         scales={f"along {axis}": (along[:, k], (3,)) for k, axis in enumerate(AXES)},
         steps_within=False,
     )
-    return Searched(search(rows, departures_of(labels)), stated, _words)
+    yield Searched(search(rows, departures_of(labels)), stated, _words)
 
 
 def _gradient(fit: NormFit, entry: Estimate) -> Floats:

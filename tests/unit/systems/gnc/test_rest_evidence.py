@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from one_estimate import every, one, value
 from spoken import english_left
 
-from bench.analysis import Analysis, Material, build_results, estimate
+from bench.analysis import Analysis, Material, build_results, estimate, evidence_of
 from bench.analysis import estimates_of as stated_of
 from bench.analysis.doubt import weigh
 from bench.model.errors import FitError, InputErrors
@@ -32,7 +32,7 @@ from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.logs import bias
 from bench.systems.gnc.logs.log import own_axes, stuck_sensors
-from bench.systems.gnc.logs.multi_position import search_of_rests
+from bench.systems.gnc.logs.multi_position import searches_of
 
 Array = NDArray[np.float64]
 SEED, G = 607, 9.80665
@@ -202,7 +202,7 @@ def against(wrong: Callable[[Any, Any], Any], seed: int) -> list[str]:
         estimate("accel_zero", "m/s2", fit.zero[k], fit.zero_std[k], place | {"axis": axis}, n=40, dof=fit.dof)
         for k, axis in enumerate("xyz")
     ]
-    return [str(seen.sentence) for seen in search_of_rests(fit, mean, time_s, zeros).evidence]
+    return [str(seen.sentence) for seen in evidence_of(searches_of(fit, mean, time_s, zeros))]
 
 
 @pytest.mark.parametrize("name", WRONG)
