@@ -19,6 +19,7 @@ from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Table
 from bench.analysis.form import Document
 from bench.analysis.material import Material
+from bench.analysis.survey import surveyed
 from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
 from bench.model.declaration import AnalysisDeclaration
@@ -101,22 +102,28 @@ def analysis_module(name: str) -> AnalysisModule:
 def analyse(material: Material, method: str | None = None) -> Analysis:
     """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise.
 
-    What the sequence expects of the values it names is judged beside it.
+    An imported log is surveyed first; what the sequence expects of the values it names is judged beside the analysis.
     Raises: FitError, B-FIT-143 where equations have no solution, B-LAB-008 where an analysis of a lab folder fails.
     """
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
     module, chosen = analysis_module(declared.name), method or declared.methods[0]
-    if own_code("analyses", declared.name) is None:
+    survey = surveyed(material)
+    analysis = with_expected(_analysed(declared.name, module, survey.material, chosen), material)
+    return replace(analysis, notes=[*survey.notes, *analysis.notes], evidence=[*survey.evidence, *analysis.evidence])
+
+
+def _analysed(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:
+    if own_code("analyses", name) is None:
         try:
-            return with_expected(module.analyse(material, chosen), material)
+            return module.analyse(material, method)
         except LinAlgError as error:  # of any estimator: data that no check of its own foresaw
             raise FitError(
                 "B-FIT-143",
                 f"the equations of the fit have no solution ({error}): the records do not hold what is to be found",
-                where=declared.name,
+                where=name,
                 next_step="look for a jump, a constant column or a gap ('bench export'), and leave it out",
             ) from error
-    return with_expected(_by_lab(declared.name, module, material, chosen), material)
+    return _by_lab(name, module, material, method)
 
 
 def _by_lab(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:

@@ -13,7 +13,7 @@ Greenhall, Power law noise identification using the lag 1 autocorrelation, 18th 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, special
@@ -54,6 +54,14 @@ class AllanDeviation:
     differences: Integers
     dof: Floats
     exponents: Integers
+
+    def behind(self, first: int) -> AllanDeviation:
+        """Return the same without the first averaging times."""
+        parts = (getattr(self, name)[first:] for name in _COLUMNS)
+        return replace(self, **dict(zip(_COLUMNS, parts, strict=True)))
+
+
+_COLUMNS = ("factors", "tau_s", "deviation", "low", "high", "differences", "dof", "exponents")
 
 
 def allan_deviation(

@@ -56,7 +56,7 @@ class NoiseTerm:
     ``std_uncertainty`` is NaN where the coefficient is 0. ``free_coefficient``, ``free_std``: of the fit in which
     squares may be negative, NaN where the coefficient is 0; a term that is held at 0 pulls its neighbours always in the
     same direction, and these are right on average. ``upper_limit`` is not exceeded with 95 % confidence, whatever the
-    other terms are; ``significant``: without the term the fit is worse than chance explains.
+    other terms are; ``gain``: by which chi squared is larger without the term.
     """
 
     name: str
@@ -65,7 +65,12 @@ class NoiseTerm:
     free_coefficient: float
     free_std: float
     upper_limit: float
-    significant: bool
+    gain: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the fit is worse without the term than chance explains in one of twenty records."""
+        return self.gain > _SIGNIFICANT
 
 
 @dataclass(frozen=True)
@@ -233,7 +238,7 @@ def _term(problem: _Problem, place: int, squares: Floats, covariance: Floats, ch
         free_coefficient=free[0],
         free_std=free[1],
         upper_limit=float(np.sqrt(_highest(problem, place, squares))),
-        significant=without - chi2 > _SIGNIFICANT,
+        gain=without - chi2,
     )
 
 

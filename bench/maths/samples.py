@@ -56,6 +56,11 @@ _STILL, _STILL_SHARE = 30, 0.02  # samples on end without a change, and their pa
 _LIVELY, _TURNING = 0.5, 0.2  # share of samples that change, and of changes that turn back, in a column with noise
 _ALIKE = 0.9  # correlation of two columns that go together
 _FOLLOWS = 0.2  # of its span: how far something else moves meanwhile
+_VISIBLE = 3.0  # steps of the output: noise that does not repeat a value by itself
+_LEAST_REPEATED = 0.02  # share of the rows
+_RUNS_ALIKE, _FEWEST_RUNS = 0.95, 50
+_SENTINEL, _CANDIDATES = 3, 20  # times the same value; values that are looked at
+_FAR_VALUE = 20.0  # scatters of the steps from one reading to the next
 
 
 @dataclass(frozen=True)
@@ -232,6 +237,12 @@ def frozen_runs(name: str, values: Column) -> list[Finding]:
     return [Finding(RUNS, name, int(pairs[bad].sum()), values.size, int(starts[bad][0]), figures)]
 
 
+def is_silent(values: Floats) -> bool:
+    """Return whether a channel has one value only, or none."""
+    known = values[np.isfinite(values)]
+    return bool(known.size == 0 or (known == known[0]).all())
+
+
 def longest_still(values: Floats) -> int:
     """Return the longest run of equal samples if chance does not explain it by how often two are equal elsewhere.
 
@@ -315,6 +326,47 @@ def longest_run(equal: Flags) -> tuple[int, int]:
     starts, lengths = _runs(equal)
     longest = int(np.argmax(lengths)) if lengths.size else 0
     return (int(starts[longest]), int(lengths[longest])) if lengths.size else (0, 0)
+
+
+def repeated_rows(columns: Sequence[Column]) -> Flags:
+    """Return which rows of a log say again what the row before said, in every column, beyond what noise does.
+
+    A sensor that is slower than its recorder gives each value several times: as many times always, or its noise is far
+    above the step of its output, so that two samples hardly ever agree. A coarse sensor at rest does neither.
+
+    Args:    columns: (n,) each, raw values of one sensor.
+    Returns: (n,), all false where the rows do not repeat, and where nothing at all changes.
+    """
+    table = np.column_stack([np.asarray(values, np.float64) for values in columns])
+    again = np.concatenate(([False], (np.diff(table, axis=0) == 0.0).all(axis=1)))
+    new = table[~again]
+    if len(new) < _FEWEST_RUNS or again.mean() < _LEAST_REPEATED:
+        return np.zeros(len(table), np.bool_)
+    lengths = np.diff(np.append(np.flatnonzero(~again), len(table)))
+    usual = int(np.floor(np.median(lengths)))
+    regular = usual > 1 and float(np.mean((lengths == usual) | (lengths == usual + 1))) >= _RUNS_ALIKE
+    changes = np.abs(np.diff(new, axis=0))
+    least = np.min(np.where(changes > 0.0, changes, np.inf), axis=0)
+    fine = bool((np.median(changes, axis=0) > _VISIBLE * least).any())
+    return again if regular or fine else np.zeros(len(table), np.bool_)
+
+
+def sentinel(values: Floats) -> float | None:
+    """Return the value that stands in a column in place of readings: exactly the same at least three times, and a jump
+    into it and out of it each time, far beyond the noise. None without one; NaN are no readings.
+    """
+    known = values[np.isfinite(values)]
+    steps = np.abs(np.diff(known))
+    if known.size < _FEWEST or not scatter(np.diff(known)) > 0.0:
+        return None
+    jump = np.concatenate(([True], steps > _FAR_VALUE * float(scatter(np.diff(known))), [True]))
+    behind, count = np.unique(known[jump[:-1]], return_counts=True)
+    for value in behind[np.argsort(-count)][:_CANDIDATES]:
+        there = known == value
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], there, [False]))))
+        if _SENTINEL <= there.sum() < known.size / 2 and jump[edges].all():
+            return float(value)
+    return None
 
 
 def seen_before(blocks: Iterable[Any]) -> Flags:

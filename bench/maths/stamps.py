@@ -25,8 +25,12 @@ CLOCKS_APART = 1e-3  # ratio of both clocks, relative
 _WRAP_us = 1 << 32
 _LEAST_s = 10.0  # a record shorter than this says nothing about a clock against the bench clock
 IRREGULAR, BACKWARDS, BURST, RATE, CLOCK = "irregular", "backwards", "burst", "rate", "clock"
-_CROWDED = 0.5  # of the mean interval: stamped closer than this, samples come in a burst
+_CROWDED = 0.5  # of the mean interval around: stamped closer than this, samples come in a burst
 _BURSTY = 0.01  # share of crowded samples from which the stamps are no times of samples
+_AROUND = 64  # rows that tell the mean interval around them: one pause of an hour is in one such part only
+_RUN, _EVEN = 16, 0.1  # steps on end from which even ones are the sensor's; scatter of even ones, of a step
+_FEW_STEPS, _MOSTLY, _NEARLY = 10.0, 0.6, 0.95  # intervals; shares of the steps
+_ALIKE = 0.5  # quartiles of the long steps apart, of their median: bursts come regularly, pauses do not
 _GAP = 1.5  # of the usual interval
 _STEP = 0.02  # of the interval: a clock that jumps by more was set, or started again
 _SCATTERS = 10.0
@@ -124,7 +128,8 @@ def _clock(tick_s: Floats, received_s: Floats | None) -> tuple[float, float]:
 class SampleStamps:
     """``rate_Hz`` of the samples.   ``breaks`` (k,): samples in front of which others are missing.   ``missing``: how
     many, by the stamps.   ``crowded``: share of samples stamped less than half an interval behind the one before.
-    ``worst_s``: largest distance of a stamp from even spacing.
+    ``worst_s``: largest distance of a stamp from even spacing.   ``longest_s``: longest time without a sample.
+    ``sure``: whether the stamps tell the rate at all.
     """
 
     rate_Hz: float
@@ -132,17 +137,29 @@ class SampleStamps:
     missing: int
     crowded: float
     worst_s: float
+    longest_s: float
+    sure: bool
 
     @property
     def bursty(self) -> bool:
         """Whether the samples have to be counted, because the stamps are not their times."""
         return self.crowded > _BURSTY
 
+    def counter(self, t_s: Floats) -> Integers:
+        """Return the places of samples in time, (n,), from 0, by their stamps (n,)."""
+        steps = np.ones(len(t_s), np.int64)
+        steps[0] = 0
+        steps[self.breaks] = np.rint(np.diff(t_s)[self.breaks - 1] * self.rate_Hz).astype(np.int64)
+        return np.cumsum(steps)
+
 
 def sample_stamps(t_s: Floats) -> SampleStamps:
     """Return rate and gaps from the stamps of a log.
 
-    Stamps in bursts give the mean rate of the whole log and no gaps: one sample more or less cannot be told.
+    Where the usual step is much shorter than the mean one around it, samples are stamped when they arrive, in bursts;
+    or there are many pauses, between which the steps are even. Bursts have steps that scatter or few samples, and come
+    regularly: the samples are counted then, at the mean rate around the middle of the log, and one more or less cannot
+    be told. Neither is told as a rate that is not sure.
 
     Args:    t_s: (n,) stamps in order, n >= 3.
     Returns: SampleStamps.
@@ -156,17 +173,63 @@ def sample_stamps(t_s: Floats) -> SampleStamps:
             next_step="map the column that says when a row was taken, or 'format: rows' with the rate of the recorder",
         )
     increments = np.diff(t_s)
-    mean = float(t_s[-1] - t_s[0]) / len(increments)
-    crowded = float(np.mean(increments < _CROWDED * mean))
-    if crowded > _BURSTY:
-        even = t_s[0] + mean * np.arange(len(t_s))
-        return SampleStamps(1.0 / mean, np.empty(0, np.int64), 0, crowded, float(np.abs(t_s - even).max()))
-    usual = float(np.median(increments))
+    usual, around = _usual(increments), _usual_around(increments)
+    crowded = float(np.mean(increments < _CROWDED * around))
+    if crowded > _BURSTY and not (_whole_steps(increments, usual) or _even_between_pauses(increments, usual)):
+        return _in_bursts(t_s, increments, around, crowded)
     gap = increments > _GAP * usual
     usual = float(np.mean(increments[~gap]))
     missing = int(np.rint(increments[gap] / usual - 1.0).sum())
     worst = float(np.abs(np.cumsum(np.where(gap, 0.0, increments - usual))).max())
-    return SampleStamps(1.0 / usual, np.flatnonzero(gap).astype(np.int64) + 1, missing, crowded, worst)
+    breaks = np.flatnonzero(gap).astype(np.int64) + 1
+    return SampleStamps(1.0 / usual, breaks, missing, 0.0, worst, float(increments.max()), True)
+
+
+def _usual(increments: Floats) -> float:
+    """Return the interval of the sensor: the median step, or the least one of which all are multiples."""
+    usual, least = float(np.median(increments)), float(np.percentile(increments, 1.0))
+    if float(np.mean(np.abs(increments - usual) < _EVEN * usual)) < _MOSTLY and _whole_steps(increments, least):
+        return float(np.median(increments[increments < _GAP * least]))
+    return usual
+
+
+def _whole_steps(increments: Floats, interval_s: float) -> bool:
+    """Return whether nearly all steps are few whole intervals, as where rows are missing here and there."""
+    if not interval_s > 0.0:
+        return False
+    steps = increments / interval_s
+    few_steps = steps < _FEW_STEPS
+    off = np.abs(steps - np.rint(steps))[few_steps]
+    return float(few_steps.mean()) > _NEARLY and float(np.mean(off < _EVEN)) > _NEARLY
+
+
+def _usual_around(increments: Floats) -> float:
+    """Return the median of the mean steps of successive parts of a log."""
+    parts = max(1, increments.size // _AROUND)
+    ends = np.linspace(0, increments.size, parts + 1).astype(np.int64)
+    return float(np.median(np.add.reduceat(increments, ends[:-1]) / np.diff(ends)))
+
+
+def _even_between_pauses(increments: Floats, usual: float) -> bool:
+    """Return whether the short steps are those of the sensor: even ones, many on end."""
+    long = increments > _GAP * usual
+    if not usual > 0.0 or (~long).sum() < _RUN * (long.sum() + 1):
+        return False
+    return float(scatter(increments[~long] - usual)) < _EVEN * usual
+
+
+def _in_bursts(t_s: Floats, increments: Floats, around_s: float, crowded: float) -> SampleStamps:
+    """Return the samples counted; a pause is what is far longer than the time between bursts."""
+    long = increments[increments > _GAP * around_s]
+    low, usual, high = np.percentile(long, (25, 50, 75)) if long.size else (0.0, around_s, 0.0)
+    pause = increments > 4.0 * usual
+    interval_s = float(increments[~pause].mean())
+    even = t_s[0] + interval_s * np.arange(len(t_s)) + np.concatenate(([0.0], np.cumsum(increments * pause)))
+    worst = float(np.abs(t_s - even).max())
+    breaks = np.flatnonzero(pause).astype(np.int64) + 1
+    missing = int(np.rint(increments[pause] / interval_s - 1.0).sum())
+    sure = bool(high - low <= _ALIKE * usual)
+    return SampleStamps(1.0 / interval_s, breaks, missing, crowded, worst, float(increments.max()), sure)
 
 
 def tag_noise_s(device_s: Floats, counter: Integers) -> float:

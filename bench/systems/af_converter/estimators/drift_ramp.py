@@ -146,19 +146,30 @@ def branch_differences(
 
     Args:    drift: gives the noise.   temperature_degC, readings: block means, (m,).   ramps: indices of the blocks of
              the ramp up and of the ramp down.   at_degC: temperatures; one without blocks on both is left out.
-    Source:  difference of the means within half a degree.
+    Source:  straight lines through the blocks of each branch within half a degree, or one and a half blocks of a fast
+             ramp, where they meet the temperature; means alone would differ by the slope where blocks lie otherwise.
     """
     differences = []
     for at in at_degC:
-        near = [ramp[np.abs(temperature_degC[ramp] - at) <= 0.5] for ramp in ramps]
+        near = [_near(temperature_degC, ramp, at) for ramp in ramps]
         if not all(blocks.size for blocks in near):
             continue
         weights = np.zeros_like(readings)
-        weights[near[0]], weights[near[1]] = 1.0 / near[0].size, -1.0 / near[1].size
+        for sign, blocks in zip((1.0, -1.0), near, strict=True):
+            off = temperature_degC[blocks] - temperature_degC[blocks].mean()
+            to = at - float(temperature_degC[blocks].mean())
+            weights[blocks] = sign * (1.0 / blocks.size + to * off / float(off @ off))
         variance, dof = drift.noise.variance_of(weights, drift.middle_s)
         n = int(near[0].size + near[1].size)
         differences.append(BranchDifference(at, float(np.sum(weights * readings)), float(np.sqrt(variance)), dof, n))
     return differences
+
+
+def _near(temperature_degC: Floats, ramp: Integers, at: float) -> Integers:
+    """Return the blocks of a ramp around a temperature, none where it does not lie between two of them."""
+    off = temperature_degC[ramp] - at
+    within = np.abs(off) <= max(0.5, 1.5 * float(np.median(np.abs(np.diff(off)))) if off.size > 1 else 0.0)
+    return ramp[within] if off[within].size and off[within].min() < 0.0 < off[within].max() else ramp[:0]
 
 
 @dataclass(frozen=True)
@@ -188,7 +199,7 @@ def search_bounds(blocks: Blocks, drive: Drive) -> Bounds:
     """
     block_s, length_s = float(blocks.end_s[0] - blocks.start_s[0]), float(blocks.end_s[-1] - blocks.start_s[0])
     span_degC = float(np.ptp(drive.degC))
-    return Bounds((block_s / 10.0, length_s / 10.0), (span_degC / 500.0, span_degC / 3.0))
+    return Bounds((block_s / 1000.0, length_s / 10.0), (span_degC / 500.0, span_degC / 3.0))
 
 
 def ramp_shape(blocks: Blocks, reference_degC: float) -> ModelShape:

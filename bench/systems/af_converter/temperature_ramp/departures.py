@@ -26,11 +26,11 @@ from bench.systems.af_converter.estimators.drift_ramp import (
     ramp_shape,
     search_bounds,
 )
-from bench.systems.af_converter.estimators.gates import Drive, usable_drive
+from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel
 from bench.systems.af_converter.estimators.hysteresis.search import Problem, first_order
-from bench.systems.af_converter.temperature_ramp.fits import RampColumns, ReadingFit, minute_means
+from bench.systems.af_converter.temperature_ramp.fits import RampColumns, ReadingFit, ramp_drive
 from bench.systems.af_converter.wording import say
 
 _SMOOTH = 5  # readings of the drive on either side
@@ -44,7 +44,7 @@ def searches_of(
     fits: Sequence[ReadingFit], columns: RampColumns, blocks: Blocks, entries: Estimates, reference_degC: float
 ) -> Iterator[Searched]:
     """Yield the search of every reading; all of them share the chance of a false doubt."""
-    drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
+    drive = ramp_drive(columns, blocks)
     for fit in fits:
         rows = _Rows(fit, columns, blocks, drive, reference_degC)
         residuals, stated = rows.residuals([entry for entry in entries if entry.conditions["reading"] == fit.name])

@@ -29,7 +29,7 @@ from bench.systems.af_converter.estimators.drift_ramp import (
     fit_drift,
     fit_ramp_hysteresis,
 )
-from bench.systems.af_converter.estimators.gates import usable_drive
+from bench.systems.af_converter.estimators.gates import Drive, usable_drive
 from bench.systems.af_converter.estimators.segments import Segment, branches, find_segments
 from bench.systems.af_converter.wording import say
 
@@ -202,11 +202,15 @@ def _readings(
     return ratios, "ppm"
 
 
-def minute_means(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Times and means of one-minute stretches: a drive for the thermal lag does not need more."""
-    _, member = np.unique((t_s // 60.0).astype(np.int64), return_inverse=True)
+def ramp_drive(columns: RampColumns, blocks: Blocks) -> Drive:
+    """Return the temperature that drives lag and play: means of a minute, or of a tenth of a block if that is shorter.
+
+    The corners of a fast ramp are rounded by a stretch; over a block that is a hundredth of what it turns.
+    """
+    stretch_s = min(60.0, float(np.median(blocks.end_s - blocks.start_s)) / 10.0)
+    _, member = np.unique((columns.t_s // stretch_s).astype(np.int64), return_inverse=True)
     count = np.bincount(member)
-    return np.bincount(member, t_s) / count, np.bincount(member, values) / count
+    return usable_drive(np.bincount(member, columns.t_s) / count, np.bincount(member, columns.temperature_degC) / count)
 
 
 def plain_campaign(campaign: Document) -> tuple[dict[str, Any], float]:
@@ -247,8 +251,7 @@ def fit_reading(name: str, columns: RampColumns, blocks: Blocks, reference_degC:
     }
     joint = None
     if method == "joint":
-        drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
-        joint = fit_ramp_hysteresis(blocks, readings, drive, drift.noise, reference_degC)
+        joint = fit_ramp_hysteresis(blocks, readings, ramp_drive(columns, blocks), drift.noise, reference_degC)
     return ReadingFit(name, readings, drift, differences, others, joint)
 
 

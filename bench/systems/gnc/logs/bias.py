@@ -1,6 +1,7 @@
 """Noise and bias of inertial sensors from a log taken at rest: mean, terms of the Allan deviation, stability of means.
 
-Any axes of gyroscopes and accelerometers; no pose and no gravity is needed, because nothing is said of the scale.
+Any axes of gyroscopes and accelerometers; no pose is needed, because nothing is said of the scale. The long terms are
+those that the means of the log show (``long_terms``); the fit to its Allan deviation says how large they are.
 
 Source: IEEE Std 952-1997 annex C (noise terms); GNC-module paper section 5.1 3) (standard deviation of means of 10 s).
 """
@@ -8,7 +9,7 @@ Source: IEEE Std 952-1997 annex C (noise terms); GNC-module paper section 5.1 3)
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,9 +31,12 @@ from bench.analysis import (
     worded_table,
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import GYRO_TERMS, UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
-from bench.maths.samples import frozen_runs
+from bench.maths.allan_terms import GYRO_TERMS, TERMS, UNITS, NoiseTerm, NoiseTerms, fit_noise_terms
+from bench.maths.arrays import Integers
+from bench.maths.long_terms import LONG_TERMS, LongTerms, blocks_of, long_terms
+from bench.maths.samples import frozen_runs, is_silent
 from bench.maths.stamps import SampleStamps, sample_stamps
+from bench.maths.tests import chi2_tail
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bias_stability import (
     AVERAGES,
@@ -44,6 +48,10 @@ from bench.systems.gnc.estimators.bias_stability import (
 from bench.systems.gnc.wording import channel_name, kind_name, quantity_word, say
 
 METHODS: tuple[str, ...] = ("allan",)
+_SHORT = ("quantisation_noise", "white_noise")
+_GAIN = 5.412  # chi squared that a term at its boundary 0 gains by chance in 1 % of all logs
+_MISFIT, _FEWEST_DOF = 1e-4, 100.0  # chance of a worse fit; of averages that show that samples are filtered
+_SEED = 20100101  # of the null of long terms: the same log, the same terms
 _FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
 _MOVED = 5.0  # times the usual scatter within a second
 _DEG_H = 3600.0  # in a deg/s
@@ -52,7 +60,11 @@ _OTHER = {"white_noise": "velocity_random_walk", "random_walk": "acceleration_ra
 
 @dataclass(frozen=True)
 class Resting:
-    """One sensor at rest: its readings at even times, NaN where one is missing, and what they show."""
+    """One sensor at rest: its readings and their places in time, in intervals, and what they show.
+
+    ``samples``: at even times, NaN where one is missing.   ``terms``: those that are there.   ``absent``: of all terms,
+    for what may be there unseen.   ``white_from_s``: averaging time from which its noise is that of the terms.
+    """
 
     kind: str
     axis: str
@@ -60,6 +72,9 @@ class Resting:
     samples: Floats
     deviation: AllanDeviation
     terms: NoiseTerms
+    absent: list[NoiseTerm]
+    long: LongTerms
+    white_from_s: float
 
     @property
     def place(self) -> dict[str, Any]:
@@ -70,6 +85,11 @@ class Resting:
     def name(self) -> str:
         """Return kind and axis for people."""
         return channel_name(f"{self.kind} {self.axis}")
+
+    @property
+    def fitted(self) -> tuple[Floats, Floats]:
+        """Return averaging times and the deviation of the terms."""
+        return self.deviation.tau_s[-self.terms.fitted.size :], self.terms.fitted
 
     @property
     def length_s(self) -> float:
@@ -93,7 +113,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             next_step="map columns of the role gyro or accelerometer (docs/importing.md)",
         )
     stamps = sample_stamps(t_s)
-    sensors = [_resting(column, material.series[str(column["name"])], t_s, stamps) for column in columns]
+    counter = stamps.counter(t_s)
+    silent = [c for c in columns if is_silent(material.series[str(c["name"])])]
+    sensors = [_resting(c, material.series[str(c["name"])], counter, stamps) for c in columns if c not in silent]
     entries = [entry for sensor in sensors for entry in _estimates(sensor)]
     return Analysis(
         "bias_log",
@@ -102,32 +124,61 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         entries,
         evidence=[check for sensor in sensors for check in _evidence(sensor)],
         notes=_notes(sensors, stamps),
-        tables=[_table(sensors, entries)],
+        missing=[say("log.silent", sensor=channel_name(f"{c['role']} {c['axis']}")) for c in silent],
+        tables=[_table(sensors, entries)] if sensors else [],
         figures=_figures(sensors),
     )
 
 
-def _resting(column: Document, values: Floats, t_s: Floats, stamps: SampleStamps) -> Resting:
-    steps = np.ones(len(values), np.int64)
-    steps[stamps.breaks] = np.rint(np.diff(t_s)[stamps.breaks - 1] * stamps.rate_Hz).astype(np.int64)
+def _resting(column: Document, values: Floats, counter: Integers, stamps: SampleStamps) -> Resting:
+    interval_s = 1.0 / stamps.rate_Hz
+    known = np.isfinite(values)
+    # a gap as long as the log itself already leaves no difference across it; a longer one would only fill memory
+    steps = np.minimum(np.diff(counter, prepend=counter[0]), len(values))
     samples = on_the_counter(np.cumsum(steps), values)
-    deviation = allan_deviation(samples, 1.0 / stamps.rate_Hz)
+    deviation = allan_deviation(samples, interval_s)
     role, axis, unit = (str(column[key]) for key in ("role", "axis", "unit"))
-    return Resting(role, axis, unit, samples, deviation, fit_noise_terms(deviation))
+    blocks = blocks_of(counter[known], values[known], interval_s)
+    long = long_terms(blocks, int(known.sum()) * interval_s, np.random.default_rng(_SEED))
+    whole = len(deviation.tau_s) > len(TERMS) + 1
+    if not whole:  # rows are missing everywhere: by the count of samples, white noise is what it was
+        deviation = allan_deviation(values[known], interval_s)
+    terms, first = _terms(deviation, long.present if whole else ())
+    absent = list(fit_noise_terms(deviation).terms) if whole and not first else []
+    return Resting(role, axis, unit, samples, deviation, terms, absent, long, float(deviation.tau_s[first]))
+
+
+def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, int]:
+    """Return the fit of the terms that are there, and the first averaging time that it describes.
+
+    Samples that were filtered, or made from fewer, scatter less than those of any term at short times.
+    """
+    names = [*_SHORT, *long]
+    for first in range(len(deviation.tau_s)):
+        curve_left = deviation.behind(first)
+        if len(curve_left.tau_s) < len(names) + 1 or curve_left.dof[0] < _FEWEST_DOF:
+            break
+        fit = fit_noise_terms(curve_left, names)
+        if not fit[_SHORT[0]].gain > _GAIN:
+            fit = fit_noise_terms(curve_left, names[1:])
+        if chi2_tail(fit.chi2, fit.dof) > _MISFIT:
+            return fit, first
+    return fit_noise_terms(deviation, names), 0
 
 
 def _estimates(sensor: Resting) -> Estimates:
     n = int(np.isfinite(sensor.samples).sum())
     counted = {"n": n, "dropped": sensor.samples.size - n}
     in_h = (_DEG_H, "deg/h") if sensor.unit == "deg/s" else (1.0, sensor.unit)
+    mean, std = in_h[0] * float(np.nanmean(sensor.samples)), in_h[0] * sensor.long.std
+    factor = sensor.long.expanded / sensor.long.std
+    ahead = sensor.place | {"length_s": round(n * sensor.deviation.interval_s, 3), "gap_s": 0.0}
     entries = [
-        estimate(
-            "mean_output", in_h[1], in_h[0] * float(np.nanmean(sensor.samples)), in_h[0] * _mean_std(sensor),
-            sensor.place, **counted,
-        )
-    ]  # fmt: skip
+        estimate("mean_output", in_h[1], mean, std, sensor.place, factor=factor, **counted),
+        estimate("next_mean_output", in_h[1], mean, math.sqrt(2.0) * std, ahead, factor=factor, **counted),
+    ]
     for term in sensor.terms.terms:
-        if term.coefficient > 0.0 and term.significant:
+        if term.coefficient > 0.0 and (term.name in LONG_TERMS or term.gain > _GAIN):
             name, unit, factor = _named(sensor, term.name)
             entries.append(
                 estimate(name, unit, factor * term.coefficient, factor * term.std_uncertainty, sensor.place, **counted)
@@ -153,13 +204,6 @@ def _stability(sensor: Resting) -> BiasStability | None:
         return None
 
 
-def _mean_std(sensor: Resting) -> float:
-    """Return standard uncertainty of the mean: the terms that the log shows, carried on to its whole length."""
-    length_s = np.array([sensor.length_s])
-    shown = [term for term in sensor.terms.terms if term.significant]
-    return math.sqrt(sum(term.coefficient**2 * float(allan_variance_of(term.name, length_s)[0]) for term in shown))
-
-
 def _named(sensor: Resting, term: str) -> tuple[str, str, float]:
     if sensor.unit == "deg/s":
         name, unit, factor = GYRO_TERMS[term]
@@ -173,6 +217,9 @@ def _evidence(sensor: Resting) -> list[Evidence]:
     if frozen_runs(sensor.axis, sensor.samples[np.isfinite(sensor.samples)]):
         text = say("evidence.hung", sensor=sensor.name)
         found.append(Evidence("stands_still", text, None, 0.0, conditions=sensor.place))
+    long = sensor.long
+    text = say("evidence.cycle" if long.cycle else "evidence.jumps", sensor=sensor.name, time=long.odd_s)
+    found.append(Evidence("not_one_noise", text, long.odd_s, long.oddness, conditions=sensor.place))
     scatter = _scatter(sensor)
     usual = float(np.median(scatter)) if scatter.size else 0.0
     worst = int(np.argmax(scatter)) if scatter.size else 0
@@ -198,15 +245,27 @@ def _notes(sensors: Sequence[Resting], stamps: SampleStamps) -> list[str]:
     if any(sensor.kind == "gyro" for sensor in sensors):
         notes.append(say("log.earth_rate"))
     for sensor in sensors:
-        absent = [
-            say("log.below", quantity=quantity_word(name), limit=factor * term.upper_limit, unit=unit)
-            for term in sensor.terms.terms
-            if not (term.coefficient > 0.0 and term.significant) and math.isfinite(term.upper_limit)
-            for name, unit, factor in (_named(sensor, term.name),)
-        ]
-        if absent:
-            notes.append(say("log.absent", sensor=sensor.name, terms=say.listed(absent)))
+        notes += _noise_notes(sensor)
     return notes
+
+
+def _noise_notes(sensor: Resting) -> Iterator[str]:
+    if sensor.white_from_s > sensor.deviation.interval_s:
+        yield say("log.filtered", sensor=sensor.name, time=sensor.white_from_s)
+    if sensor.long.possible:
+        names = say.listed([quantity_word(_named(sensor, name)[0]) for name in sensor.long.possible])
+        yield say("log.possible", sensor=sensor.name, terms=names)
+    stated = {term.name for term in sensor.terms.terms if term.coefficient > 0.0}
+    absent = [
+        say("log.below", quantity=quantity_word(name), limit=factor * term.upper_limit, unit=unit)
+        for term in sensor.absent
+        if term.name not in stated and math.isfinite(term.upper_limit)
+        for name, unit, factor in (_named(sensor, term.name),)
+    ]
+    if absent:
+        yield say("log.absent", sensor=sensor.name, terms=say.listed(absent))
+    if "bias_instability" in sensor.long.present:
+        yield say("log.instability", sensor=sensor.name, first=sensor.white_from_s, last=sensor.deviation.tau_s[-1])
 
 
 def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
@@ -230,7 +289,7 @@ def _figures(sensors: Sequence[Resting]) -> list[Figure]:
     for kind in dict.fromkeys(sensor.kind for sensor in sensors):
         of_kind = [sensor for sensor in sensors if sensor.kind == kind]
         parts = [curve(s.axis, s.deviation.tau_s, s.deviation.deviation, "points") for s in of_kind]
-        parts += [curve(say("log.fit", axis=s.axis), s.deviation.tau_s, s.terms.fitted) for s in of_kind]
+        parts += [curve(say("log.fit", axis=s.axis), *s.fitted) for s in of_kind]
         title = say("log.allan", kind=kind_name(kind))
         figures.append(Figure(title, "", say("allan.x"), of_kind[0].unit, parts, x_log=True, y_log=True))
     return figures

@@ -19,12 +19,11 @@ from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
 from bench.systems.af_converter.estimators.correlated_noise import fit_noise, whitening
 from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift, fit_ramp_hysteresis
-from bench.systems.af_converter.estimators.gates import usable_drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape
 from bench.systems.af_converter.estimators.segments import branches, find_segments
 from bench.systems.af_converter.temperature_ramp.analysis import analyse
-from bench.systems.af_converter.temperature_ramp.fits import minute_means, ramp_columns
+from bench.systems.af_converter.temperature_ramp.fits import ramp_columns, ramp_drive
 
 NAMES = {"set": "set_point", "s1": "sensor_1", "s2": "sensor_2", "ref": "standard", "dmm": "meter"}
 CAMPAIGN = parse_yaml(RAMP, "m.yaml", mapping_model()).model.campaign()
@@ -150,7 +149,7 @@ def test_the_start_of_the_play_is_a_part_of_the_width() -> None:
     blocks = block_means(columns.t_s, 240)
     readings, sensor = blocks.mean(columns.readings["meter"]), blocks.mean(columns.temperature_degC)
     noise = fit_drift(blocks, sensor, readings, blocks.mean(columns.branch / 2.0), 25.0).noise
-    drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
+    drive = ramp_drive(columns, blocks)
     found = fit_ramp_hysteresis(blocks, readings, drive, noise, 25.0)
     gates = Gates(blocks.start_s, blocks.end_s)
     widths = []

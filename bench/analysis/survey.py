@@ -1,0 +1,173 @@
+"""Survey of an imported log before any fit: what its rows show by themselves, each finding with what becomes of it.
+
+Rows that say the same again are left out, or make a log doubtful whose mapping names rows; a clock that was set forward
+is refused; pauses, values that stand for no reading, a gravity that another unit would explain and stamps that tell no
+rate are told, and doubted where they move numbers. An analysis sees the log only behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.analysis.doubt import Evidence
+from bench.analysis.form import Document
+from bench.analysis.material import Material
+from bench.analysis.wording import say
+from bench.maths.arrays import Flags, Floats
+from bench.maths.samples import is_silent, repeated_rows, sentinel
+from bench.maths.stamps import SampleStamps, sample_stamps
+from bench.model.errors import FitError
+
+_SENSORS = ("gyro", "accelerometer", "magnetometer")
+_OF_ROWS = ("temperature", "set_point")  # move on by themselves, whatever the recorder's clock says
+_PAUSE = 20.0  # usual steps: a shorter gap is one of rows
+_BESIDE = 20  # rows on either side of a pause that tell how a column moves
+_SIGMA = 8.0  # beyond the scatter of a column: what it should have moved through a pause
+_G = 9.80665  # m/s2
+_GRAVITY = 0.1  # of g: how far bias, scale and site leave the mean of three axes
+_UNITS = {"m/s2": 1.0, "g": 1.0 / _G, "mg": 1e3 / _G, "cm/s2": 100.0}  # of one m/s2
+
+
+@dataclass(frozen=True)
+class Surveyed:
+    """``material`` without the rows that say nothing; ``notes`` and ``evidence`` of the survey."""
+
+    material: Material
+    notes: list[str]
+    evidence: list[Evidence]
+
+
+def surveyed(material: Material) -> Surveyed:
+    """Look at the columns of an imported log; what is no log comes back as it is.
+
+    Raises: FitError B-FIT-144 if its clock jumps forward while the unit goes on unbroken, B-FIT-145 for a temperature
+            or a reading that never moves.
+    """
+    columns = [column for column in material.campaign.get("columns", ()) if column.get("name") in material.series]
+    t_s = material.series.get("t_s", np.empty(0))
+    if t_s.size < 3 or not t_s[-1] > t_s[0]:
+        return Surveyed(material, [], [])
+    notes: list[str] = []
+    evidence: list[Evidence] = []
+    again = _repeated(columns, material.series)
+    if again.any():
+        times = 1.0 / (1.0 - float(again.mean()))
+        if material.campaign.get("segments"):
+            sentence = say("survey.repeated_kept", count=int(again.sum()), of=again.size, times=times)
+            evidence.append(Evidence("repeated_rows", sentence, times, 0.0))
+        else:
+            notes.append(say("survey.repeated", count=int(again.sum()), of=again.size, times=times))
+            series = {name: values[~again] for name, values in material.series.items()}
+            material, t_s = replace(material, series=series), t_s[~again]
+    stamps = sample_stamps(t_s)
+    _refuse_silent(columns, material.series)
+    _refuse_set_clock(t_s, stamps, columns, material.series)
+    notes += _pauses(t_s, stamps)
+    if not stamps.sure and any(column.get("role") in _SENSORS for column in columns):
+        evidence.append(Evidence("no_rate", say("survey.no_rate", rate=stamps.rate_Hz), stamps.crowded, 0.0))
+    for column in columns:
+        evidence += _no_readings(column, material.series[str(column["name"])])
+    return Surveyed(material, notes, [*evidence, *_gravity(columns, material.series)])
+
+
+def _repeated(columns: list[Document], series: Mapping[str, Floats]) -> Flags:
+    values = [series[str(column["name"])] for column in columns if column.get("role") in _SENSORS]
+    return repeated_rows(values) if values else np.zeros(series["t_s"].size, np.bool_)
+
+
+def _pauses(t_s: Floats, stamps: SampleStamps) -> list[str]:
+    """Return what is told of pauses; gaps of few rows are the business of who counts rows."""
+    steps_s = np.diff(t_s)
+    long = np.flatnonzero(steps_s * stamps.rate_Hz > _PAUSE)
+    if not long.size:
+        return []
+    worst = long[int(np.argmax(steps_s[long]))]
+    whole = float(steps_s[long].sum())
+    return [say("survey.pauses", count=long.size, whole=whole, longest=float(steps_s[worst]), row=int(worst) + 1)]
+
+
+def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> None:
+    """Refuse a temperature or a reading that is the same in all rows. Raises: FitError B-FIT-145."""
+    for column in columns:
+        if column.get("role") in ("temperature", "reading") and is_silent(series[str(column["name"])]):
+            raise FitError(
+                "B-FIT-145",
+                f"the column {column['name']} has one and the same value in all rows",
+                next_step="map the column that moves, or leave this one out of the mapping ('role: ignore')",
+            )
+
+
+def _refuse_set_clock(t_s: Floats, stamps: SampleStamps, columns: list[Document], series: Mapping[str, Floats]) -> None:
+    """Refuse a pause through which a column that moves steadily has not moved: the clock was set, nothing is missing.
+
+    Raises: FitError B-FIT-144.
+    """
+    steps_s = np.diff(t_s)
+    for column in columns:
+        if column.get("role") not in _OF_ROWS:
+            continue
+        values = series[str(column["name"])]
+        for at in np.flatnonzero(steps_s * stamps.rate_Hz > _PAUSE).tolist():
+            if _unbroken(values, at, steps_s[at] * stamps.rate_Hz):
+                raise FitError(
+                    "B-FIT-144",
+                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {at + 1}, while {column['name']} goes "
+                    "on as from one row to the next",
+                    where=f"row {at + 2}",
+                    next_step="the clock was set (summer time?): take the offset off these stamps, or map "
+                    "'format: rows' with the rate of the recorder",
+                )
+
+
+def _unbroken(values: Floats, at: int, steps: float) -> bool:
+    """Return whether a column moves steadily on both sides of a pause of so many steps, and through it by one of them.
+
+    ``at``: row in front of the pause.
+    """
+    before, behind = values[max(0, at - _BESIDE + 1) : at + 1], values[at + 1 : at + 1 + _BESIDE]
+    if min(before.size, behind.size) < _BESIDE or not (np.isfinite(before).all() and np.isfinite(behind).all()):
+        return False
+    row = np.arange(_BESIDE)
+    lines = [np.polyfit(row, part, 1) for part in (before, behind)]
+    left = [part - np.polyval(line, row) for part, line in zip((before, behind), lines, strict=True)]
+    noise = float(np.std(np.concatenate(left))) * 2.0 / _BESIDE**0.5 + 1e-12 * float(np.abs(values[at]))
+    slope = (float(lines[0][0]) + float(lines[1][0])) / 2.0
+    moved = float(np.polyval(lines[1], 0.0) - np.polyval(lines[0], _BESIDE - 1.0))
+    return bool(abs(slope) * (steps - 1.0) > 4.0 * _SIGMA * noise and abs(moved - slope) < _SIGMA * noise)
+
+
+def _no_readings(column: Document, values: Floats) -> Iterator[Evidence]:
+    """Yield a doubt for a value that stands in place of readings, such as 9.9e37, 85 or 0."""
+    found = None if column.get("role") == "set_point" else sentinel(values)
+    if found is None:
+        return
+    rows = np.flatnonzero(values == found)
+    sentence = say("survey.sentinel", name=column["name"], value=found, count=rows.size, row=int(rows[0]) + 1)
+    yield Evidence("no_reading", sentence, float(rows.size), 0.0, conditions=_place(column))
+
+
+def _place(column: Document) -> Document:
+    """Return the conditions of estimates of a sensor; of any other column all estimates are."""
+    if column.get("role") not in _SENSORS or "axis" not in column:
+        return {}
+    return {"kind": column["role"], "axis": column["axis"]}
+
+
+def _gravity(columns: list[Document], series: Mapping[str, Floats]) -> Iterator[Evidence]:
+    """Yield a doubt where three accelerometers read another gravity than there is: they have another unit or scale."""
+    axes = {column.get("axis"): column for column in columns if column.get("role") == "accelerometer"}
+    unit = str(next(iter(axes.values()), {}).get("unit"))
+    if set(axes) != {"x", "y", "z"} or unit not in _UNITS:
+        return
+    triad = np.column_stack([series[str(column["name"])] for column in axes.values()])
+    with np.errstate(over="ignore"):
+        size = float(np.nanmedian(np.sqrt(np.square(triad).sum(axis=1)))) / _UNITS[unit]
+    if abs(size / _G - 1.0) <= _GRAVITY or not np.isfinite(size):
+        return
+    right = [name for name, factor in _UNITS.items() if abs(size * _UNITS[unit] / factor / _G - 1.0) <= _GRAVITY]
+    key = "survey.gravity_unit" if right else "survey.gravity"
+    sentence = say(key, size=size * _UNITS[unit], unit=unit, due=_G * _UNITS[unit], right=right[0] if right else "")
+    yield Evidence("gravity", sentence, size / _G, 0.0, conditions={"kind": "accelerometer"})

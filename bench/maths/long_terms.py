@@ -1,0 +1,309 @@
+"""Long-term noise of a log at rest: which terms are there, decided together, and what the mean of a log is worth.
+
+Samples are averaged in some hundred blocks, whose means are Gaussian with the covariance of white noise, flicker noise,
+a random walk and a drift, each known up to its size. A term is there if the likelihood with it exceeds that without it
+by more than it does by chance in one of a hundred logs of the model *without* it, all terms that are asked for at once;
+chance is simulated. Of terms that explain a log about equally well none is named: all of them are possible.
+
+What a mean of the log, and a further one, are worth is averaged over the sizes of all terms, weighted with their
+likelihood: a log seldom shows how large a random walk is, and never that there is none.
+
+Source: restricted likelihood of a mean that is not known (Patterson and Thompson, Biometrika 58 (1971) 545);
+generalised covariances of the angle as in ``allan_terms``; tests of a variance at its boundary by simulation (Self and
+Liang, J. Am. Stat. Assoc. 82 (1987) 605).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import optimize, special
+
+from bench.maths.arrays import Floats, Integers
+
+LONG_TERMS = ("bias_instability", "random_walk", "rate_ramp")
+FALSE_TERM, WRONG_NAME = 0.01, 0.004  # of logs without a long term; of those with another one
+_BLOCKS = 200  # of the whole time; halved in length until half as many hold samples
+_FEWEST_BLOCKS = 12
+_FEWEST_SAMPLES = 4  # in a block
+_POOR = 0.25  # of the usual number of samples of a block
+_AHEAD = 40  # parts of a further mean
+_DRAWS = 2000
+_RATIOS = np.concatenate(([0.0], np.geomspace(0.03, 3e6, 56)))  # long-term over white variance of the mean of the log
+_ABSENT, _A_SIZE = (
+    0.25,
+    1.0 / 12.0,
+)  # weights of no further term and of a size of one, before the log is seen: with these
+# a further mean lies in its interval in 95 % of logs with terms that are just too small to be seen, and with none
+_PROBABILITIES = (0.6826894921370859, 0.95)
+
+
+class Blocks(NamedTuple):
+    """``time_s`` (m,): mean times of the samples of a block.   ``mean`` (m,).   ``samples`` (m,).   ``span_s``: of a
+    block.
+    """
+
+    time_s: Floats
+    mean: Floats
+    samples: Integers
+    span_s: float
+
+
+@dataclass(frozen=True)
+class LongTerms:
+    """What a log shows of its long terms.
+
+    Attributes:
+        present: names of ``LONG_TERMS`` that are there.   possible: of which one or more is there, but not to be told
+            which; empty or at least two.
+        std, expanded: of the mean of the log as that of the sensor: half-widths of its 68.3 % and 95 % intervals, unit
+            of the samples.   A further mean of the same length right behind the log lies within sqrt(2) times that.
+        oddness: probability of a block that is so far off, or a cycle so strong, if these terms are all there is.
+        odd_s: time of that block, or period of that cycle; ``cycle``: which of them.
+    """
+
+    present: tuple[str, ...]
+    possible: tuple[str, ...]
+    std: float
+    expanded: float
+    oddness: float
+    odd_s: float
+    cycle: bool
+
+
+def blocks_of(counter: Integers, values: Floats, interval_s: float) -> Blocks:
+    """Return means of a log over equal parts of its time; those with few samples are left out.
+
+    Args:    counter: (n,), rising: places of the samples in time.   values: (n,).   interval_s: of one sample.
+    """
+    length = int(counter[-1] - counter[0]) + 1
+    span = max(_FEWEST_SAMPLES, math.ceil(length / _BLOCKS))
+    while True:
+        place = (counter - counter[0]) // span
+        block, samples = np.unique(place, return_counts=True)
+        if block.size >= _BLOCKS // 2 or span < 2 * _FEWEST_SAMPLES:
+            break
+        span //= 2
+    index = np.searchsorted(block, place)
+    mean = np.bincount(index, values) / samples
+    time_s = np.bincount(index, counter - counter[0]) / samples * interval_s
+    kept = samples >= _POOR * np.median(samples)
+    return Blocks(time_s[kept], mean[kept], samples[kept], span * interval_s)
+
+
+def long_terms(blocks: Blocks, length_s: float, rng: np.random.Generator) -> LongTerms:
+    """Return which long terms the means of a log show, and what its mean is worth.
+
+    Args:    blocks: of the log.   length_s: of its samples together, and of a further mean.   rng: for the null.
+    Returns: LongTerms; fewer than 12 blocks show none, and nothing of them is excluded.
+    """
+    log = _Log.of(blocks, length_s)
+    names: list[str] = []
+    ratios: list[float] = []
+    alike: list[str] = []
+    while len(blocks.mean) >= _FEWEST_BLOCKS and len(alike) < 2 and len(names) < len(LONG_TERMS):
+        stage = _Stage.of(log, names, ratios)
+        alike = stage.shown(rng)
+        if not alike:
+            break
+        names.append(alike[0])
+        ratios = log.fitted(names, [*ratios, stage.best_ratio(alike[0])])
+    present = names[:-1] if len(alike) > 1 else names
+    std, expanded = _worth(log, names, ratios)
+    return LongTerms(
+        tuple(name for name in LONG_TERMS if name in present),
+        tuple(name for name in LONG_TERMS if name in alike[1:] or (alike[1:] and name == alike[0])),
+        std,
+        expanded,
+        *_oddest(log, names, ratios, blocks),
+    )
+
+
+def _oddest(log: _Log, names: Sequence[str], ratios: Sequence[float], blocks: Blocks) -> tuple[float, float, bool]:
+    """Return the probability of the oddest step, single block or cycle under a model; its time or period; if a cycle.
+
+    Source: largest of many normal values; Fisher's test of a periodogram (Proc. R. Soc. Lond. A 125 (1929) 54).
+    """
+    factor = np.linalg.cholesky(log.total(names, ratios))
+    means = np.linalg.solve(factor, log.means)
+    count = blocks.mean.size
+    shapes = np.linalg.solve(factor, log.white_means(np.hstack([np.tri(count)[:, 1:], np.eye(count)])))
+    scores = np.abs(means @ shapes) / np.linalg.norm(shapes, axis=0) / math.sqrt(float(means @ means) / means.size)
+    worst = int(np.argmax(scores))
+    alone = min(1.0, scores.size * math.erfc(float(scores[worst]) / math.sqrt(2.0)))
+    power = np.square(np.abs(np.fft.rfft(means)))[1 : (means.size + 1) // 2]
+    peak = int(np.argmax(power))
+    regular = min(1.0, power.size * (1.0 - float(power[peak] / power.sum())) ** (power.size - 1))
+    if alone <= regular:
+        return alone, float(blocks.time_s[worst + 1 if worst < count - 1 else worst - count + 1]), False
+    return regular, float(blocks.time_s[-1] - blocks.time_s[0]) / (peak + 1), True
+
+
+def _of_means(name: str, lag_s: Floats, span_s: float) -> Floats:
+    """Return generalised covariance of means over ``span_s`` of a unit coefficient, by what lies between their begins.
+
+    The drift is no noise and is left to its own column.
+    """
+
+    def angle(t_s: Floats) -> Floats:
+        t_s = np.abs(t_s)
+        if name == "random_walk":
+            return np.asarray(t_s**3 / 12.0)
+        return np.asarray(t_s**2 * np.log(np.where(t_s > 0.0, t_s, 1.0)) / (2.0 * math.pi))
+
+    return np.asarray((2.0 * angle(lag_s) - angle(lag_s + span_s) - angle(lag_s - span_s)) / span_s**2)
+
+
+@dataclass(frozen=True)
+class _Log:
+    """``means``: (m - 1,), of the blocks, white where only white noise is there, their mean taken out
+    by ``basis`` (m, m - 1).
+    ``shapes``: covariance of each term in them, where its part of the variance of a further mean is as large as that of
+    white noise of unit size.   ``white``: variance of a further mean minus that of the log, of that noise.
+    """
+
+    means: Floats
+    shapes: dict[str, Floats]
+    white: float
+    basis: Floats
+
+    def white_means(self, of_blocks: Floats) -> Floats:
+        """Return what columns (m, k) of the blocks are among the white means, (m - 1, k)."""
+        return self.basis.T @ of_blocks
+
+    @classmethod
+    def of(cls, blocks: Blocks, length_s: float) -> _Log:
+        root = np.sqrt(blocks.samples)
+        total = int(blocks.samples.sum())
+        basis = root[:, None] * np.linalg.qr(np.column_stack([root, np.eye(root.size)[:, 1:]]))[0][:, 1:]
+        part_s = length_s / _AHEAD
+        ahead_s = blocks.time_s[-1] + 0.5 * blocks.span_s + part_s * (np.arange(_AHEAD) + 0.5)
+        contrast = np.concatenate((-blocks.samples / total, np.full(_AHEAD, 1.0 / _AHEAD)))
+        white = 2.0 / total
+        time_s = np.concatenate((blocks.time_s, ahead_s))
+        shapes = {}
+        for name in LONG_TERMS:
+            if name == "rate_ramp":
+                scaled = (basis.T @ (blocks.time_s - blocks.time_s.mean()))[:, None]
+                own, further = scaled @ scaled.T, float(contrast @ time_s) ** 2
+            else:
+                lag_s = time_s[:, None] - time_s
+                covariance = _of_means(name, lag_s, blocks.span_s)
+                inside = covariance[: root.size, : root.size]
+                own = basis.T @ inside @ basis
+                further = float(contrast @ covariance @ contrast)
+            shapes[name] = own * (white / further)
+        return cls(basis.T @ blocks.mean, shapes, white, basis)
+
+    def total(self, names: Sequence[str], ratios: Sequence[float]) -> Floats:
+        """Return the covariance of the means by white noise of unit size and terms of these sizes."""
+        covariance = np.eye(self.means.size)
+        for name, ratio in zip(names, ratios, strict=True):
+            covariance += ratio * self.shapes[name]
+        return covariance
+
+    def fitted(self, names: Sequence[str], ratios: Sequence[float]) -> list[float]:
+        """Return the most likely sizes of terms that are there."""
+
+        def cost(logarithms: Floats) -> float:
+            factor = np.linalg.cholesky(self.total(names, np.exp(logarithms).tolist()))
+            left = np.linalg.solve(factor, self.means)
+            return float(left.size * np.log(left @ left) + 2.0 * np.log(np.diagonal(factor)).sum())
+
+        if len(names) == 1:
+            return list(ratios)
+        start = np.log(np.maximum(ratios, _RATIOS[1]))
+        bounds = [(math.log(_RATIOS[1]) - 2.0, math.log(_RATIOS[-1]) + 2.0)] * len(names)
+        return [float(size) for size in np.exp(optimize.minimize(cost, start, method="L-BFGS-B", bounds=bounds).x)]
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """A log under a model, in which its means are white, and the covariances of further terms.
+
+    ``values``, ``axes``: eigenvalues (m,) and eigenvectors (m, m) of each further term.
+    """
+
+    means: Floats
+    values: dict[str, Floats]
+    axes: dict[str, Floats]
+
+    @classmethod
+    def of(cls, log: _Log, names: Sequence[str], ratios: Sequence[float]) -> _Stage:
+        factor = np.linalg.cholesky(log.total(names, ratios))
+        values, axes = {}, {}
+        for name in LONG_TERMS:
+            if name not in names:
+                half = np.linalg.solve(factor, log.shapes[name])
+                value, axes[name] = np.linalg.eigh(np.linalg.solve(factor, half.T))
+                values[name] = np.maximum(value, 0.0)
+        return cls(np.linalg.solve(factor, log.means), values, axes)
+
+    def likelihoods(self, name: str, means: Floats) -> Floats:
+        """Return log-likelihood ratios by size of a further term over none, (..., r), of means (..., m)."""
+        scale = 1.0 + _RATIOS[:, None] * self.values[name]
+        power = np.square(means @ self.axes[name]) @ (1.0 / scale).T
+        cost = means.shape[-1] * np.log(power) + np.log(scale).sum(axis=1)
+        return np.asarray(0.5 * (cost[..., :1] - cost))
+
+    def best_ratio(self, name: str) -> float:
+        """Return the most likely size of a further term."""
+        return float(_RATIOS[int(np.argmax(self.likelihoods(name, self.means)))])
+
+    def shown(self, rng: np.random.Generator) -> list[str]:
+        """Return the further term that is there, and behind it those that explain the log about equally well."""
+        names = list(self.values)
+        by_chance = rng.standard_normal((_DRAWS, self.means.size))
+        gains = {name: float(self.likelihoods(name, self.means).max()) for name in names}
+        null = {name: np.sort(self.likelihoods(name, by_chance).max(axis=1)) for name in names}
+        chances = {name: _above(null[name], gains[name]) for name in names}
+        ranks = np.stack([_above(null[name], self.likelihoods(name, by_chance).max(axis=1)) for name in names])
+        if float(np.mean(ranks.min(axis=0) <= min(chances.values()))) > FALSE_TERM:
+            return []
+        best = max(names, key=gains.__getitem__)
+        return [best, *(name for name in names if name != best and not self._refuted(name, best, gains, rng))]
+
+    def _refuted(self, name: str, best: str, gains: dict[str, float], rng: np.random.Generator) -> bool:
+        """Return whether a term of the most likely size hardly ever lets another one explain so much more."""
+        scale = np.sqrt(1.0 + self.best_ratio(name) * self.values[name])
+        means = (rng.standard_normal((_DRAWS, scale.size)) * scale) @ self.axes[name].T
+        more = self.likelihoods(best, means).max(axis=1) - self.likelihoods(name, means).max(axis=1)
+        return float(np.mean(more >= gains[best] - gains[name])) <= WRONG_NAME
+
+
+def _above(ascending: Floats, gain: float | Floats) -> Floats:
+    """Return the share of gains by chance that are at least so large."""
+    return np.asarray(1.0 - np.searchsorted(ascending, gain, side="left") / ascending.size)
+
+
+def _worth(log: _Log, names: Sequence[str], ratios: Sequence[float]) -> tuple[float, float]:
+    """Return half-widths of intervals of the mean, averaged over the largest term that is there and all others."""
+    order = sorted(zip(ratios, names, strict=True))
+    kept = order[:-1]
+    stage = _Stage.of(log, [name for _, name in kept], [ratio for ratio, _ in kept])
+    dof = stage.means.size
+    weights, variances = [np.array([1.0 if order else _ABSENT])], [np.array([1.0 + sum(ratio for ratio, _ in kept)])]
+    size = [np.array([float(stage.means @ stage.means) / dof])]
+    if order:
+        weights = [np.array([0.0])]
+    for name, values in stage.values.items():
+        likelihood = np.exp(stage.likelihoods(name, stage.means)[1:])
+        weights.append((1.0 if order else 1.0 - _ABSENT) / len(stage.values) * likelihood * _A_SIZE)
+        power = np.square(stage.means @ stage.axes[name])
+        size.append((power / (1.0 + _RATIOS[1:, None] * values)).sum(axis=1) / dof)
+        variances.append(_RATIOS[1:] + variances[0][0])
+    weight = np.concatenate(weights)
+    variance = np.concatenate(variances) * np.concatenate(size) * log.white / 2.0
+    std = np.sqrt(variance)
+    largest = float(std[weight > 0.0].max())
+    return tuple(
+        optimize.brentq(
+            lambda half, p=p: float(weight @ special.erf(half / std / math.sqrt(2.0))) / weight.sum() - p,
+            0.0, 20.0 * largest, xtol=1e-9 * largest,
+        )
+        for p in _PROBABILITIES
+    )  # fmt: skip

@@ -1,0 +1,108 @@
+"""Long terms of logs at rest against an independent likelihood ratio, and what means are worth by a further one."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from allan_simulation import record
+from numpy.typing import NDArray
+
+from bench.maths.long_terms import LongTerms, blocks_of, long_terms
+
+N, LEVEL, SEED = 6000, 0.01, 47
+MEAN = N**-0.5  # standard deviation of the mean of white noise
+WORLDS = {
+    "white": {},
+    "weak walk": {"random_walk": 6.0 * MEAN * (3.0 / N) ** 0.5},
+    "walk": {"random_walk": 25.0 * MEAN * (3.0 / N) ** 0.5},
+    "flicker": {"bias_instability": 15.0 * MEAN},
+    "drift": {"rate_ramp": 25.0 * MEAN / N},
+    "quantisation": {"quantisation_noise": 3.0},
+}
+PAUSES = {"none": 0.0, "tenth": 0.1, "half": 0.5, "nine tenths": 0.9}
+
+
+def logs(name: str, pause: float, seeds: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64], float]]:
+    """Yield counter and readings of a log with one pause (even seeds) or many, and the mean of as long behind it."""
+    for seed in range(seeds):
+        rng = np.random.default_rng([SEED, seed])
+        length = round(N / (1.0 - pause))
+        values = record(rng, length + N, 1.0, **{"white_noise": 1.0, **WORLDS[name]})
+        parts = 1 if seed % 2 == 0 else 20
+        kept = np.zeros(length, bool)
+        for part in range(1, parts + 2):
+            end = round(part * length / (parts + 1))
+            kept[end - round((1.0 - pause) * length / (parts + 1)) : end] = True
+        yield np.flatnonzero(kept), values[:length][kept], float(values[length:].mean())
+
+
+def found(counter: NDArray[np.int64], values: NDArray[np.float64]) -> LongTerms:
+    return long_terms(blocks_of(counter, values, 1.0), values.size * 1.0, np.random.default_rng(1))
+
+
+def neyman_pearson(name: str, seeds: int) -> float:
+    """Return the power of the test that knows size and shape of a walk or a drift, of means of 60 samples."""
+    count, size = N // 60, 60
+    lag = np.arange(count)
+    shape = np.minimum.outer(lag, lag) * size * WORLDS[name].get("random_walk", 0.0) ** 2
+    drift = WORLDS[name].get("rate_ramp", 0.0) * size * (lag - lag.mean())
+    centred = np.eye(count) - 1.0 / count
+    white = np.eye(count) / size
+    inverse = np.linalg.pinv(centred @ white @ centred), np.linalg.pinv(centred @ (white + shape) @ centred)
+
+    def score(means: NDArray[np.float64]) -> NDArray[np.float64]:
+        means = means @ centred
+        quadratic = ((means @ (inverse[0] - inverse[1])) * means).sum(axis=1)
+        return np.asarray(quadratic + 2.0 * means @ inverse[1] @ drift)
+
+    rng = np.random.default_rng(SEED)
+    limit = np.quantile(score(rng.standard_normal((4000, count)) / size**0.5), 1.0 - LEVEL)
+    seen = np.array([values.reshape(count, size).mean(axis=1) for _, values, _ in logs(name, 0.0, seeds)])
+    return float(np.mean(score(seen) > limit))
+
+
+def judged(name: str, pause: float, seeds: int) -> tuple[float, float, float]:
+    """Return the shares of logs in which the term is found, another one is, and the next mean lies in its interval."""
+    own = set(WORLDS[name]) - {"quantisation_noise"}
+    right = false = inside = 0
+    for counter, values, ahead in logs(name, pause, seeds):
+        seen = found(counter, values)
+        right += bool(own & {*seen.present, *seen.possible})
+        false += bool(set(seen.present) - own) or (bool(seen.possible) and not own & set(seen.possible))
+        inside += abs(ahead - values.mean()) <= 2.0**0.5 * seen.expanded
+    return right / seeds, false / seeds, inside / seeds
+
+
+@pytest.mark.parametrize("name", ["white", "walk", "drift"])
+def test_terms_are_found_and_a_further_mean_lies_in_its_interval(name: str) -> None:
+    right, false, inside = judged(name, 0.1, 16)
+    assert (right, false) == (float(name != "white"), 0.0)
+    assert inside >= 14 / 16
+
+
+def test_what_no_noise_does_is_odd() -> None:
+    rng = np.random.default_rng(SEED)
+    for size, odd in ((0.0, False), (80.0, True)):
+        white = rng.standard_normal(N)
+        step, cycle = size * MEAN * (np.arange(N) > 2000), size * MEAN * np.sin(np.arange(N) / 200.0)
+        for shape, expected in ((step, 2000.0), (cycle, 400.0 * np.pi)):
+            seen = found(np.arange(N), white + shape)
+            assert (seen.oddness < 2e-3) == odd
+            assert not odd or seen.odd_s == pytest.approx(expected, rel=0.15)
+
+
+def test_few_blocks_show_nothing() -> None:
+    seen = found(np.arange(40), np.random.default_rng(SEED).standard_normal(40))
+    assert (seen.present, seen.possible) == ((), ())
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("pause", PAUSES)
+@pytest.mark.parametrize("name", WORLDS)
+def test_forty_logs_of_each_kind(name: str, pause: str) -> None:
+    right, false, inside = judged(name, PAUSES[pause], 40)
+    print(f"{name}, pauses {pause}: found {right:.3f}, false {false:.3f}, next mean inside {inside:.3f}")
+    assert false <= 0.05
+    assert inside >= 0.88
+    if pause == "none" and name in ("weak walk", "walk", "drift"):
+        assert right >= 0.9 * neyman_pearson(name, 40) - 0.05
