@@ -264,7 +264,12 @@ def test_white_noise_is_the_angle_random_walk_it_was_made_of() -> None:
     assert wide < 0.05 * walk
     mean, wide, unit = found(analysis, "mean_output")
     assert (unit, mean) == ("deg/h", pytest.approx(1800.0, abs=1.5 * wide))
-    assert wide == pytest.approx(1.96 * 3600.0 * WALK / np.sqrt(1200.0), rel=0.1)
+    assert (
+        1.96 * 3600.0 * WALK / np.sqrt(1200.0) < wide < 12.0 * 3600.0 * WALK / np.sqrt(300.0)
+    )  # a drift is not excluded
+    ahead = one(analysis, "next_mean_output")
+    assert (ahead.value, ahead.conditions["length_s"], ahead.conditions["gap_s"]) == (mean, 1200.0, 0.0)
+    assert ahead.expanded_uncertainty == pytest.approx(2.0**0.5 * wide)
     stability, wide, _ = found(analysis, "bias_stability")
     assert stability == pytest.approx(3600.0 * WALK / np.sqrt(10.0), abs=1.5 * wide)
     assert weigh(analysis.evidence).against == []
