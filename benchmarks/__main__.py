@@ -17,7 +17,6 @@ NAMES = (
         "archive",
         "latency",
         "page",
-        "fleet",
         "scrape",
         "tagger",
     ),

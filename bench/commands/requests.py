@@ -177,7 +177,6 @@ class ServeRequest:
     mqtt: Annotated[
         str | None, typer.Option(metavar="URL", help="tell a broker of every run: mqtts://USER@HOST/PREFIX")
     ] = None
-    fleet: Annotated[Path | None, typer.Option(metavar="FILE", help="YAML: show many benches")] = None
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,7 @@ import typer
 from bench.commands.requests import ServeRequest
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
-from bench.session.history import VARIABLE, check_history_url
 from bench.web.app import create_app
-from bench.web.fleet.app import create_fleet_app
-from bench.web.fleet.fleet_file import FleetBench, load_fleet
 from bench.web.security.audit import Audit
 from bench.web.security.tokens import FILE, Tokens, obtain_tokens, private_folder
 from bench.web.serving import Serving, serve_until_told, server_of, written
@@ -33,39 +30,30 @@ LOOPBACK_NAMES = {"localhost", "127.0.0.1", "::1"}
 def serve(request: ServeRequest) -> int:
     """Serve until Ctrl-C or SIGTERM.
 
-    Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, B-FLEET-001 to B-FLEET-005, StoreError
-    B-STORE-001, before anything is served.
+    Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, StoreError B-STORE-001, before
+    anything is served.
     """
     _check_reach(request)
     proxy = _proxy(request.behind_proxy)
     _check_certificate(request.cert, request.key)
-    shown, benches = _shown(request)
+    shown = _shown(request)
     clock, folder = WallClock(), private_folder()
     with _broker(request.mqtt) as tell, _listen(request.host, request.port) as listener:
         tokens, clear = obtain_tokens(folder, request.rotate)
         serving = _serving(request, shown, listener, tokens, Audit(folder, clock), clock, proxy)
-        app = create_app(serving, tell) if benches is None else create_fleet_app(serving, benches)
+        app = create_app(serving, tell)
         announce = partial(_announce, serving, listener, clear, proxy)
         serve_until_told(server_of(app, request.cert, request.key), listener, announce)
     return ExitStatus.PASS
 
 
-def _shown(request: ServeRequest) -> tuple[Path, tuple[FleetBench, ...] | None]:
-    """Return the folder of the sessions to show; or ``fleet.yaml`` and its benches."""
-    if request.fleet is not None:
-        for option, value in (("--out", request.out), ("--mqtt", request.mqtt)):
-            if value is not None:
-                message = f"{option} belongs to the server of one bench, --fleet shows many"
-                advice = f"leave {option} out, or give it to the 'bench serve' of that bench"
-                raise InputError("B-FLEET-005", message, where=option, next_step=advice)
-        if history := request.history or os.environ.get(VARIABLE):
-            check_history_url(history)
-        return request.fleet, load_fleet(request.fleet, os.environ)
+def _shown(request: ServeRequest) -> Path:
+    """Return the folder of the sessions to show. Raises: InputError B-WEB-005."""
     out = request.out or Path("sessions")
     if not out.is_dir():
         advice = "name the folder of the sessions with --out; 'bench run' makes one"
         raise InputError("B-WEB-005", "there is no such folder", where=out, next_step=advice)
-    return out, None
+    return out
 
 
 @contextmanager
@@ -179,7 +167,7 @@ def _serving(
         place[1],
         secure=secure,
         behind_proxy=proxy is not None,
-        history=request.history if request.fleet is None else request.history or os.environ.get(VARIABLE),
+        history=request.history,
         any_address=any_address and proxy is None,
     )
 

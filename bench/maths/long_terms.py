@@ -34,8 +34,8 @@ _POOR = 0.25  # of the usual number of samples of a block
 _AHEAD = 40  # parts of a further mean
 _DRAWS = 2000
 _RATIOS = np.concatenate(([0.0], np.geomspace(0.03, 3e6, 56)))  # long-term over white variance of the mean of the log
-# Weights of no further term, and of one of a size, before the log is seen: with these a further mean lies in its interval
-# in 95 % of logs with terms that are just too small to be seen, as in those with none.
+# Weights of no further term, and of one of a size, before the log is seen: with these a further mean lies in its
+# interval in 95 % of logs with terms that are just too small to be seen, as in those with none.
 _ABSENT, _A_SIZE = 0.25, 1.0 / 12.0
 _PROBABILITIES = (0.6826894921370859, 0.95)
 

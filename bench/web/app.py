@@ -16,11 +16,10 @@ from starlette.types import Lifespan
 
 from bench.model.errors import BenchError
 from bench.web import commands, pages, runs
-from bench.web.fleet.overview import Overview
 from bench.web.hub import Hub
 from bench.web.recorded.listing import FILES, run_folder
 from bench.web.security import login
-from bench.web.security.gate import OVERVIEW, Gate
+from bench.web.security.gate import Gate
 from bench.web.security.refusal import Refusal, refusal_of
 from bench.web.serving import Serving
 from bench.web.socket import socket
@@ -52,7 +51,7 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
             await lookout.stop()
             await hub.stop()
 
-    app = guarded_app(serving, _routes(Scrapes(lookout), Overview(hub, lookout)), lifespan)
+    app = guarded_app(serving, _routes(Scrapes(lookout)), lifespan)
     app.state.hub = hub
     app.state.lookout = lookout
     return app
@@ -89,7 +88,7 @@ async def on_http_error(request: Request, error: Exception) -> Response:
     return pages.refused(request, Refusal(error.status_code, "B-WEB-013", "there is no such page"))
 
 
-def _routes(scrapes: Scrapes, overview: Overview) -> list[BaseRoute]:
+def _routes(scrapes: Scrapes) -> list[BaseRoute]:
     """Return paths, methods and who answers; docs/live-protocol.md."""
     return [
         Route("/metrics", scrapes.answer),
@@ -105,7 +104,6 @@ def _routes(scrapes: Scrapes, overview: Overview) -> list[BaseRoute]:
         Route("/api/v1/commands", commands.commands, methods=["POST"]),
         Route("/api/v1/operator", commands.operator, methods=["POST"]),
         WebSocketRoute("/ws", socket),
-        WebSocketRoute(OVERVIEW, overview.socket),
     ]
 
 

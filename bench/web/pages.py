@@ -77,11 +77,6 @@ async def run_page(request: Request) -> Response:
     return _page(request, "run.html.j2", modules=_modules("page.js"), run=request.path_params["run"])
 
 
-async def fleet(request: Request) -> Response:
-    """``GET /`` of a server of many benches."""
-    return _page(request, "fleet.html.j2", modules=_modules("fleet.js"))
-
-
 def refused(request: Request, refusal: Refusal) -> Response:
     """Return what was not done: a page for who opened an address in a browser, JSON for a script."""
     if "text/html" not in request.headers.get("accept", ""):

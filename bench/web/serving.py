@@ -42,7 +42,7 @@ DATE_S = 1.0  # between two dates that answers say
 class Serving:
     """One page server.
 
-    Args: out: folder of the sessions, or ``fleet.yaml``. hosts: what a Host header may say, with the port where a
+    Args: out: folder of the sessions. hosts: what a Host header may say, with the port where a
         browser sends one. port: it listens on. secure: people reach it by https. behind_proxy: a proxy of ours is the
         only client, and the last entry of its X-Forwarded-For is believed. history: URL of the calibration history,
         None for its default. any_address: it listens on every address of the machine, and each of them is a host too.

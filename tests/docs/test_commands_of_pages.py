@@ -29,7 +29,6 @@ from bench.cli import app
 from bench.model.manual import Manual
 from bench.model.yamlio import parse_yaml
 from bench.plan import json_schemas, mapping_schema
-from bench.web.fleet.fleet_file import FleetFile
 
 GOLDEN = ROOT / "tests" / "golden" / "sessions"
 TUTORIAL = "docs/tutorial.md"  # is executed by a shell
@@ -148,7 +147,6 @@ SCHEMAS = {
     **json_schemas(),
     "mapping": mapping_schema(),
     "manual of an instrument": Manual.model_json_schema(),
-    "fleet": FleetFile.model_json_schema(),
 }
 NAMES = {  # what a piece of a module stands in
     "docs/adding-a-system.md": """

@@ -27,8 +27,7 @@ from bench.web.serving import Serving
 
 LOGIN = "/login"
 METRICS = "/metrics"
-OVERVIEW = "/ws/runs"
-BY_TOKEN = (METRICS, OVERVIEW)  # for programs, which have no cookie
+BY_TOKEN = (METRICS,)  # for programs, which have no cookie
 HEADER, HEADER_VALUE = "x-bench-command", "1"
 MOST_SOCKETS = 120  # WebSockets that are open at once; the limit of the server's connections does not count them
 MOST_OF_ADDRESS = 60  # of them

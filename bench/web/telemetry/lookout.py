@@ -62,7 +62,7 @@ class _Known:
 
 
 class Lookout:
-    """The runs of a page server, those that go on and those that ended in the last ten minutes. For one event loop."""
+    """The runs of a page server: that go on, or ended in the last ten minutes, or unsafely. For one event loop."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
@@ -158,8 +158,9 @@ class Lookout:
         now_ns = self._clock.now_ns()
         ended = sorted((known.ended_ns, name) for name, known in self._known.items() if known.ended_ns is not None)
         for place, (ended_ns, name) in enumerate(reversed(ended)):
-            is_old = now_ns - ended_ns > to_ns(ENDED_S)
-            if is_old or place >= MOST_ENDED or self._known[name].seen is None:
+            seen = self._known[name].seen
+            is_old = now_ns - ended_ns > to_ns(ENDED_S) and not (place == 0 and seen is not None and _left_on(seen))
+            if is_old or place >= MOST_ENDED or seen is None:
                 del self._known[name]
 
     def _fit(self) -> None:
@@ -173,6 +174,11 @@ class Lookout:
 
         if self._fitting is None or self._fitting.done():
             self._fitting = asyncio.create_task(fit_each())
+
+
+def _left_on(seen: SeenRun) -> bool:
+    """Return whether a run has ended with outputs that nobody has confirmed off: told of until the next one ends."""
+    return bool((seen.state.get("bench") or {}).get("unconfirmed"))
 
 
 def open_runs(out: Path) -> list[Path]:

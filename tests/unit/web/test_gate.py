@@ -11,7 +11,6 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import Receive, Scope, Send
 from web_rig import COMMAND, RUN, Page, served
 
-from bench.web.fleet.app import create_fleet_app
 from bench.web.security.gate import Gate
 from bench.web.security.logins import Login
 from bench.web.security.tokens import OPERATOR, VIEWER
@@ -39,11 +38,11 @@ def everything(page: Page) -> list[tuple[str, str]]:
 
 
 def test_the_routes_are_those_of_the_protocol(page: Page) -> None:
-    assert len(page.app.routes) == 22
+    assert len(page.app.routes) == 21
     assert all(isinstance(route, Route | WebSocketRoute) for route in page.app.routes)
     assert set(paths(page, "POST")) == {"/login", "/logout", "/api/v1/commands", "/api/v1/operator"}
     named = re.findall(r"`?(?:GET |POST |, )`?(/api/v1/[a-z/{}]+)", Path("docs/live-protocol.md").read_text())
-    routed = {route.path for app in (page.app, create_fleet_app(page.serving, ())) for route in app.routes}
+    routed = {route.path for route in page.app.routes}
     assert {name for name in named if "{" not in name} <= routed
 
 

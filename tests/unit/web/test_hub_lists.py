@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from record_sample import write_sample
-from top_sample import MANIFEST, NOW_S, SetClock, document, small_plan
+from top_sample import MANIFEST, NOW_S, document, small_plan
 from web_rig import RUN, Page, served
 
 from bench.commands.progress import doing
@@ -29,9 +29,6 @@ from bench.session.partial_fits import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, f
 from bench.tui.look import Look, catalogue
 from bench.tui.page import page_of
 from bench.tui.watch import Seen
-from bench.web.fleet.fleet_file import FleetBench
-from bench.web.fleet.overview import over_card, run_card
-from bench.web.fleet.seat import Seat
 from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import READ_AT_ONCE, RunList, session_row
 from bench.web.recorded.past import MOST_POINTS, Past, Trends, history_query
@@ -338,18 +335,6 @@ def in_list(met: Met) -> str:
     return {True: "OUTPUTS OFF", False: "NOT confirmed"}.get(off, "nothing")
 
 
-def in_fleet(met: Met) -> str:
-    seat = Seat(FleetBench("bench-1", "", "fleet.yaml:2:5", "https://bench-1.example.org", "t"), SetClock())  # type: ignore[arg-type]
-    if "session" in met.state:
-        told = {"proto": 1, "runs": {}, "last": json.loads(json.dumps(over_card(met.state)))}
-    else:
-        told = {"proto": 1, "runs": {NAME: json.loads(json.dumps(run_card(SeenRun(met.state))))}, "last": None}
-    seat.hear(told)
-    card = seat.card()
-    word = {"off": "OUTPUTS OFF", None: "OUTPUTS OFF" if card.get("off") else "nothing"}.get(card["outputs"], "on")
-    return word + (f"; NOT confirmed: {card['unconfirmed']}" if card["unconfirmed"] else "")
-
-
 def in_top(met: Met) -> str:
     state = document(**{**met.state, "bench": met.state["bench"]}) if met.guard is None else document()
     page = page_of(
@@ -380,7 +365,7 @@ def at_its_terminal(met: Met) -> str:
     return f"{doing(met.state)} OUTPUTS OFF" if not met.state["bench"]["unconfirmed"] else doing(met.state)
 
 
-VIEWS = {"card": on_card, "list": in_list, "fleet": in_fleet, "top": in_top, "metrics": in_metrics}
+VIEWS = {"card": on_card, "list": in_list, "top": in_top, "metrics": in_metrics}
 MORE_VIEWS = {
     **{(situation, "message"): in_message for situation in ("in a hold", "ended")},
     **{(situation, "next"): for_who_looks_next for situation in list(SITUATIONS)[2:]},

@@ -59,7 +59,7 @@ def client() -> Client:
     async def work(task: Callable[..., Any], *arguments: Any) -> Any:
         return task(*arguments)
 
-    routes = [Route("/", pages.index), Route("/fleet", pages.fleet), Route("/runs/{run}", pages.run_page),
+    routes = [Route("/", pages.index), Route("/runs/{run}", pages.run_page),
               Route("/texts", pages.texts),
               Route("/figures/{run}", runs.figures)]  # fmt: skip
     app = Starlette(routes=routes)
@@ -68,7 +68,7 @@ def client() -> Client:
 
 
 def test_every_script_is_part_of_a_page() -> None:
-    used = {"theme.js"}.union(*(pages._modules(first) for first in ("start.js", "fleet.js", "page.js")))
+    used = {"theme.js"}.union(*(pages._modules(first) for first in ("start.js", "page.js")))
     assert set(SCRIPTS) == used
 
 

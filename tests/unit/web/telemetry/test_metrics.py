@@ -248,6 +248,21 @@ def test_an_ended_run_is_told_of_for_ten_minutes_and_only_the_newest(
     assert not [key for key in samples(page) if ("run", RUN) in key[1]]
 
 
+def test_an_end_with_outputs_not_confirmed_off_stays_until_the_next(
+    page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = {"bench": {"state": "unknown", "unconfirmed": {"calibrator": "silent"}}, "state": "ended"}
+    monkeypatch.setattr(page.app.state.hub.past, "final", lambda folder: left)
+    monkeypatch.setattr(lookout, "ENDED_S", -1.0)
+    folder = page.serving.out / RUN
+    (folder / OPEN_MARKER).touch()
+    samples(page)
+    (folder / OPEN_MARKER).unlink()
+    for _ in range(3):
+        told = samples(page)
+    assert [value for key, value in told.items() if key[0] == "bench_outputs_unconfirmed"] == [1]
+
+
 def test_only_the_viewers_token_or_a_login_opens_it(page: Page) -> None:
     def asked(**headers: str) -> int:
         return page.ask("GET", "/metrics", headers).status
