@@ -29,7 +29,7 @@ Open = Callable[[str, "DataFrame"], TableFile]
 
 
 def export_session(session: Session, form: str, folder: Path) -> dict[str, int]:
-    """Write events, readings, records, estimates (where the session has results) and all frames of all links.
+    """Write events, readings, records, an imported log, estimates (where there are results) and all frames of links.
 
     The folder has its name when all of it is whole; frames pass block by block.
 
@@ -58,6 +58,8 @@ def export_session(session: Session, form: str, folder: Path) -> dict[str, int]:
 def _tables(session: Session) -> Iterator[tuple[str, DataFrame]]:
     """Yield the tables that are no frames, by name."""
     yield from (("events", session.events), ("readings", session.readings), ("records", session.records))
+    if len(session.log):
+        yield "log", session.log
     if (session.folder / RESULTS).exists():
         yield "estimates", session.estimates
 
