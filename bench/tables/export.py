@@ -23,7 +23,7 @@ MCAP = "mcap"
 _FILES: dict[str, type[CsvFile] | type[ParquetFile] | type[Hdf5File] | type[MatFile]] = {
     "csv": CsvFile, "parquet": ParquetFile, "hdf5": Hdf5File, "mat": MatFile,
 }  # fmt: skip
-_NEEDS = {"parquet": "pyarrow", "hdf5": "h5py"}
+_NEEDS = {"parquet": "pyarrow", "hdf5": "h5py", MCAP: "mcap"}
 FORMATS = (*_FILES, MCAP)
 Open = Callable[[str, "DataFrame"], TableFile]
 
