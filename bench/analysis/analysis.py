@@ -102,10 +102,12 @@ def analyse(material: Material, method: str | None = None) -> Analysis:
     """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise.
 
     What the sequence expects of the values it names is judged beside it.
-    Raises: FitError, B-FIT-143 where equations have no solution, B-LAB-008 where an analysis of a lab folder fails.
+    Raises: FitError, B-FIT-004 for an unknown method, B-FIT-143 where equations have no solution, B-LAB-008 where an
+            analysis of a lab folder fails.
     """
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
     module, chosen = analysis_module(declared.name), method or declared.methods[0]
+    check_method(chosen, declared.methods)
     if own_code("analyses", declared.name) is None:
         try:
             return with_expected(module.analyse(material, chosen), material)

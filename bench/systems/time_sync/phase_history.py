@@ -19,7 +19,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     estimate,
     picture,
     series,
@@ -41,10 +40,9 @@ _WIDTH, _PLACE = 0.335, 0.440
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return place and response of the strongest target, and the image.
 
-    Raises: FitError B-FIT-004 (unknown method), B-SYNC-010 (no target stands out), B-SYNC-013 (no phase history),
+    Raises: FitError B-SYNC-010 (no target stands out), B-SYNC-013 (no phase history),
             B-FIT-120 (the antenna does not move), B-FIT-122 (the strongest target is no point).
     """
-    check_method(method, METHODS)
     samples, positions_m, dropped = _pulses(material)
     sent = material.campaign["frequencies"]
     pulses = compressed(samples, positions_m, float(sent["first_Hz"]), float(sent["last_Hz"]))

@@ -14,7 +14,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     evidence_of,
     unseen_tables,
     value_and_uncertainty,
@@ -35,7 +34,7 @@ from bench.systems.gnc.wording import say
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
 _FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
 _MOST_LEFT_OUT = 0.01  # of the rows
-_HELD, _TIMES = 10, 5.0  # an axis clips where it holds its end in more rows, and times as many as most of its values
+_HELD = 10  # an axis clips where it holds its end more often than most of its values, by this factor
 _NEAR = 0.05  # of the width of an axis: a value further from the next one is none at which an axis clips
 _SHOWN = 6  # rows, or stretches of them, that are told
 
@@ -43,10 +42,9 @@ _SHOWN = 6  # rows, or stretches of them, that are told
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return hard and soft iron; of a log that is a turn about z, offsets, gain and angle of x and y.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-006 without three axes; B-FIT-090, -091 if the readings determine
+    Raises: FitError B-GNC-006 without three axes; B-FIT-090, -091 if the readings determine
             neither an ellipsoid nor an ellipse, B-GNC-009 if it is seen why they do not.
     """
-    check_method(method, METHODS)
     field, time_s, unit = _readings(material)
     every, off = field, off_surface(field)
     left_out = []
@@ -96,7 +94,7 @@ def _seen(material: Material, field: Floats, off: Flags, unit: str) -> FitError 
         values, counts = np.unique(readings, return_counts=True)
         for what, end, beside in (("smallest", 0, 1), ("largest", -1, -2)):
             near = abs(values[end] - values[beside]) < _NEAR * np.ptp(values)
-            if near and counts[end] > max(_HELD, _TIMES * float(np.median(counts))):
+            if near and counts[end] > _HELD * np.median(counts):
                 reads = f"{headers[axis]} reads {factor * values[end]:.6g} {name}, its {what} value,"
                 return _off(f"{reads} in {counts[end]} of {len(field)} rows: it clips", "take it in a larger range")
     change = change_of_surface(field)

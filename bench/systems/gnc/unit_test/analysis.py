@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, check_method, estimate, worded_table
+from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, worded_table
 from bench.model.errors import FitError
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.units import (
@@ -233,9 +233,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Returns: Analysis; ``<item>_wrong`` counts the wrong results of an item (limit 0). What was not tested has no
              estimate, is named in ``missing`` and printed as not tested.
-    Raises:  FitError B-FIT-004 (unknown method), B-GNC-001 (limits), B-GNC-002 if nothing was tested at all.
+    Raises:  FitError B-GNC-001 (limits), B-GNC-002 if nothing was tested at all.
     """
-    check_method(method, METHODS)
     units = unit_results(material)
     if not any(item.runs for unit in units for item in unit.all):
         raise FitError(
