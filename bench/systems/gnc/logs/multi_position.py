@@ -74,7 +74,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 
 def _middle_s(rests: StaticIntervals, log: ImuLog) -> Floats:
-    return np.asarray((rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz))
+    return (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
 
 
 def searches_of(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimates) -> Iterator[Searched]:

@@ -111,7 +111,7 @@ class FlightPath:
     def borders_s(self, first_s: float, last_s: float) -> Float:
         """Return begins of pieces strictly between two times."""
         begins = self._table[1 : self._count, _BEGIN]
-        return np.asarray(begins[(begins > first_s) & (begins < last_s)])
+        return begins[(begins > first_s) & (begins < last_s)]
 
     def state(self, t_s: Float) -> PathState:
         """Return motion at times (n,) of any order, s."""
