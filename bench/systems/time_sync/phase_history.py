@@ -113,7 +113,7 @@ def _estimates(scene: Scene, target: Response, n: int, dropped: int) -> Estimate
 def _place_m(scene: Scene, place_m: Floats, target: Response) -> Floats:
     """Return where the image of a target, looked for about ``place_m``, stands on level ground, x and y."""
     out_m = target.range_shift_m / scene.cosine
-    return np.asarray(place_m + target.azimuth_shift_m * scene.axes.azimuth + out_m * scene.axes.sight)[:2]
+    return (place_m + target.azimuth_shift_m * scene.axes.azimuth + out_m * scene.axes.sight)[:2]
 
 
 def _place_std_m(scene: Scene, noise: float) -> Floats:
