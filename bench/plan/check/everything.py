@@ -45,8 +45,8 @@ from bench.plan.step_kinds import (
 from bench.plan.values import UNIT
 from bench.plan.ways import Followed, walk
 
-SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")  # a folder of the session is named after it
-NO_SERIAL = "is not a serial number: letters, digits, '.', '_' and '-', at most 40"
+SERIAL = re.compile(r"[A-Za-z0-9](?:(?!\.\.)[A-Za-z0-9._/-]){0,39}")  # a folder is named after it
+NO_SERIAL = "is not a serial number: letters, digits, '.', '_', '/' and '-', at most 40"
 IDENTIFY = "identify"  # the command whose answer says who the unit is
 
 

@@ -11,7 +11,6 @@ Source: GNC-module paper, section 5.2 (results in a folder per test item) and se
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, worded_table
 from bench.model.errors import FitError
+from bench.model.folders import folder_name
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.units import (
     IDENTITY,
@@ -153,11 +153,6 @@ def folders_of(units: Sequence[UnitResult], material: Material) -> dict[str, str
                 texts[f"{folder}/{item.item}/log.txt"] = _log(unit.unit, item, offset_s)
         texts[f"{folder}/summary.json"] = _json(_summary(unit, offset_s))
     return texts
-
-
-def folder_name(text: str) -> str:
-    """A serial number as the name of a folder: letters, digits, dot, dash and underscore only, no leading dot."""
-    return re.sub(r"[^A-Za-z0-9._-]", "_", text).lstrip(".") or "_"
 
 
 def _result(unit: str, item: ItemResult, offset_s: float | None) -> dict[str, Any]:
