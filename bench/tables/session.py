@@ -48,7 +48,7 @@ class Session:
     def __repr__(self) -> str:
         return f"<Session {self.folder}>"
 
-    def __reduce__(self) -> tuple[type[Session], tuple[Path]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         return Session, (self.folder,)
 
     @property

@@ -25,8 +25,6 @@ from bench.model.errors import ExitStatus
 from bench.session.service import read_view
 from bench.session.view import analyse_view, model_of
 
-Short = tuple[Path, CompletedProcess[str]]
-
 
 def refused(done: CompletedProcess[str], status: int, code: str) -> str:
     """The error line; asserts exit status, one line per error, nothing on standard output, no traceback."""

@@ -150,15 +150,12 @@ class LinkKeeper(Observer):
         for kept in self._links:
             if kept.reader.lost and kept.trouble != "lost":
                 self._begin(kept, "lost", kept.reader.lost, now_ns)
-            elif not kept.trouble and self._expected(kept) and self._is_silent(kept, now_ns):
+            elif not kept.trouble and self._expected(kept) and is_silent(kept.reader, now_ns, self._woke_ns):
                 reason = f"no good frame for {age_s(kept.reader, now_ns):.1f} s"
                 self._begin(kept, "silent", reason, now_ns)
             if kept.trouble and not kept.held_ns and self._expected(kept):
                 kept.held_ns = now_ns
                 self._context.stop.holds.hold(kept.by, kept.reason)
-
-    def _is_silent(self, kept: Kept, now_ns: int) -> bool:
-        return now_ns - self._woke_ns > to_ns(silence_s(kept.reader)) and is_silent(kept.reader, now_ns)
 
     def _expected(self, kept: Kept) -> bool:
         """Return whether the run needs the link now."""

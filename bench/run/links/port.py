@@ -119,8 +119,7 @@ def readers_beside(link: object) -> str:
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             opened = {str(place.readlink()) for place in process.joinpath("fd").iterdir()}
-            is_far_side = name.startswith("/dev/pts/") and "/dev/ptmx" in opened
-            if name in opened and int(process.name) != os.getpid() and not is_far_side:
+            if name in opened and int(process.name) != os.getpid() and not ("/pts/" in name and "/dev/ptmx" in opened):
                 found.append(f"{process.name} ({process.joinpath('comm').read_text().strip()})")
     return ", ".join(found)
 

@@ -5,8 +5,6 @@ Source: ``sphere``; of a turn about z ``estimators.magnetometer.plane`` (GNC-mod
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from bench.analysis import (
@@ -52,9 +50,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         left_out = [say("log.off", rows=_rows(np.flatnonzero(off)), count=off.size)]
         field, time_s = field[~off], time_s[~off]
     sphere = sphere_of([field], unit) if method == METHODS[0] else Sphere()
+    sphere.notes.extend(left_out)
     if sphere.fit is None:
         try:
-            return _turn(material, field, time_s, unit, sphere, left_out)
+            return _turn(material, field, time_s, unit, sphere)
         except FitError as error:
             raise _seen(material, every, off, unit) or error from None
     searches = searches_of([], sphere.cloud([1], [time_s]), shown_unit(unit))
@@ -64,7 +63,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         material.campaign["uut"],
         sphere.estimates,
         evidence=[*sphere.evidence, *evidence_of(searches)],
-        notes=[*left_out, *sphere.notes, say("log.no_size")],
+        notes=[*sphere.notes, say("log.no_size")],
         tables=[_table(sphere, unit), *unseen_tables(searches)],
         figures=sphere.figures,
     )
@@ -125,9 +124,7 @@ def _is_turn(field: Floats) -> bool:
     return bool(width[2] <= _FLAT * width[:2].min())
 
 
-def _turn(
-    material: Material, field: Floats, time_s: Floats, unit: str, sphere: Sphere, left_out: Sequence[str]
-) -> Analysis:
+def _turn(material: Material, field: Floats, time_s: Floats, unit: str, sphere: Sphere) -> Analysis:
     """Return the ellipse of x and y; ``sphere`` says why it is no ellipsoid."""
     if sphere.missing and not _is_turn(field):
         raise FitError(
@@ -146,7 +143,7 @@ def _turn(
             *evidence_of(searches),
         ],
         notes=[
-            *left_out,
+            *sphere.notes,
             *(say("log.gives_no", what=text) for text in sphere.missing),
             say("log.turn"),
             *noise_notes(say("of.turn"), fit.ellipse.quadric.wander, int(odd.sum()), odd.size),

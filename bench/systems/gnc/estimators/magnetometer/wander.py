@@ -254,7 +254,8 @@ def change_of_surface(points: Floats) -> int:
     unit = (points - points.mean(axis=0)) / points.std()
     columns = _monomials(unit)
     sums = np.cumsum(columns[:, :, None] * columns[:, None, :], axis=0)
-    ends = np.arange(_TIMES * columns.shape[1], len(points) - _TIMES * columns.shape[1])
+    fewest = _TIMES * columns.shape[1]
+    ends = np.arange(fewest, len(points) - fewest)
     left = [np.linalg.eigvalsh(part)[..., 0] for part in (sums[ends - 1], sums[-1] - sums[ends - 1], sums[-1])]
     both = left[0] + left[1]
     return int(ends[np.argmin(both)]) if ends.size and both.min() < left[2] / 4.0 else 0
