@@ -202,6 +202,7 @@ class LinkKeeper(Observer):
             elif kept.trouble:
                 with acquisition.lock:
                     acquisition.decode()
+                    self.judge()
                     self._welcome(kept, now_ns)
             if kept.trouble:
                 self._give_up(kept, now_ns)

@@ -101,7 +101,7 @@ def _seen(material: Material, field: Floats, off: Flags, unit: str) -> FitError 
         reads = f"from row {change + 1} of {len(field)} on the readings lie on another ellipsoid"
         return _off(f"{reads}: the iron has changed", "import the rows before it and those from it on as two logs")
     kept = field[~off]
-    if off.any() and 2 * len(kept) > len(field) and (sphere_of([kept], unit).fit or _is_turn(kept)):
+    if off.any() and off.mean() < 0.5 and (sphere_of([kept], unit).fit or _is_turn(kept)):
         reads = f"{off.sum()} of {len(field)} rows leave the surface of all others"
         return _off(f"{reads}: {_rows(np.flatnonzero(off))}", "look what was near then, and leave them out of the log")
     return None
