@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import io
 import os
 import sys
-from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.exceptions import Abort, TyperException
@@ -263,23 +263,50 @@ def version() -> None:
     typer.echo(bench.__version__)
 
 
-def _open_streams() -> None:
-    """Open standard streams that were closed by whoever started this: no file of a session takes their numbers."""
+class _Stream(io.FileIO):
+    """A standard stream: what it does not take is lost, and nothing fails for it.
+
+    A full disk below standard output is told once; a reader that has gone, or a terminal that has hung up, is not.
+    """
+
+    told = False
+
+    def write(self, data: Any, /) -> int:
+        """Return how many bytes were taken or lost."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            if self.fileno() == 1 and not self.told and error.errno not in (errno.EPIPE, errno.EIO):
+                self.told = True
+                _tell(f"standard output is lost: {error.strerror}; the exit status is that of the command")
+            return len(data)
+
+
+def open_streams() -> None:
+    """Open standard streams that were closed by whoever started this: no file of a session takes their numbers.
+
+    No line that cannot be written ends a command, or changes its exit status.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="backslashreplace")  # an old code page has no line to draw a table with
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if type(stream) is io.TextIOWrapper and isinstance(getattr(stream.buffer, "raw", stream.buffer), io.FileIO):
+            safe = io.BufferedWriter(_Stream(stream.fileno(), "w", closefd=False))
+            # an old code page has no line to draw a table with
+            errors = "backslashreplace" if stream.errors == "strict" else stream.errors
+            lines = stream.line_buffering or stream.write_through
+            setattr(sys, name, io.TextIOWrapper(safe, stream.encoding, errors, line_buffering=lines))
 
 
 def _tell(text: str) -> None:
-    with suppress(OSError):  # a terminal that is gone changes no exit status
-        typer.echo(text, err=True)
+    typer.echo(text, err=True)
 
 
 def main() -> NoReturn:
     """Entry point: BenchErrors become one clear message and their exit status."""
-    _open_streams()
+    open_streams()
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy is imported, which is later
         os.environ.setdefault(variable, "1")  # the matrices are small, and no result may depend on the cores
     try:
@@ -297,9 +324,6 @@ def main() -> NoReturn:
     except (Abort, KeyboardInterrupt):
         _tell("ended by the operator")
         sys.exit(ExitStatus.SAFE_BY_OPERATOR)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still in the buffers
-        sys.exit(ExitStatus.PASS)
     except Exception as error:  # the last line of defence: a technician never sees a traceback
         text = " ".join(str(error).split())
         message = f"error B-INT-001: {type(error).__name__}: {text} Next: report this with the command you gave"

@@ -98,8 +98,8 @@ class Acutrol3000(LiveDevice):
 
     identity = "ACUTRONIC,ACUTROL3000,SIM3000,1.0"
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         motion = getattr(self.world, "motion", None) or [AxisMotion() for _ in ABSOLUTE]
         self.axes = [Axis(number, axis_motion) for number, axis_motion in enumerate(motion, 1)]
         for axis in self.axes:

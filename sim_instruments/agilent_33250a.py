@@ -76,9 +76,9 @@ class Agilent33250A(ScpiDevice):
         ":TRIGger:DELay": number(0.0, 0.0, 85.0, "S"),
     }
 
-    def __init__(self, *arguments: Any) -> None:
+    def power_up(self) -> None:
         self.error_ppm = 0.0
-        super().__init__(*arguments)
+        super().power_up()
         draw = self.rng("function generator frequency")
         self.error_ppm = float(draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM))
 

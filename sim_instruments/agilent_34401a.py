@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -103,8 +103,8 @@ class Agilent34401A(ScpiDevice):
         ":SYSTem:BEEPer:STATe": switch(True),
     }
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self._ohmmeter = Ohmmeter(self, "34401A", TWO_WIRE_OHM)
         self._gain = float(self.rng("34401A gain").normal(1.0, GAIN_SIGMA))
         self._offset_V = float(self.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V))

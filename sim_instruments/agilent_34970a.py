@@ -62,8 +62,8 @@ class Agilent34970A(ScpiDevice):
         ":TRIGger:COUNt": held_count("count", 1, 50000),
     }
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self._ohmmeter = Ohmmeter(self, "34970A", TWO_WIRE_OHM)
         self._noise = self.world.rng("34970A noise")
 

@@ -7,7 +7,7 @@ bit 10 = reference). Placeholders: without a signal the measurement ends 1 s aft
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -47,8 +47,8 @@ class Agilent53230A(ScpiDevice):
         ":INPut1:IMPedance": held_number("impedance_ohm", 50.0, 1e6, "Ohm", "+.14E"),
     }
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self._external = float(self.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA))
         self._internal = float(self.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA))
         self._noise = self.rng("counter noise")

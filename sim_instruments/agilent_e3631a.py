@@ -49,8 +49,8 @@ class AgilentE3631A(ScpiDevice):
         ":OUTPut:TRACk[:STATe]": held_switch("tracks"),
     }
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self._gain = self.rng("E3631A gains").normal(1.0, GAIN_SIGMA, 3)
         self._noise = self.rng("E3631A readings")
 

@@ -99,8 +99,8 @@ class Fluke5720A(LiveDevice):
 
     identity = "FLUKE,5720A,SIM5720,1.4+B"
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self.faults_queued: deque[int] = deque()
         self.event_status = 128
         self._began_ns = self.now_ns

@@ -51,8 +51,8 @@ class Hp3458A(LiveDevice):
     overload = " 1.00000000E+38"
     not_a_number = " NAN"  # it has no such reading; what a damaged one would say
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self.errors: deque[int] = deque()
         self._noise = self.world.rng("3458A noise")
         self._power_on()

@@ -62,9 +62,9 @@ class Hp6632B(ScpiDevice):
         ":SENSe:WINDow[:TYPE]": word("HANNing", "RECTangular"),
     }
 
-    def __init__(self, *arguments: Any) -> None:
+    def power_up(self) -> None:
         self.supplied_V, self._changes = 0.0, 0
-        super().__init__(*arguments)
+        super().power_up()
         self._noise = self.world.rng("6632B readings")
 
     def reset(self) -> None:

@@ -38,10 +38,10 @@ class Keithley7002(ScpiDevice):
     queue_length = 10
     held: ClassVar[Mapping[str, Held]] = {":INITiate:CONTinuous": held_switch("_continuous", None)}
 
-    def __init__(self, *arguments: Any) -> None:
+    def power_up(self) -> None:
         self._closed: set[Point] = set()
         self._scanning = self._continuous = False
-        super().__init__(*arguments)
+        super().power_up()
         slots = self.options.get("slot", 1)
         self._slots = [int(slot) for slot in (slots if isinstance(slots, list) else [slots])]
 

@@ -91,8 +91,8 @@ class KrohnHite3988(LiveDevice):
 
     identity = "KROHN-HITE V3.5"
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self.channels = [Channel(), Channel()]
         self.history: list[tuple[int, tuple[Channel, Channel]]] = [(0, (Channel(), Channel()))]
         self._shown = 1

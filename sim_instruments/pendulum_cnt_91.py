@@ -80,10 +80,10 @@ class PendulumCnt91(ScpiDevice):
         "[:SENSe]:ACQuisition:APERture": of_no_effect.number(0.01, 20e-9, 1000.0, "S"),
     }
 
-    def __init__(self, *arguments: Any) -> None:
+    def power_up(self) -> None:
         self.blocks = TagBlocks()
         self._seen_ns = 0  # until when the inputs were looked at
-        super().__init__(*arguments)
+        super().power_up()
         self._clock_error = float(self.options.get("clock_error_ppm", 0.0)) * 1e-6
 
     def reset(self) -> None:

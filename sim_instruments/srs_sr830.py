@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +51,8 @@ class SrsSr830(LiveDevice):
 
     identity = "Stanford_Research_Systems,SR830,s/n48830,ver1.07"
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self._divider = float(self.options.get("divider", 1.0))
         self._offsets = {1: (0.0, 0), 2: (0.0, 0), 3: (0.0, 0)}
         self._set = dict.fromkeys(_MOST, 0) | _AFTER_RESET

@@ -33,8 +33,8 @@ _MESSAGE = re.compile(r"([A-Z]{4})(\d?)(\?|,.*)?")
 class Thermotron3800(LiveDevice):
     """Chamber in manual mode: a set-point approached with a ramp; its own sensor has an offset drawn once."""
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self.dialect = str(self.options.get("dialect", "3800"))
         self.identity = f"{self.dialect} PROGRAMMER CONTROLLER V1.2"
         self.mode = EDIT_STOP

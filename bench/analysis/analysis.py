@@ -103,10 +103,12 @@ def analyse(material: Material, method: str | None = None) -> Analysis:
     """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise.
 
     An imported log is surveyed first; what the sequence expects of the values it names is judged beside the analysis.
-    Raises: FitError, B-FIT-143 where equations have no solution, B-LAB-008 where an analysis of a lab folder fails.
+    Raises: FitError, B-FIT-004 for an unknown method, B-FIT-143 where equations have no solution, B-LAB-008 where an
+            analysis of a lab folder fails.
     """
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
     module, chosen = analysis_module(declared.name), method or declared.methods[0]
+    check_method(chosen, declared.methods)
     survey = surveyed(material)
     analysis = with_expected(_analysed(declared.name, module, survey.material, chosen), material)
     return replace(analysis, notes=[*survey.notes, *analysis.notes], evidence=[*survey.evidence, *analysis.evidence])

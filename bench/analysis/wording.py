@@ -1,7 +1,5 @@
 """The sentences that every analysis may say, by key (texts/en.json)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bench.model.texts import Sayings

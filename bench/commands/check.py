@@ -105,7 +105,7 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
     if plan.campaign.get("expected"):
         _print_expected(out, plan)
     for line in predicted:
-        out.print(f"  predicted    {line}", markup=False, highlight=False)
+        out.print(f"  predicted    {line}")
     out.print("no mistake found")
     if report is not None:
         from bench.commands.doctor import print_preflight
@@ -117,7 +117,7 @@ def _print_expected(out: Console, plan: Plan) -> None:
     from bench.session.judged import judged_lines, not_judged  # brings the analysis, which most checks need not
 
     for line in judged_lines(plan):
-        out.print(f"  expected     {line}", markup=False)
+        out.print(f"  expected     {line}")
     if not_judged(plan.campaign):
         out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
 

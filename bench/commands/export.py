@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bench.commands.console import say, warn
 from bench.model.errors import ExitStatus, InputError
+from bench.model.folders import folder_name
 from bench.session.one_unit import extract
 from bench.tables import Session, export_session
 
@@ -22,7 +23,7 @@ def export(folder: Path, form: str, out: Path | None, unit: str | None = None) -
         message = "'--to session' writes the session of one unit, and --unit names it"
         raise InputError("B-CLI-014", message, where="--to", next_step="give both, or neither")
     if unit is not None:
-        target = out or Path(f"{folder.resolve().name}-{unit}")
+        target = out or Path(f"{folder.resolve().name}-{folder_name(unit)}")
         sha256 = extract(folder, unit, target)
         say(f"wrote    {target}")
         say(f"session  {sha256}: nothing of another unit is in it")

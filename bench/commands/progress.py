@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -149,15 +149,13 @@ class ProgressBar:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # the terminal may be gone; the results must still be written
-            self._progress.stop()
+        self._progress.stop()
 
     @contextmanager
     def aside(self) -> Iterator[None]:
         """Draw nothing while a question is asked: what is drawn again and again would cover it, and what is typed."""
         before, (task,) = self._progress, self._progress.tasks
-        with suppress(OSError):
-            before.stop()
+        before.stop()
         try:
             yield
         finally:  # a new one begins below what was typed; the old one would begin above
@@ -165,8 +163,7 @@ class ProgressBar:
             after.what = before.what
             self._task = after.add_task("", total=self._total_s, completed=int(task.completed), **task.fields)
             self._progress = after
-            with suppress(OSError):
-                after.start()
+            after.start()
 
     def follow(self, context: RunContext) -> AbstractContextManager[None]:
         """Show what the run says of itself, twice a second; nobody waits for it, and it asks as everybody may."""

@@ -61,7 +61,7 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     if rows:
         _print_scale_factors(out, title, rows)
     elif lead:
-        out.print(title, highlight=False)
+        out.print(title)
         _print_lead_tables(out, lead)
         _print_verdicts(out, entries)
     else:
@@ -69,7 +69,7 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
         if any(limits_of(estimate) is not None for estimate in entries):
             _print_verdicts(out, entries)
     if (not lead or rows) and not results.get("incomplete") and all(limits_of(entry) is None for entry in entries):
-        out.print("not judged: no estimate of this campaign has a limit", highlight=False)
+        out.print("not judged: no estimate of this campaign has a limit")
     _print_missing(out, analysis.missing)
     quality = results["quality"]
     if not quality["records"] and not quality["frames"]:
@@ -135,13 +135,13 @@ def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
     counts = Counter[str](estimate.verdict for estimate in estimates if estimate.verdict != "none")
     shown = ", ".join(f"{counts[name]} {verdict_words(name)}" for name in WORST_FIRST if counts[name])
     judged = f"verdicts: {shown}; " if shown else "not judged; "
-    out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
+    out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json")
 
 
 def _print_doubt(out: Console, estimates: Sequence[Estimate]) -> None:
     """Say before anything else which estimates are not sound, and why."""
     for line in doubt_lines(estimates):
-        out.print(line, markup=False, highlight=False, style="bold red", width=min(out.width, WIDTH))
+        out.print(line, style="bold red", width=min(out.width, WIDTH))
 
 
 def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...]]) -> None:
@@ -160,9 +160,9 @@ def _reference_degC(estimates: Sequence[Estimate]) -> float | None:
 
 def _print_missing(out: Console, missing: Sequence[str]) -> None:
     if missing:
-        out.print(f"MISSING: {len(missing)} promised without a result", highlight=False)
+        out.print(f"MISSING: {len(missing)} promised without a result")
     for sentence in missing:
-        out.print(f"  {sentence}", markup=False, highlight=False, width=min(out.width, WIDTH))
+        out.print(f"  {sentence}", width=min(out.width, WIDTH))
 
 
 def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
@@ -223,9 +223,9 @@ def _print_lead_tables(out: Console, tables: Sequence[analysis.Table]) -> None:
 
 def _say_left_out(out: Console, title: str, not_tested: int, more: int) -> None:
     if not_tested:
-        out.print(f"{title}: {not_tested} rows not tested", highlight=False)
+        out.print(f"{title}: {not_tested} rows not tested")
     if more > 0:
-        out.print(f"{title}: {more} more rows in the report", highlight=False)
+        out.print(f"{title}: {more} more rows in the report")
 
 
 def _print_table(out: Console, title: str, table: Table, rows: Sequence[tuple[str, ...]]) -> None:
@@ -236,7 +236,7 @@ def _print_table(out: Console, title: str, table: Table, rows: Sequence[tuple[st
         shown.add_column(_plain(text), justify="left" if left else "right", overflow="fold", min_width=whole)
     for row in rows:
         shown.add_row(*(Text(_plain(text), style=_VERDICTS.get(text, "")) for text in row))
-    out.print(shown, highlight=False)
+    out.print(shown)
 
 
 def _plain(text: str) -> str:

@@ -86,7 +86,7 @@ class TangentFrame:
         Raises:  nothing.
         Source:  EPSG Guidance Note 7-2 section 4.1.3, axes in the order north, east, down.
         """
-        return np.asarray((geocentric_m(latitude_deg, longitude_deg, height_m) - self._origin_m) @ self._axes.T)
+        return (geocentric_m(latitude_deg, longitude_deg, height_m) - self._origin_m) @ self._axes.T
 
     def heights_m(self, positions_m: Floats) -> Floats:
         """Return heights above the ellipsoid of positions in this frame, which leaves the ground as it goes.
@@ -116,7 +116,7 @@ class TangentFrame:
         Raises:  nothing.
         Source:  product of two ``level_axes``.
         """
-        return np.asarray(self._axes @ np.swapaxes(level_axes(latitude_deg, longitude_deg), -1, -2))
+        return self._axes @ np.swapaxes(level_axes(latitude_deg, longitude_deg), -1, -2)
 
     @property
     def _origin_m(self) -> Floats:

@@ -127,13 +127,13 @@ def _factor(covariance: Floats) -> Floats:
             "the covariance of the readings is not positive definite",
             next_step="check the uncertainties in the standards register and the converter noise of the campaign",
         )
-    return np.asarray(factor)
+    return factor
 
 
 def _whitened(factor: Floats, rows: Floats) -> Floats:
     """Return factor^-1 @ rows by numpy's own solver, because scipy's triangular one wakes every core for 14 rows."""
     if factor.ndim == 1:
-        return np.asarray((rows.T / factor).T)
+        return (rows.T / factor).T
     return np.asarray(np.linalg.solve(factor, rows), dtype=np.float64)
 
 

@@ -239,7 +239,7 @@ class _Stage:
 
     @classmethod
     def of(cls, log: _Log, names: Sequence[str], ratios: Sequence[float]) -> _Stage:
-        factor = np.linalg.cholesky(log.total(names, ratios))
+        factor = np.asarray(np.linalg.cholesky(log.total(names, ratios)), np.float64)
         values, axes = {}, {}
         for name in LONG_TERMS:
             if name not in names:
@@ -285,7 +285,7 @@ def _above(ascending: Floats, gain: float | Floats) -> Floats:
     return np.asarray(1.0 - np.searchsorted(ascending, gain, side="left") / ascending.size)
 
 
-def _worth(log: _Log, names: Sequence[str], ratios: Sequence[float]) -> tuple[float, ...]:
+def _worth(log: _Log, names: Sequence[str], ratios: Sequence[float]) -> tuple[float, float]:
     """Return half-widths of intervals of the mean, over all sizes of the largest term that is there and of all others.
 
     Under each size the further mean minus that of the log is normal, given the means of the blocks (kriging).
@@ -305,7 +305,8 @@ def _worth(log: _Log, names: Sequence[str], ratios: Sequence[float]) -> tuple[fl
         variance.append((np.square(along) / scale).mean(axis=1) * left)
         share.append(_WEIGHTS * np.exp(stage.likelihoods(name, stage.means, _SIZES)))
     mixture = np.concatenate(share), np.concatenate(offset), np.sqrt(np.concatenate(variance))
-    return tuple(_half_width(*mixture, chance) / math.sqrt(2.0) for chance in _PROBABILITIES)
+    std, expanded = (_half_width(*mixture, chance) / math.sqrt(2.0) for chance in _PROBABILITIES)
+    return std, expanded
 
 
 def _half_width(share: Floats, offset: Floats, std: Floats, chance: float) -> float:

@@ -197,7 +197,7 @@ def _means(t_s: Floats, degC: Floats) -> Floats | None:
     starts = np.searchsorted(t_s, edges[:-1])
     if (np.diff(np.append(starts, t_s.size)) < 2).any():
         return None
-    return np.asarray(np.add.reduceat(degC, starts) / np.diff(np.append(starts, t_s.size)))
+    return np.add.reduceat(degC, starts) / np.diff(np.append(starts, t_s.size))
 
 
 def _rise(blocks: Floats) -> float:

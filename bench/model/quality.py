@@ -4,8 +4,6 @@ It is left out of fits, with one exception that each analysis states: a record t
 sequence allows is still a valid mean over the frames that arrived.
 """
 
-from __future__ import annotations
-
 from enum import IntFlag
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from bench.model.folders import folder_name
 from bench.plan.check.everything import NO_SERIAL, SERIAL, short
 from bench.plan.expand import Expander, Node
 from bench.plan.findings import suggestion
@@ -63,7 +64,7 @@ def _is_serial(node: Node, serial: str, before: list[PlannedUnit]) -> bool:
     if not SERIAL.fullmatch(serial):
         node.fail("B-PLAN-025", f"{short(serial)} {NO_SERIAL}")
         return False
-    if serial in [unit.serial for unit in before]:
+    if folder_name(serial) in [folder_name(unit.serial) for unit in before]:
         node.fail("B-PLAN-025", f"the unit {serial!r} stands in two slots", "correct one of them")
         return False
     return True

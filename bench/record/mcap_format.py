@@ -107,10 +107,10 @@ def _listed_of(count: int) -> struct.Struct:
     return struct.Struct(f"<BQQQQQI{'HQ' * count}QI{len(_LZ4)}sQQ")
 
 
-def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mapping[int, int], schemas: int = 0) -> bytes:
+def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mapping[int, int]) -> bytes:
     """Statistics record; ``counts`` is messages by channel."""
     per_channel = b"".join(struct.pack("<HQ", number, counts[number]) for number in sorted(counts))
-    head = struct.pack("<QHIIIIQQI", sum(counts.values()), schemas, channels, 0, 0, chunks, *span, len(per_channel))
+    head = struct.pack("<QHIIIIQQI", sum(counts.values()), 0, channels, 0, 0, chunks, *span, len(per_channel))
     return record(STATISTICS, head + per_channel)
 
 

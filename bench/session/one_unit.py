@@ -17,6 +17,7 @@ from typing import Any
 
 from bench.model.clock import NS
 from bench.model.errors import InputError
+from bench.model.folders import folder_name
 from bench.model.yamlio import parse_yaml
 from bench.plan import UNIT, Plan, PlannedRecord, StationFile, Step, plan_json, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, SessionReader, SessionWriter, layout
@@ -42,7 +43,7 @@ def session_of_unit(folder: Path, serial: str) -> Iterator[Path]:
 
     Raises: see ``extract``.
     """
-    home = folder / RESULTS_OF_UNITS / serial
+    home = folder / RESULTS_OF_UNITS / folder_name(serial)
     try:
         _without_segments(home)  # of a process that was killed
         extract(folder, serial, home)
@@ -175,7 +176,7 @@ class _Part:
         part_of = {"session_sha256": session_sha256, "slot": self.own["slot"], "units": len(self.others) + 1}
         return {
             **{key: value for key, value in whole.items() if key != UNITS},
-            "session": f"{str(whole['session']).removesuffix(lot)}{serial}",
+            "session": f"{str(whole['session']).removesuffix(lot)}{folder_name(serial)}",
             "campaign": self.campaign(whole["campaign"]),
             "settings": settings,
             "standards": self._by_name(whole["standards"]),

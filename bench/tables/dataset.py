@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bench.tables.columns import T_MONO, TIME, UNITS, unit_of
+import numpy as np
+
+from bench.tables.columns import CONDITION, T_MONO, TIME, UNITS, unit_of
 from bench.tables.library import library, pandas
 from bench.tables.plain import arrays_of, flat, units_of, words_of
 
@@ -54,7 +56,7 @@ def to_xarray(table: DataFrame) -> Dataset:
     """
     xarray = library("xarray")
     if table.index.name != TIME:  # no time, or what rows were grouped by
-        table = table.reset_index(drop=table.index.names == [None])
+        table = table.reset_index(drop=table.index.names == [None]).rename(columns={ROW: f"{CONDITION}{ROW}"})
     plain, names, units = flat(table), words_of(table), units_of(table)
     dimension = ROW if table.index.name is None else TIME
     is_time = pandas().api.types.is_datetime64_any_dtype
@@ -71,6 +73,9 @@ def to_xarray(table: DataFrame) -> Dataset:
     attributes = {name: int(value) if value in (True, False) else value for name, value in table.attrs.items()
                   if name != UNITS}  # fmt: skip
     dataset: Dataset = xarray.Dataset(variables, attrs=attributes)
+    for variable in dataset.variables.values():
+        if variable.dtype.kind in "iuM" and not np.array_equal(variable.values.astype(np.int32), variable.values):
+            variable.encoding["dtype"] = "float64"  # netCDF 3 has no wider integers; exact below 2 to the 53rd
     return dataset
 
 

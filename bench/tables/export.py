@@ -23,13 +23,13 @@ MCAP = "mcap"
 _FILES: dict[str, type[CsvFile] | type[ParquetFile] | type[Hdf5File] | type[MatFile]] = {
     "csv": CsvFile, "parquet": ParquetFile, "hdf5": Hdf5File, "mat": MatFile,
 }  # fmt: skip
-_NEEDS = {"parquet": "pyarrow", "hdf5": "h5py"}
+_NEEDS = {"parquet": "pyarrow", "hdf5": "h5py", MCAP: "mcap"}
 FORMATS = (*_FILES, MCAP)
 Open = Callable[[str, "DataFrame"], TableFile]
 
 
 def export_session(session: Session, form: str, folder: Path) -> dict[str, int]:
-    """Write events, readings, records, estimates (where the session has results) and all frames of all links.
+    """Write events, readings, records, an imported log, estimates (where there are results) and all frames of links.
 
     The folder has its name when all of it is whole; frames pass block by block.
 
@@ -58,6 +58,8 @@ def export_session(session: Session, form: str, folder: Path) -> dict[str, int]:
 def _tables(session: Session) -> Iterator[tuple[str, DataFrame]]:
     """Yield the tables that are no frames, by name."""
     yield from (("events", session.events), ("readings", session.readings), ("records", session.records))
+    if len(session.log):
+        yield "log", session.log
     if (session.folder / RESULTS).exists():
         yield "estimates", session.estimates
 

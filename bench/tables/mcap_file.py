@@ -7,40 +7,20 @@ from __future__ import annotations
 
 import json
 import math
-import struct
-import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import lz4.frame
 import numpy as np
 
 from bench import __version__
-from bench.record import mcap_format as mcap
 from bench.tables.columns import UNITS
-from bench.tables.library import pandas
+from bench.tables.library import library, pandas
 from bench.tables.plain import flat, words_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
 
 CHUNK_BYTES = 1_000_000
-_SCHEMA = 0x03
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_MESSAGE_FIXED = _MESSAGE.size - mcap.RECORD.size
-
-
-class _Channel:
-    """A table: its records in the file, and how many of its messages are written."""
-
-    def __init__(self, number: int, topic: str, block: DataFrame) -> None:
-        self.number, self.messages = number, 0
-        name, schema = topic.strip("/").replace("/", "."), json.dumps(json_schema(topic, block)).encode()
-        head = number.to_bytes(2, "little")
-        described = head + mcap.text(name) + mcap.text("jsonschema") + len(schema).to_bytes(4, "little") + schema
-        self.schema = mcap.record(_SCHEMA, described)
-        encoded = mcap.text(topic) + mcap.text("json") + mcap.text_map({"session": block.attrs["session"]})
-        self.channel = mcap.record(mcap.CHANNEL, head + head + encoded)
 
 
 def json_schema(topic: str, block: DataFrame) -> dict[str, Any]:
@@ -73,91 +53,35 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self._stream = path.open("wb")
-        self._channels: dict[str, _Channel] = {}
-        self._parts: list[bytes] = []
-        self._size = 0
-        self._entries: dict[int, list[int]] = {}
-        self._indexes: list[bytes] = []
-        self._span: tuple[int, int] | None = None
-        self._crc = self._at = 0
-        self._put(mcap.MAGIC + mcap.header("", f"inertial-bench {__version__}"))
+        mcap = library("mcap.writer")
+        self._writer = mcap.Writer(
+            self._stream, chunk_size=CHUNK_BYTES, compression=mcap.CompressionType.LZ4, enable_data_crcs=True
+        )
+        self._writer.start(library=f"inertial-bench {__version__}")
+        self._channels: dict[str, int] = {}
 
     def channel(self, topic: str, block: DataFrame) -> None:
         """Begin a table; ``block`` has its columns."""
-        made = _Channel(len(self._channels) + 1, topic, block)
-        self._channels[topic] = made
-        self._put(made.schema + made.channel)
+        name, schema = topic.strip("/").replace("/", "."), json.dumps(json_schema(topic, block)).encode()
+        number = self._writer.register_schema(name, "jsonschema", schema)
+        about = {"session": block.attrs["session"]}
+        self._channels[topic] = self._writer.register_channel(topic, "json", number, about)
 
     def write(self, topic: str, block: DataFrame, t_utc_ns: list[int]) -> None:
         """Append rows, each at its time."""
-        channel = self._channels[topic]
         pairs = zip(*(_pairs(name, block[column]) for column, name in words_of(block).items()), strict=True)
         for t_ns, row in zip(t_utc_ns, pairs, strict=True):
             text = "{" + ",".join(filter(None, row)) + "}"
-            self._message(channel, t_ns, text.encode())
-            if self._size >= CHUNK_BYTES:
-                self._flush()
-
-    def _message(self, channel: _Channel, t_ns: int, payload: bytes) -> None:
-        length = _MESSAGE_FIXED + len(payload)
-        head = _MESSAGE.pack(mcap.MESSAGE, length, channel.number, channel.messages & 0xFFFFFFFF, t_ns, t_ns)
-        self._entries.setdefault(channel.number, []).extend((t_ns, self._size))
-        self._parts += (head, payload)
-        self._size += len(head) + len(payload)
-        channel.messages += 1
-
-    def _flush(self) -> None:
-        """Write the messages so far as a chunk with its indexes."""
-        if not self._parts:
-            return
-        records = b"".join(self._parts)
-        times = [t_ns for entries in self._entries.values() for t_ns in entries[::2]]
-        span, packed, place = (min(times), max(times)), lz4.frame.compress(records), self._at
-        self._put(mcap.chunk_head(*span, len(records), zlib.crc32(records), len(packed)) + packed)
-        length, places = self._at - place, list[int]()
-        for number, entries in self._entries.items():
-            places += (number, self._at)
-            self._put(mcap.message_index(number, entries))
-        sizes = (len(packed), len(records))
-        self._indexes.append(mcap.chunk_index(span, (place, length), places, self._at - place - length, sizes))
-        before = self._span or span
-        self._span = (min(before[0], span[0]), max(before[1], span[1]))
-        self._parts, self._size, self._entries = [], 0, {}
+            self._writer.add_message(self._channels[topic], t_ns, text.encode(), t_ns)
 
     def close(self) -> None:
-        """Write data end, summary and footer."""
-        self._flush()
-        self._put(mcap.record(mcap.DATA_END, self._crc.to_bytes(4, "little")))
-        channels = sorted(self._channels.values(), key=lambda channel: channel.number)
-        counts = {channel.number: channel.messages for channel in channels}
-        groups = [
-            (_SCHEMA, b"".join(channel.schema for channel in channels)),
-            (mcap.CHANNEL, b"".join(channel.channel for channel in channels)),
-            (mcap.STATISTICS, self._statistics(counts)),
-            (mcap.CHUNK_INDEX, b"".join(self._indexes)),
-        ]
-        start = at = self._at
-        offsets = []
-        for opcode, content in groups:
-            offsets.append(mcap.summary_offset(opcode, at, len(content)))
-            at += len(content)
-        summary = b"".join([*(content for _, content in groups), *offsets])
-        footer = mcap.FOOTER_RECORD.pack(mcap.FOOTER, 20, start, at, 0)[:-4]
-        crc = zlib.crc32(footer, zlib.crc32(summary))
-        self._put(summary + footer + crc.to_bytes(4, "little") + mcap.MAGIC)
+        """Write summary and footer."""
+        self._writer.finish()
         self._stream.close()
 
     def abandon(self) -> None:
         """Let go of a file that will not be finished."""
         self._stream.close()
-
-    def _statistics(self, counts: dict[int, int]) -> bytes:
-        return mcap.statistics(len(counts), len(self._indexes), self._span or (0, 0), counts, schemas=len(counts))
-
-    def _put(self, block: bytes) -> None:
-        self._stream.write(block)
-        self._crc = zlib.crc32(block, self._crc)
-        self._at += len(block)
 
 
 def _pairs(name: str, column: Series) -> list[str]:

@@ -33,24 +33,28 @@ def table_of_events(course: Course) -> DataFrame:
 def table_of_readings(course: Course, manifest: Mapping[str, Any]) -> DataFrame:
     """Return every reading of an instrument, a row each; a value of several numbers is spread over columns of its own.
 
-    ``value`` is in the ``unit`` of its row, NA where the instrument gave none (``code`` says why). The unit is the one
+    ``value`` is a number in the ``unit`` of its row, NaN where the instrument gave none (``code`` says why) or gave
+    words, which are in ``value_text``. The unit is the one
     that the driver declares for its action; NA where it declares none or is not installed here.
     """
     readings = [(t_ns, fields) for t_ns, kind, fields in course.events if kind == Reading.kind]
     fields = [reading for _, reading in readings]
     values = [reading.get(VALUE) for reading in fields]
     columns: dict[str, list[Any]] = {name: [row.get(name) for row in fields] for name in ("step", "role", "name")}
-    columns[VALUE] = [None if isinstance(value, Mapping) else value for value in values]
+    columns[VALUE] = [value if isinstance(value, int | float) else None for value in values]
     actions = [(row.get("role"), row.get("name")) for row in fields]
     units = {action: _unit(manifest, *action) for action in set(actions)}
     columns[UNIT] = [
         None if isinstance(value, Mapping) else units[action] for value, action in zip(values, actions, strict=True)
     ]
-    columns |= spread([value if isinstance(value, Mapping) else {} for value in values], columns, f"{VALUE}_")
+    parts = [{f"{VALUE}_text": value} if isinstance(value, str) else value for value in values]
+    columns |= spread([part if isinstance(part, Mapping) else {} for part in parts], columns, f"{VALUE}_")
     for name in ("quality", "code", "text", "uut"):
         columns[name] = [row.get(name) for row in fields]
     columns |= spread([row.get("conditions") or {} for row in fields], columns)
-    return _timed(columns, [t_ns for t_ns, _ in readings], course.utc_offset_ns)
+    frame = _timed(columns, [t_ns for t_ns, _ in readings], course.utc_offset_ns)
+    frame[VALUE] = frame[VALUE].astype("float64")
+    return frame
 
 
 def _unit(manifest: Mapping[str, Any], role: Any, name: Any) -> str | None:

@@ -8,13 +8,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bench.analysis import estimates_of, validate_results
 from bench.frame import FrameDefinition
+from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.segments import session_segments
 from bench.record import Damage, SessionReader
-from bench.replay import Course, read_course, replay_rows, session_frames
-from bench.tables.columns import table_of_estimates
+from bench.replay import IMPORT, Course, read_course, replay_rows, replay_series, session_frames
+from bench.tables.columns import table, table_of_estimates
 from bench.tables.decoded import blocks_of_frames, message_of, no_frames, window_of
 from bench.tables.library import pandas
 from bench.tables.recorded import table_of_events, table_of_readings, table_of_records
@@ -45,6 +48,9 @@ class Session:
     def __repr__(self) -> str:
         return f"<Session {self.folder}>"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Session, (self.folder,)
+
     @property
     def manifest(self) -> Mapping[str, Any]:
         """Return the manifest: what was run, on which unit, with which standards (docs/session-format.md)."""
@@ -73,6 +79,19 @@ class Session:
     def readings(self) -> DataFrame:
         """Return readings of instruments in order: ``role``, ``name`` (action), ``value``, its ``unit``, conditions."""
         return self._named(table_of_readings(self._course, self.manifest))
+
+    @cached_property
+    def log(self) -> DataFrame:
+        """Return the columns of an imported log in base units, NaN for an overload; empty for any other session.
+
+        Raises: as ``bench replay`` of it.
+        """
+        if self.manifest.get("kind") != IMPORT:
+            return self._named(table({}, {}, []))
+        columns = dict(replay_series(self.folder).columns)
+        units = {column["name"]: column["unit"] for column in self.manifest["campaign"]["columns"]}
+        t_mono_ns = np.rint(columns.pop("t_s") * NS)
+        return self._named(table(columns, units, t_mono_ns, self.utc_offset_ns))
 
     @property
     def records(self) -> DataFrame:

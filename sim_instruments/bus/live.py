@@ -62,6 +62,10 @@ class LiveDevice(Device):
         self.latency_ns = to_ns(self.latency_s)
         self._partial = bytearray()
         self._replies: deque[Reply] = deque()
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Begin with what is held from now on; called once, when world, role and options are known."""
 
     @property
     def held_until_ns(self) -> int:

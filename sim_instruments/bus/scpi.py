@@ -113,8 +113,8 @@ class ScpiDevice(LiveDevice):
     error_format = '{0:+d},"{1}"'
     queue_length = 20
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def power_up(self) -> None:
+        super().power_up()
         self.errors: deque[tuple[int, str]] = deque()
         self.event_status = 128  # power on
         self.event_enable = 0

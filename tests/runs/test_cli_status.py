@@ -25,8 +25,6 @@ from bench.model.errors import ExitStatus
 from bench.session.service import read_view
 from bench.session.view import analyse_view, model_of
 
-Short = tuple[Path, CompletedProcess[str]]
-
 
 def refused(done: CompletedProcess[str], status: int, code: str) -> str:
     """The error line; asserts exit status, one line per error, nothing on standard output, no traceback."""
@@ -278,15 +276,16 @@ def test_json_is_one_document_and_nothing_else(golden: Path, tmp_path: Path, ins
         assert "Traceback" not in done.stderr
 
 
-def test_a_reader_that_goes_away_is_no_error() -> None:
-    command = f"{sys.executable} -m bench run --help | head -c 1 > /dev/null; exit ${{PIPESTATUS[0]}}"
+def test_a_full_standard_output_is_told_once_and_changes_no_status(golden: Path) -> None:
+    command = f"{sys.executable} -m bench fit {golden} --fresh > /dev/full"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
-    assert "Traceback" not in done.stderr
+    told = "standard output is lost: No space left on device; the exit status is that of the command\n"
+    assert (done.stderr, done.returncode) == (told, ExitStatus.PASS)
 
 
-@pytest.mark.parametrize("closing", ["|& true", ">&- 2>&-", "<&- >&- 2>&-"], ids=["pipes", "output", "everything"])
+@pytest.mark.parametrize("closing", ["|& true", ">&- 2>&-", "<&- >&- 2>&-", ">/dev/full 2>&1"])
 def test_results_are_written_when_nobody_listens(closing: str, tmp_path: Path) -> None:
-    """Standard output and error are closed pipes, or closed altogether: the campaign is done all the same."""
+    """Standard output and error are closed pipes, full, or closed altogether: the campaign is done all the same."""
     command = [sys.executable, "-m", "bench", "run", GOLDEN_SEQUENCE, "--out", str(tmp_path)]
     done = subprocess.run(["bash", "-c", f"set -o pipefail; {shlex.join(command)} {closing}"], check=False)
     assert done.returncode == ExitStatus.PASS

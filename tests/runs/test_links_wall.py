@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import pty
+import subprocess
+import sys
 import threading
+import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -32,6 +35,7 @@ from bench.run.links.reader import LinkReader
 from bench.run.links.status import SILENCE_S
 from bench.run.observers import Observers
 from bench.run.steps.decided import Decided
+from bench.run.steps.windows import silent
 from bench.run.stop import StopSwitch
 
 pytestmark = pytest.mark.waits
@@ -117,7 +121,7 @@ class Bench:
 
     def __init__(self, folder: Path, files: OsFiles | None = None) -> None:
         self.clock, self.stop = WallClock(), StopSwitch()
-        self.unit = Unit(folder, self.clock)
+        self.unit = Unit(folder, WallClock())
         self.writer = SessionWriter.create(folder / "session", {}, {}, t_mono_ns=self.clock.now_ns(), files=files)
         self.events: list[tuple[int, dict[str, Any]]] = []
         self.links = {
@@ -128,6 +132,7 @@ class Bench:
             name: LinkReader(name, link, self.unit.definitions[name], self.clock, self.writer)
             for name, link in self.links.items()
         }
+        self.keeper: Any = None
         self.acquisition = Acquisition(self.readers, self.clock, self.writer.tick, self.stop)
         self.health = Health(self.clock)
         self.context: Any = SimpleNamespace(
@@ -167,7 +172,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
     with ExitStack() as stack:
         made = Bench(tmp_path)
         stack.callback(made.end)
-        stack.enter_context(keep_links(made.context))
+        made.keeper = stack.enter_context(keep_links(made.context))
         assert made.wait(lambda: made.good("port_a") > 10 and made.good("port_b") > 1, 10.0)
         made.context.observers.step(RECORD, 0.0)
         yield made
@@ -215,6 +220,36 @@ def test_a_stuck_stream_holds_and_its_end_releases(bench: Bench) -> None:
     assert bench.wait(lambda: not bench.stop.holds.reasons, RESUME_S)
     assert bench.wait(lambda: bench.health.values()["port_a_stale"] == 0.0, 5.0)
     assert bench.states() == ["port_a silent", "port_a back"]
+
+
+def test_another_process_that_reads_the_port_is_named_and_waited_for(bench: Bench) -> None:
+    take = "import os, sys, time; port = os.open(sys.argv[1], os.O_RDONLY | os.O_NONBLOCK)\nwhile True:\n try:\n  "
+    take += "os.read(port, 9)\n except BlockingIOError:\n  time.sleep(0.001)"
+    with subprocess.Popen([sys.executable, "-c", take, str(bench.unit.names["port_a"])]) as other, ExitStack() as ended:
+        ended.callback(other.kill)
+        assert bench.wait(lambda: bool(bench.stop.holds.reasons), 10.0)
+        named = f"process {other.pid} ("
+        assert bench.stop.holds.reasons["link port_a"].startswith(named)
+        assert bench.stop.holds.reasons["link port_a"].endswith(") has the port open too")
+        assert f"Next: end {named}" in str(silent(bench.readers["port_a"], "nothing came"))
+    assert bench.wait(lambda: not bench.stop.holds.reasons, RESUME_S)
+    assert bench.states() == ["port_a shared", "port_a back"]
+
+
+def test_no_unit_was_silent_or_restarted_while_this_machine_stood_still(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[int] = []
+    for kept in bench.keeper._kept:
+        monkeypatch.setattr(kept.unit, "again", sent.append)
+    bench.unit.instead["port_a"] = b"\xeb\x90" * 28
+    assert bench.wait(lambda: bool(bench.stop.holds.reasons), 5.0)
+    monkeypatch.setattr(bench.clock, "now_ns", lambda: time.monotonic_ns() + 20 * NS)
+    bench.unit.instead.clear()  # what comes now had waited in the kernel
+    assert bench.wait(lambda: not bench.stop.holds.reasons, RESUME_S)
+    assert bench.states() == ["port_a silent", "port_a back"]
+    assert "counter went on" in bench.events[-1][1]["how"]
+    assert sent == []
 
 
 def test_the_links_give_their_sign_of_life(bench: Bench) -> None:

@@ -42,9 +42,9 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
 
     def tell(one: Tried) -> None:
         said = f" -> {one.said}" if one.said else ""
-        out.print(f"{one.outcome:14} {one.sent or one.form}{said}", highlight=False, markup=False)
+        out.print(f"{one.outcome:14} {one.sent or one.form}{said}")
         if one.outcome not in (AS_DOCUMENTED, NOT_TRIED):
-            out.print(f"{'':14} documented: {one.documented or 'no reply, no error'}", highlight=False, markup=False)
+            out.print(f"{'':14} documented: {one.documented or 'no reply, no error'}")
 
     with station_lock(station, "commission", clock, [role]):
         bench = open_bench(station, clock, unheard, seed=0, links=False, roles=[role])
@@ -53,7 +53,7 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
             identity = instrument.introduce()  # type: ignore[attr-defined]
             out.print(f"{identity.manufacturer} {identity.model}, firmware {identity.firmware or 'not told'}")
             if left := instrument.drain_errors():
-                out.print(f"errors that the last user left: {told_once(left)}", highlight=False, markup=False)
+                out.print(f"errors that the last user left: {told_once(left)}")
             tried = walk(instrument, manual, (lambda text: True) if yes else typer.confirm, tell)
         finally:
             bench.close()

@@ -94,7 +94,6 @@ def _print(out: Console, subject: control.ChartedSubject) -> None:
         out.print(
             f"  first phase {phase['from_utc'][:10]} to {phase['until_utc'][:10]}, stated by {phase['stated_by']}: "
             f"{phase['reason']}",
-            markup=False,
         )
     rows = [row for series in subject.shown for row in _rows(series)]
     if rows:

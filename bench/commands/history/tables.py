@@ -76,7 +76,7 @@ def print_shown(out: Console, shown: Shown) -> None:
     if shown.adjustment is not None:
         stated = shown.adjustment
         text = f"{stated['state'].replace('_', ' ')}: {stated['what']} ({stated['stated_by']})"
-        out.print(f"  {'adjustment':<16} {text}", markup=False)
+        out.print(f"  {'adjustment':<16} {text}")
     out.print("  " + ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in shown.quality.items()))
     for standard in shown.standards:
         out.print(
@@ -92,7 +92,7 @@ def print_shown(out: Console, shown: Shown) -> None:
         for approval in revision["approvals"]:
             out.print(f"    approved by {approval['by']}, {approval['approved_utc']}: {approval['statement']}")
     for line in doubt_lines(shown.estimates):
-        out.print(f"  {line}", markup=False, highlight=False)
+        out.print(f"  {line}")
     if all(estimate.verdict == "none" for estimate in shown.estimates):
         out.print("  not judged: no estimate has a limit")
     table = rows_table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))

@@ -44,9 +44,9 @@ def plan(request: PlanRequest) -> int:
         out = console()
         out.print(f"{given.name}: {given.title}")
         for line in found.lines():
-            out.print(f"  {line}", markup=False, highlight=False)
+            out.print(f"  {line}")
         if request.out is not None:
-            out.print(f"  written      {request.out}", markup=False)
+            out.print(f"  written      {request.out}")
     return ExitStatus.PASS
 
 

@@ -1,7 +1,5 @@
 """Everything that can happen in a run: one frozen class per kind of event."""
 
-from __future__ import annotations
-
 from bench.model.events.course import (
     DECISION,
     LEFT_OUT,

@@ -170,15 +170,18 @@ class Interlock(Event):
         return f"interlock {self.name}: {signal} is {value}: {self.action}"
 
 
-@event("link", severity={"lost": "alarm", "silent": "alarm", "kernel errors": "warning", "behind": "warning"})
+_AWAY = ("lost", "silent", "shared")
+
+
+@event("link", severity={**dict.fromkeys(_AWAY, "alarm"), "kernel errors": "warning", "behind": "warning"})
 class Link(Event):
-    """A link was opened, is lost or silent, is back, or lost bytes; each state has its own fields.
+    """A link was opened, is lost, silent or shared, is back, or lost bytes; each state has its own fields.
 
     ``frame`` to ``buf_overrun``: errors that the kernel has counted since the last look.
     """
 
     link: str
-    state: Literal["open", "lost", "silent", "back", "kernel errors", "behind"]
+    state: Literal["open", "lost", "silent", "shared", "back", "kernel errors", "behind"]
     kernel_counts: bool | None = left_out()
     reason: str | None = left_out()
     seconds: float | None = left_out()
@@ -200,7 +203,7 @@ class Link(Event):
 
     @property
     def lasts(self) -> bool:
-        return self.state in ("lost", "silent")
+        return self.state in _AWAY
 
     def _words(self) -> str:
         if self.state == "back" and self.seconds is not None:

@@ -45,8 +45,8 @@ from bench.plan.step_kinds import (
 from bench.plan.values import UNIT
 from bench.plan.ways import Followed, walk
 
-SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")  # a folder of the session is named after it
-NO_SERIAL = "is not a serial number: letters, digits, '.', '_' and '-', at most 40"
+SERIAL = re.compile(r"[A-Za-z0-9](?:(?!\.\.)[A-Za-z0-9._/-]){0,39}")  # a folder is named after it
+NO_SERIAL = "is not a serial number: letters, digits, '.', '_', '/' and '-', at most 40"
 IDENTIFY = "identify"  # the command whose answer says who the unit is
 
 
@@ -148,13 +148,19 @@ def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findin
     used = roles_of(plan.steps) & station.instruments.keys()
     length_s = plan.prepare_s + plan.duration_s + plan.finally_s
     end = datetime.fromtimestamp(start_utc_ns / NS, UTC) + timedelta(seconds=length_s)
+    entries = [*(station.instruments[role].standard for role in used), *station.file.standards.values()]
+    days = [standard.calibrated for standard in entries if standard is not None]
+    clock_is_wrong = len(days) > 1 and _start(start_utc_ns) < min(days)
+    if clock_is_wrong:
+        message = f"the clock says {end:%Y-%m-%d}; all {len(days)} standards were calibrated later, from {min(days)} on"
+        findings.add("B-PLAN-063", station.document.where(), message, "set the clock of this machine")
     for role in [*sorted(used), *station.file.standards]:
         passive = station.file.standards.get(role)
         where = station.document.where(("instruments", role, "standard") if passive is None else ("standards", role))
         standard = station.instruments[role].standard if passive is None else passive
         if standard is None:
             findings.add("B-PLAN-062", where, f"{role} is used but has no entry in the standards register")
-        elif not standard.calibrated <= _start(start_utc_ns) or end.date() > standard.due:
+        elif not clock_is_wrong and (standard.calibrated > _start(start_utc_ns) or end.date() > standard.due):
             message = f"{role}: calibrated {standard.calibrated}, due {standard.due}; the run ends {end:%Y-%m-%d}"
             findings.add("B-PLAN-063", where, message, "use a standard that is valid until the end")
         else:

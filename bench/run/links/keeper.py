@@ -18,11 +18,12 @@ from bench.model.ports import Effect, actions_of
 from bench.plan import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak, Step
 from bench.run.context import RunContext
 from bench.run.guard.health import LINKS
-from bench.run.links.port import InstrumentLink, Reopenable, kernel_counts
+from bench.run.links.port import InstrumentLink, Reopenable, cure, kernel_counts, readers_beside
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import age_s, is_silent, is_stale, silence_s
 from bench.run.links.unit import NOWHERE, CounterMark, Unit, went_on
 from bench.run.observers import Observer, Order
+from bench.run.watch.clock import SUSPEND_S
 
 REOPEN_NS = NS // 2
 GOOD_FRAMES = 3  # in a row of time; a port that was opened in the middle of a frame costs one
@@ -40,12 +41,13 @@ class Kept:
     ``trouble`` began at ``since_ns`` behind ``mark`` and ``frames`` good frames; ``held_ns``: since when the run stands
     still for it, 0 if it does not. ``switched``: it sent nothing before an act of a person, so another act may end it.
     ``how`` it comes back, in words; ``compared``: its counter was; ``commanded``: what the unit was told again.
+    ``beside``: who else had the port open when frames were last ``missed``.
     """
 
     reader: LinkReader
     unit: Unit
     serial: str = ""
-    trouble: Literal["", "lost", "silent"] = ""
+    trouble: Literal["", "lost", "silent", "shared"] = ""
     reason: str = ""
     since_ns: int = 0
     held_ns: int = 0
@@ -57,6 +59,8 @@ class Kept:
     how: list[str] = field(default_factory=list)
     compared: bool = False
     commanded: list[str] = field(default_factory=list)
+    missed: int = 0
+    beside: str = ""
     counted: dict[str, int] | None = None
     behind: int = 0
     switched: bool = False
@@ -93,6 +97,7 @@ class LinkKeeper(Observer):
         self._power_changed = False
         self._asked = False  # the step under way is an act of a person
         self._acted_ns = 0  # when the last act ended
+        self._judged_ns, self._woke_ns = context.clock.now_ns(), 0
         self._kernel_ns = context.clock.now_ns()
         for kept in self._links:
             kept.reader.kept = True
@@ -134,12 +139,18 @@ class LinkKeeper(Observer):
     # --- judging ---------------------------------------------------------------------------------------------------
 
     def judge(self) -> None:
-        """Ask the run to stand still for a link that is lost or silent; to be called with the lock held."""
+        """Ask the run to stand still for a link that is lost or silent; to be called with the lock held.
+
+        Where nothing was read because this machine stood still, no unit was silent: it is given as long again.
+        """
         now_ns = self._context.clock.now_ns()
+        if now_ns - self._judged_ns > SUSPEND_S * NS and not self._context.clock.virtual:
+            self._woke_ns = now_ns
+        self._judged_ns = now_ns
         for kept in self._links:
             if kept.reader.lost and kept.trouble != "lost":
                 self._begin(kept, "lost", kept.reader.lost, now_ns)
-            elif not kept.trouble and self._expected(kept) and is_silent(kept.reader, now_ns):
+            elif not kept.trouble and self._expected(kept) and is_silent(kept.reader, now_ns, self._woke_ns):
                 reason = f"no good frame for {age_s(kept.reader, now_ns):.1f} s"
                 self._begin(kept, "silent", reason, now_ns)
             if kept.trouble and not kept.held_ns and self._expected(kept):
@@ -163,7 +174,7 @@ class LinkKeeper(Observer):
         """False from the moment on when the bench is put away."""
         return self._context.stop.interruptible and not self._context.stop.over
 
-    def _begin(self, kept: Kept, trouble: Literal["lost", "silent"], reason: str, now_ns: int) -> None:
+    def _begin(self, kept: Kept, trouble: Literal["lost", "silent", "shared"], reason: str, now_ns: int) -> None:
         if not kept.trouble:
             kept.since_ns = now_ns
         kept.trouble, kept.reason = trouble, reason
@@ -185,15 +196,26 @@ class LinkKeeper(Observer):
                 acquisition.decode()
             self.judge()
         for kept in self._links if self._active else ():
+            self._look_beside(kept, now_ns)
             if kept.reader.lost:
                 self._reopen(kept, now_ns)
             elif kept.trouble:
                 with acquisition.lock:
                     acquisition.decode()
+                    self.judge()
                     self._welcome(kept, now_ns)
             if kept.trouble:
                 self._give_up(kept, now_ns)
         self._note(now_ns)
+
+    def _look_beside(self, kept: Kept, now_ns: int) -> None:
+        """Where frames are missing, stand still for whoever reads the port too."""
+        missed = kept.reader.decoder.counts.lost + kept.reader.decoder.counts.bad
+        if kept.beside or kept.trouble == "silent" or missed != kept.missed:
+            kept.missed, kept.beside = missed, readers_beside(kept.reader.link)
+        if kept.beside and kept.trouble in ("", "silent") and self._expected(kept):
+            with self._context.acquisition.lock:
+                self._begin(kept, "shared", f"process {kept.beside} has the port open too", now_ns)
 
     def _reopen(self, kept: Kept, now_ns: int) -> None:
         link = kept.reader.link
@@ -220,7 +242,9 @@ class LinkKeeper(Observer):
         kept.compared, kept.commanded = False, []
 
     def _welcome(self, kept: Kept, now_ns: int) -> None:
-        """Frames must come, then the unit must be the one of before."""
+        """Frames must come to this run alone, then the unit must be the one of before."""
+        if kept.beside:
+            return
         if kept.reader.last_frame_ns < 0:
             self._end(kept, now_ns)  # it never sent anything: there is nothing to compare
             return
@@ -244,7 +268,7 @@ class LinkKeeper(Observer):
         reader, kept.compared = kept.reader, True
         sizes = [item.counter.size for item in reader.definition.layout.messages if item.counter is not None]
         wrap = 1 << (8 * sizes[0]) if sizes else 1 << 62
-        buffered = isinstance(reader.link, InstrumentLink)
+        buffered = isinstance(reader.link, InstrumentLink) or kept.mark.t_ns < self._woke_ns
         if went_on(kept.mark, CounterMark.of(reader), reader.definition.rate_Hz, wrap, buffered=buffered):
             kept.how.append("counter went on")
             return
@@ -253,7 +277,7 @@ class LinkKeeper(Observer):
 
     def _nudge(self, kept: Kept, now_ns: int) -> None:
         """No frames: the unit may have been restarted and wait for its command."""
-        if now_ns - kept.nudged_ns > (NUDGE_AGAIN_NS if kept.commanded else NUDGE_NS):
+        if now_ns - max(kept.nudged_ns, self._woke_ns) > (NUDGE_AGAIN_NS if kept.commanded else NUDGE_NS):
             kept.nudged_ns = now_ns
             self._command_again(kept)
 
@@ -271,7 +295,7 @@ class LinkKeeper(Observer):
         self._context.stop.holds.release(kept.by)
 
     def _give_up(self, kept: Kept, now_ns: int) -> None:
-        if not kept.held_ns or now_ns - kept.held_ns < LIMIT_S * NS:
+        if not kept.held_ns or now_ns - max(kept.held_ns, self._woke_ns) < LIMIT_S * NS:
             return
         code = "B-RUN-024" if kept.reader.lost else "B-RUN-021"
         self._context.stop.fail(
@@ -279,7 +303,7 @@ class LinkKeeper(Observer):
                 code,
                 f"not back after {LIMIT_S:g} s: {kept.reason}",
                 where=kept.reader.name,
-                next_step="check cable, supply and stream mode of the unit, then 'bench resume SESSION'",
+                next_step=f"{cure(kept.reader.link)}, then 'bench resume SESSION'",
             )
         )
 

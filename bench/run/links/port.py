@@ -11,6 +11,7 @@ import struct
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from bench.model.errors import InputError, InstrumentError
@@ -60,7 +61,7 @@ class PortLink:
         if chunk or not _is_ready(descriptor):  # nothing to read is no end, unless the port says it could be read
             return chunk
         chunk = _taken(descriptor, size)
-        if not chunk:
+        if not chunk and not os.isatty(descriptor):  # of a terminal that is there, somebody else has taken it
             raise OSError("the port was hung up")
         return chunk
 
@@ -104,6 +105,29 @@ def descriptor_of(link: object) -> int | None:
     except (OSError, ValueError):
         return None
     return descriptor if descriptor >= 0 else None
+
+
+def readers_beside(link: object) -> str:
+    """Return the other processes that have the port of a link open: "4711 (cat)"; "" if none is seen.
+
+    Those of other users are not seen; the far side of a pseudo-terminal is none of them. Source: proc(5).
+    """
+    descriptor = descriptor_of(link)
+    if descriptor is None or not os.isatty(descriptor):
+        return ""
+    name, found = os.ttyname(descriptor), []
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            opened = {str(place.readlink()) for place in process.joinpath("fd").iterdir()}
+            if name in opened and int(process.name) != os.getpid() and not ("/pts/" in name and "/dev/ptmx" in opened):
+                found.append(f"{process.name} ({process.joinpath('comm').read_text().strip()})")
+    return ", ".join(found)
+
+
+def cure(link: object) -> str:
+    """Return what to do about a link whose frames are missing."""
+    beside = readers_beside(link)
+    return f"end process {beside}" if beside else "check supply, cable and stream mode of the unit"
 
 
 def _is_ready(descriptor: int) -> bool:

@@ -41,9 +41,10 @@ def age_s(reader: LinkReader, now_ns: int) -> float:
     return math.nan if reader.last_frame_ns < 0 else max(0, reader.known_ns(now_ns) - reader.last_frame_ns) / NS
 
 
-def is_silent(reader: LinkReader, now_ns: int) -> bool:
-    """Frames came, and what is decoded has had none for too long."""
-    return reader.last_frame_ns >= 0 and reader.known_ns(now_ns) - reader.last_frame_ns > to_ns(silence_s(reader))
+def is_silent(reader: LinkReader, now_ns: int, awake_ns: int = 0) -> bool:
+    """Frames came, and what is decoded has had none for too long, nor since this machine is awake."""
+    newest_ns = max(reader.last_frame_ns, awake_ns)
+    return reader.last_frame_ns >= 0 and reader.known_ns(now_ns) - newest_ns > to_ns(silence_s(reader))
 
 
 def is_stale(reader: LinkReader, now_ns: int) -> bool:

@@ -41,7 +41,7 @@ def take_record(context: RunContext, step: PlannedRecord) -> None:
         context.retaken += 1
         context.timeline.add_slip(to_ns(step.seconds))
     if row.window.link and row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
-        raise silent(step.role, f"no good frame during record {number}")
+        raise silent(context.acquisition.readers[step.role], f"no good frame during record {number}")
     context.rows[number] = row
     context.observers.record(row)
     if step.purpose == WIRING:

@@ -15,6 +15,8 @@ from bench.model.events import Gap
 from bench.model.ports import RecordWindow
 from bench.plan import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify
 from bench.run.context import RunContext
+from bench.run.links.port import cure
+from bench.run.links.reader import LinkReader
 
 BEHIND_FRAMES = 2  # the newest frame is older than this many periods: the link is behind
 OPEN_GATE = 1  # the gate that is open at the start began before it
@@ -76,13 +78,13 @@ def is_chained(context: RunContext, step: PlannedRecord) -> bool:
     return step.follows or next(_followers(context, step), None) is not None
 
 
-def silent(link: str, message: str) -> RunError:
+def silent(reader: LinkReader, message: str) -> RunError:
     """The unit sends nothing."""
     return RunError(
         "B-RUN-021",
         message,
-        where=link,
-        next_step="check supply, cable and stream mode of the unit, then start again",
+        where=reader.name,
+        next_step=f"{cure(reader.link)}, then start again",
     )
 
 
@@ -96,7 +98,7 @@ def _first_counter(context: RunContext, step: PlannedRecord, number: int, gates_
     reader = context.acquisition.readers[step.role]
     rate = float(context.plan.campaign["rate_Hz"])
     if reader.last_counter < 0 or gates_ns - reader.last_frame_ns > to_ns(SILENCE_S + 2.0 / rate):
-        raise silent(step.role, f"no good frame for {SILENCE_S:g} s before record {number}")
+        raise silent(reader, f"no good frame for {SILENCE_S:g} s before record {number}")
     overdue = int((gates_ns - reader.last_frame_ns) * rate // NS)
     coming = overdue + 1 if overdue >= BEHIND_FRAMES else int(reader.mid_frame)
     return reader.last_counter + coming + OPEN_GATE + 1

@@ -24,7 +24,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     curve,
     estimate,
     no_result,
@@ -76,9 +75,8 @@ _ROWS = ("gyro_bias_stability", "accel_bias_stability", "gyro_bias_repeatability
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Bias of 3 min, stability of 1 h, repeatability of six windows, accelerometer bias of a flip, for every axis.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003, -004, -005.
+    Raises: FitError B-GNC-001, -003, -004, -005.
     """
-    check_method(method, METHODS)
     rows, missing = sampled_rows(material, ITEMS)
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
     good, bad = usable(looked_at)

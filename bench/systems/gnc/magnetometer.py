@@ -26,7 +26,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     curve,
     estimate,
     evidence_of,
@@ -205,9 +204,8 @@ def _sphere_figure(fit: EllipsoidFit, readings: Floats, unit: str) -> Figure:
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return offsets, gain and non-orthogonality by both methods; ``method`` says which one compensates.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003; B-FIT-090, -091 if no record determines an ellipse.
+    Raises: FitError B-GNC-001, -003; B-FIT-090, -091 if no record determines an ellipse.
     """
-    check_method(method, METHODS)
     rows, missing = sampled_rows(material, ITEMS)
     looked_at = checked(rows, ("magnetometer",), material.campaign)
     good, bad = usable(looked_at)

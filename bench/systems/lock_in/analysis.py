@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bench.analysis import Analysis, Material, check_method, no_result, unseen_tables
+from bench.analysis import Analysis, Material, no_result, unseen_tables
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
 from bench.systems.lock_in.evidence import evidence
@@ -31,10 +31,9 @@ METHODS: tuple[str, ...] = COMPENSATORS
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return every compensator over every record; ``method`` says whose alignment time is judged.
 
-    Raises: FitError B-FIT-004 (unknown method), B-RLG-001 to -007; a record that cannot be analysed is missing, unless
+    Raises: FitError B-RLG-001 to -007; a record that cannot be analysed is missing, unless
             none can.
     """
-    check_method(method, METHODS)
     requirement = requirement_of(material.campaign)
     records = laser_records(material)
     missing, bad = not_recorded(records), flagged(records)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bench.analysis import Analysis, Floats, Material, check_method
+from bench.analysis import Analysis, Floats, Material
 from bench.model.errors import FitError
 from bench.systems.lock_in.analysis import METHODS as _METHODS
 from bench.systems.lock_in.analysis import analysis_of
@@ -36,9 +36,8 @@ class LoggedLaser(LaserRecord):
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return every compensator over the log; ``method`` says whose alignment time is judged.
 
-    Raises: FitError B-FIT-004 (unknown method), B-RLG-009 (rows that are no edges), B-RLG-007 (too few of them).
+    Raises: FitError B-RLG-009 (rows that are no edges), B-RLG-007 (too few of them).
     """
-    check_method(method, METHODS)
     laser = material.campaign["laser"]
     requirement = requirement_of({"site": {"latitude_deg": laser["latitude_deg"]}})
     record = LoggedLaser(None, float(laser["path_length_m"]), None, logged=_events(material.series))

@@ -17,7 +17,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     curve,
     estimate,
     with_uncertainty,
@@ -37,9 +36,8 @@ _UNEVEN = 0.05  # of the interval: rows that are further from even times are no 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return mean rate and noise terms of one ring laser.
 
-    Raises: FitError B-FIT-004 (unknown method), B-FIT-169 if the log holds no counts at even times; B-FIT-030, -031.
+    Raises: FitError B-FIT-169 if the log holds no counts at even times; B-FIT-030, -031.
     """
-    check_method(method, METHODS)
     rate_deg_h, interval_s = _rates(material)
     deviation = allan_deviation(rate_deg_h, interval_s)
     terms = fit_noise_terms(deviation, _TERMS)

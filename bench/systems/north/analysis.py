@@ -19,7 +19,6 @@ from bench.analysis import (
     Document,
     Estimates,
     Material,
-    check_method,
     estimate,
     evidence_of,
     stated_limits,
@@ -127,10 +126,9 @@ def _waveform(solution: Solution) -> Estimates:
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Azimuths by all methods; ``method`` says which one is judged against the limit ``azimuth_error``.
 
-    Raises: FitError B-FIT-004 (unknown method), B-FOG-001 (limit), -002 (no readings), -003 (site), -004 (no set can be
+    Raises: FitError B-FOG-001 (limit), -002 (no readings), -003 (site), -004 (no set can be
             used), -005 (the method has nothing to work on).
     """
-    check_method(method, METHODS)
     limit_deg = azimuth_error_limit_deg(material.campaign)
     solution = solve(north_sets(material), site_of(material.campaign))
     if not np.isfinite(solution.by_method[method].azimuth_deg).any():

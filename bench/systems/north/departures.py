@@ -301,4 +301,4 @@ class Rows:
 
 
 def _mean(own: Flags) -> Floats:
-    return np.asarray(own / max(int(own.sum()), 1))
+    return own / max(int(own.sum()), 1)

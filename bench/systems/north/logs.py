@@ -25,7 +25,6 @@ from bench.analysis import (
     Material,
     Searched,
     Table,
-    check_method,
     curve,
     estimate,
     evidence_of,
@@ -59,10 +58,9 @@ _SENSES = {"counter_clockwise": 1, "clockwise": -1}
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return the heading of the sensing axis at encoder zero (or at index A), clockwise from north.
 
-    Raises: FitError B-FIT-004 (unknown method), B-FIT-112 if the samples do not determine north, B-FIT-110 if readings
+    Raises: FitError B-FIT-112 if the samples do not determine north, B-FIT-110 if readings
             of the lock-ins are not four index positions a set.
     """
-    check_method(method, METHODS)
     columns = {str(c["role"]): c for c in material.campaign.get("columns", ())}
     if {"output", "encoder"} <= set(columns):
         return _of_samples(material, columns)

@@ -26,7 +26,6 @@ from bench.analysis import (
     Prediction,
     Table,
     Value,
-    check_method,
     estimate,
     evidence_of,
     foreseen_material,
@@ -124,9 +123,8 @@ def _polynomial_text(fit: Fitted, name: str) -> str:
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return repeatability of each quantity, and the fits.
 
-    Raises: FitError B-FIT-004 for an unknown method, B-FIT-160 if nothing was read.
+    Raises: FitError B-FIT-160 if nothing was read.
     """
-    check_method(method, METHODS)
     values = values_of(material)
     if not values:
         cure = "look at the readings of the session: 'bench export SESSION'"

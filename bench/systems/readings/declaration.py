@@ -1,7 +1,5 @@
 """What the engine is told of the analysis of plain readings."""
 
-from __future__ import annotations
-
 from bench.model.declaration import AnalysisDeclaration, System
 
 DECLARATION = System(

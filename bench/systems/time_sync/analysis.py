@@ -5,7 +5,7 @@ Method and requirements: docs/time-sync.md. The truth of a simulation enters now
 
 from __future__ import annotations
 
-from bench.analysis import Analysis, Material, check_method, no_result, unseen_tables
+from bench.analysis import Analysis, Material, no_result, unseen_tables
 from bench.model.errors import FitError
 from bench.systems.time_sync.departures import chi2_of, implausible, rows_of, searched_rows
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
@@ -25,9 +25,8 @@ METHODS: tuple[str, ...] = _METHODS
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return offset by all filters and by the receive stamps; ``method`` says which filter is judged.
 
-    Raises: FitError B-FIT-004 (unknown method), B-SYNC-001 to -009 and -011; a radar without an image is missing.
+    Raises: FitError B-SYNC-001 to -009 and -011; a radar without an image is missing.
     """
-    check_method(method, METHODS)
     return analysis_of("time_sync", recording(material), material, method)
 
 

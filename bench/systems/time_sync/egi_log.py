@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis import Analysis, Material, check_method
+from bench.analysis import Analysis, Material
 from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.time_sync.analysis import METHODS as _METHODS
@@ -28,9 +28,8 @@ _IMU = ("delta_angle", "delta_velocity")
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return the offset of the EGI's clock by all filters; ``method`` says which one is judged.
 
-    Raises: FitError B-FIT-004 (unknown method), B-SYNC-003, -004, -006 to -009, -011; B-SYNC-014 (too few rows).
+    Raises: FitError B-SYNC-003, -004, -006 to -009, -011; B-SYNC-014 (too few rows).
     """
-    check_method(method, METHODS)
     analysis = analysis_of("egi_offset", _recording(material), material, method)
     convention = say(f"note.rates.{material.campaign.get('rates', 'increments')}")
     return replace(analysis, notes=[convention, *analysis.notes])

@@ -15,7 +15,6 @@ from bench.analysis import (
     Figure,
     Material,
     Table,
-    check_method,
     curve,
     estimate,
     value_and_uncertainty,
@@ -37,9 +36,8 @@ _NEAR_s = 5.0  # clocks that are further apart are first brought near each other
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return the offset of the clock of stream ``one`` against that of ``other``.
 
-    Raises: FitError B-FIT-004 (unknown method), B-SYNC-012 if the streams show no common motion.
+    Raises: FitError B-SYNC-012 if the streams show no common motion.
     """
-    check_method(method, METHODS)
     streams, coarse_s = _streams(material)
     found = common_motion(*streams["one"], *streams["other"])
     counted = {"n": found.samples, "dof": found.dof}

@@ -19,7 +19,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     estimate,
     picture,
     series,
@@ -41,10 +40,9 @@ _WIDTH, _PLACE = 0.335, 0.440
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return place and response of the strongest target, and the image.
 
-    Raises: FitError B-FIT-004 (unknown method), B-SYNC-010 (no target stands out), B-SYNC-013 (no phase history),
+    Raises: FitError B-SYNC-010 (no target stands out), B-SYNC-013 (no phase history),
             B-FIT-120 (the antenna does not move), B-FIT-122 (the strongest target is no point).
     """
-    check_method(method, METHODS)
     samples, positions_m, dropped = _pulses(material)
     sent = material.campaign["frequencies"]
     pulses = compressed(samples, positions_m, float(sent["first_Hz"]), float(sent["last_Hz"]))
@@ -115,7 +113,7 @@ def _estimates(scene: Scene, target: Response, n: int, dropped: int) -> Estimate
 def _place_m(scene: Scene, place_m: Floats, target: Response) -> Floats:
     """Return where the image of a target, looked for about ``place_m``, stands on level ground, x and y."""
     out_m = target.range_shift_m / scene.cosine
-    return np.asarray(place_m + target.azimuth_shift_m * scene.axes.azimuth + out_m * scene.axes.sight)[:2]
+    return (place_m + target.azimuth_shift_m * scene.axes.azimuth + out_m * scene.axes.sight)[:2]
 
 
 def _place_std_m(scene: Scene, noise: float) -> Floats:

@@ -141,7 +141,7 @@ def turned_deg(first: Float, last: Float, between: Float, gain_deg: Float) -> Fl
 
 def _shared(way_deg: Float, gain_deg: Float, share: Float) -> Float:
     """Return integral of a rate times its share (2, n) at the nodes: exactly the way where it does not change."""
-    return np.asarray(way_deg * share.mean(axis=0) + gain_deg * (share[1] - share[0]) / 4.0)
+    return way_deg * share.mean(axis=0) + gain_deg * (share[1] - share[0]) / 4.0
 
 
 def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
@@ -160,4 +160,4 @@ def lever_force_g(rate_deg_s: Float, change_deg_s2: Float, lever_arm_m: Float) -
     """
     rate, change = np.deg2rad(rate_deg_s), np.deg2rad(change_deg_s2)
     force_m_s2 = np.cross(rate, np.cross(rate, lever_arm_m)) + np.cross(change, lever_arm_m)
-    return np.asarray(force_m_s2 / STANDARD_GRAVITY_M_S2)
+    return force_m_s2 / STANDARD_GRAVITY_M_S2

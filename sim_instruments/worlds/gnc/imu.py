@@ -98,7 +98,7 @@ def _true_inputs(
 def _gain_deg(surroundings: Surroundings, nodes: list[Int64], length_ns: Int64) -> Float:
     """Return rates at the second node minus those at the first, times the length, (n, 3); for several moving axes."""
     rates = [np.stack([axis.rate_deg_s(node) for axis in surroundings.motion], axis=1) for node in nodes]
-    return np.asarray((rates[1] - rates[0]) * (length_ns / NS)[:, None])
+    return (rates[1] - rates[0]) * (length_ns / NS)[:, None]
 
 
 def _in_place(surroundings: Surroundings, site: Site, tilt: Tilt | None, angles: Float) -> tuple[Float, Float]:

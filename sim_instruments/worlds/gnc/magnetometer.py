@@ -82,7 +82,7 @@ class Magnetometer:
 
     def indicated_gauss(self, field_gauss: Float) -> Float:
         """Return what it shows of a field in body axes (n, 3), without noise, gauss."""
-        return np.asarray(field_gauss @ self.matrix.T + self.offset_gauss)
+        return field_gauss @ self.matrix.T + self.offset_gauss
 
     def in_plane(self, across_z_gauss: float, along_z_gauss: float) -> InPlane:
         """Return ellipse of x and y when the body turns about z in a field with these components across and along z."""

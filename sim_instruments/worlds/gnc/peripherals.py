@@ -88,7 +88,7 @@ class Converter:
         gain = self._gain * (1.0 / 0.88 if "ad_reference" in self._faults else 1.0)
         offset_V = self._offset_V + (0.25 if "ad_offset" in self._faults else 0.0)
         seen_V = np.clip(true_V * gain + offset_V + rng.normal(0.0, NOISE_V, CHANNELS), 0.0, HIGHEST_V)
-        return np.asarray(np.rint(seen_V / LSB_V) * LSB_V)
+        return np.rint(seen_V / LSB_V) * LSB_V
 
 
 @dataclass(frozen=True)

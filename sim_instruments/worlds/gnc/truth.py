@@ -100,12 +100,12 @@ def _triad(name: str, triad: Triad, degC: float) -> Iterator[Entry]:
 
 
 def _mean(bias: Callable[[Int64], Float], windows: Sequence[RecordWindow]) -> Float:
-    return np.asarray(bias(_times_ns(windows)).mean(axis=0))
+    return bias(_times_ns(windows)).mean(axis=0)
 
 
 def _at_no_input(triad: Triad, bias: Float, degC: float) -> Float:
     """Return what sensors with this b indicate without any input, (3,)."""
-    return np.asarray(triad.sensitivity_at(np.array([degC]))[0] @ bias)
+    return triad.sensitivity_at(np.array([degC]))[0] @ bias
 
 
 def _gyro_bias_of_rotations(module: GncImu, windows: Sequence[RecordWindow]) -> Iterator[Entry]:

@@ -95,11 +95,11 @@ class LaserBlock:
     def degC(self, on_s: Float) -> Float:
         """Return what its thermometer shows so long after switching on, without noise: it always starts cold."""
         warmed = SELF_HEATING_DEGC * -np.expm1(-on_s / SELF_HEATING_S)
-        return np.asarray(LAB_DEGC + self.warmth_degC + warmed)
+        return LAB_DEGC + self.warmth_degC + warmed
 
     def intensity_V(self, degC: Float) -> Float:
         """Return amplitude of the beat while the laser runs, without noise."""
-        return np.asarray(self.beat_V * (1.0 + _VOLT_PER_DEGC * (degC - LAB_DEGC)))
+        return self.beat_V * (1.0 + _VOLT_PER_DEGC * (degC - LAB_DEGC))
 
 
 class Housekeeping:

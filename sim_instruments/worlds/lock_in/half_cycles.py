@@ -55,11 +55,11 @@ class Drive:
 
     def shape(self) -> tuple[Float, Float, Float]:
         """Return time since the half cycle began, sine and cosine of the dither on the grid, (steps + 1,)."""
-        tau_s = np.asarray(np.arange(self.steps + 1) * self.step_s)
+        tau_s = np.arange(self.steps + 1) * self.step_s
         angle = np.pi / self.half_s * tau_s
-        sine = np.asarray(np.sin(angle))
+        sine = np.sin(angle)
         sine[-1] = 0.0
-        return tau_s, sine, np.asarray(np.cos(angle))
+        return tau_s, sine, np.cos(angle)
 
     @property
     def angular_Hz(self) -> float:

@@ -54,7 +54,7 @@ def tilted(east_deg: float, north_deg: float) -> Float:
         return np.eye(3)
     x, y, z = vector / angle
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 
 def sensed_rad_s(in_table: Float, angle_rad: Any, axis_tilt_deg: float) -> Float:
@@ -69,7 +69,7 @@ def sensed_rad_s(in_table: Float, angle_rad: Any, axis_tilt_deg: float) -> Float
     east, north, up = in_table
     in_plane = east * np.cos(angle_rad) + north * np.sin(angle_rad)
     tilt = np.deg2rad(axis_tilt_deg)
-    return np.asarray(np.cos(tilt) * in_plane + np.sin(tilt) * up)
+    return np.cos(tilt) * in_plane + np.sin(tilt) * up
 
 
 def variation(kind: str, seed: int, parameter: str, ramp_s: float) -> Variation:
@@ -143,7 +143,7 @@ class FogSensor:
         phase = 2.0 * np.pi * self.options.wobble_Hz * (t_s + slipped_s)
         share = np.minimum(np.abs(self._motion.rate_deg_s(t_ns)) / NOMINAL_DEG_S, 1.0)
         swing = self.options.wobble_arcmin / 60.0 * (1.0 + self._varied("swing", t_ns, lambda kind: kind.at))
-        return np.asarray(angle + share * swing * np.sin(phase))
+        return angle + share * swing * np.sin(phase)
 
     def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
         """Return times of the pulses of mark "a" or "b" in [t0, t1), in order, to 1 ns; one per turn either way."""
@@ -157,7 +157,7 @@ class FogSensor:
             middle = (low + high) // 2
             passed = np.floor((self.table_deg(middle) - mark_deg) / TURN_DEG) != before
             low, high = np.where(passed, low, middle), np.where(passed, middle, high)
-        return np.asarray(high[(high >= t0_ns) & (high < t1_ns)])
+        return high[(high >= t0_ns) & (high < t1_ns)]
 
     # --- the output --------------------------------------------------------------------------------------------
 
@@ -172,13 +172,13 @@ class FogSensor:
         volts = self.options.scale_V * self._gain_at(start_ns + SAMPLE_NS // 2) * mean
         if self.options.noise:
             volts = volts + self._noise.at(number) @ np.array([self.options.random_walk_V, self.options.vibration_V])
-        return np.asarray(volts)
+        return volts
 
     def _gain_at(self, t_ns: Int64) -> Float:
         if self.options.parameters == "double":
             double = 2.0 * np.deg2rad(self.table_deg(t_ns)) + self._double_rad
-            return np.asarray(1.0 + 0.2 * np.sin(double))
-        return np.asarray(1.0 + self._varied("amplitude", t_ns, lambda kind: kind.at))
+            return 1.0 + 0.2 * np.sin(double)
+        return 1.0 + self._varied("amplitude", t_ns, lambda kind: kind.at)
 
     def _varied(self, parameter: str, t_ns: Int64, value: Callable[[Variation], Callable[[Float], Float]]) -> Float:
         """Return a value of the variation of a parameter, each time by the kind that held then, (n,)."""

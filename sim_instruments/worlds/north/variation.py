@@ -49,12 +49,12 @@ class Sine:
 
     def at(self, t_s: Float) -> Float:
         """Return 0.2 sin(2 pi f t + phase)."""
-        return np.asarray(SHARE * np.sin(2.0 * np.pi * self.frequency_Hz * t_s + self.phase_rad))
+        return SHARE * np.sin(2.0 * np.pi * self.frequency_Hz * t_s + self.phase_rad)
 
     def integral_s(self, t_s: Float) -> Float:
         """Return integral of the sine."""
         omega = 2.0 * np.pi * np.asarray(self.frequency_Hz)
-        return np.asarray(SHARE / omega * (np.cos(self.phase_rad) - np.cos(omega * t_s + self.phase_rad)))
+        return SHARE / omega * (np.cos(self.phase_rad) - np.cos(omega * t_s + self.phase_rad))
 
 
 @dataclass(frozen=True)
@@ -65,17 +65,17 @@ class Linear:
 
     def at(self, t_s: Float) -> Float:
         """Return the triangle."""
-        return np.asarray(SHARE * (1.0 - 2.0 * np.abs(1.0 - self._place(t_s))))
+        return SHARE * (1.0 - 2.0 * np.abs(1.0 - self._place(t_s)))
 
     def integral_s(self, t_s: Float) -> Float:
         """Return integral of the triangle; zero after each ramp."""
         place = self._place(t_s)
         way = np.where(place <= 1.0, place * (place - 1.0), (2.0 - place) * (place - 1.0))
-        return np.asarray(SHARE * self.ramp_s * way)
+        return SHARE * self.ramp_s * way
 
     def _place(self, t_s: Float) -> Float:
         """Return ramps since the last lowest point, 0 to 2."""
-        return np.asarray(np.mod(np.asarray(t_s) / self.ramp_s, 2.0))
+        return np.mod(np.asarray(t_s) / self.ramp_s, 2.0)
 
 
 class Steps:
@@ -90,13 +90,13 @@ class Steps:
 
     def at(self, t_s: Float) -> Float:
         """Return the value of the step that each time is in."""
-        return np.asarray(self._values[..., self._place(t_s)[1]])
+        return self._values[..., self._place(t_s)[1]]
 
     def integral_s(self, t_s: Float) -> Float:
         """Return sum of the steps so far."""
         rounds, step, part = self._place(t_s)
         inside = self._sums[..., step] + part * self._values[..., step]
-        return np.asarray(self._step_s * (inside + rounds * self._sums[..., -1:]))
+        return self._step_s * (inside + rounds * self._sums[..., -1:])
 
     def _place(self, t_s: Float) -> tuple[NDArray[np.int64], NDArray[np.int64], Float]:
         """Return rounds of the table, step in it and part of the step."""

@@ -105,7 +105,7 @@ def scene(radar: Radar, position_m: Array, velocity_m_s: Array, *, ahead_s: floa
     middle = np.asarray(position_m, np.float64) + velocity * (radar.aperture_s / 2 if ahead_s is None else ahead_s)
     ranges_m = radar.slant_range_m + np.array([0.0, -12.0, 12.0])
     ground = middle * [1.0, 1.0, 0.0] + np.sqrt(ranges_m**2 - middle[2] ** 2)[:, None] * right
-    return np.asarray(ground + np.array([0.0, 100.0, -100.0])[:, None] * along)
+    return ground + np.array([0.0, 100.0, -100.0])[:, None] * along
 
 
 def _pulse(radar: Radar, range_m: Array) -> Complex:

@@ -133,7 +133,7 @@ def turned(rotation_rad: Float, yaw_rad: Float) -> Float:
     heading[:, 1, 0] = np.sin(yaw_rad)
     heading[:, 0, 1] = -heading[:, 1, 0]
     heading[:, 2, 2] = 1.0
-    return np.asarray(tilt @ heading)
+    return tilt @ heading
 
 
 class ImuSamples:

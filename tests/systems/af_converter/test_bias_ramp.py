@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plan_sample import reworded
-from rehearsal import ROOT, Rehearsal, Watched, rehearsed
+from rehearsal import Rehearsal, Watched, rehearsed
 from units_campaign import cut
 
 from bench.analysis import Material, analyse
@@ -89,50 +88,6 @@ def test_the_chamber_ramps_as_planned_and_the_unit_lags(replayed: Replayed) -> N
     assert top.unit_degC is not None
     assert top.air_degC == pytest.approx(45.0 - 2.0, abs=0.8)  # two minutes of lag, and the sensor's own offset
     assert 15.0 < top.air_degC - top.unit_degC < 25.0
-
-
-TINY = [
-    ("sequence: bias_ramp_short", "sequence: tiny"),
-    ("analysis: bias_ramp", "analysis: none"),
-    ("duration: 3 h\nrecords: 540", "duration: 400 s\nrecords: 20"),
-    ("slot: 7200 s ", "slot: 600 s "),
-    ("cold: 5 degC", "cold: 23 degC"),
-    ("hot: 45 degC", "hot: 24 degC"),
-    ("for: 10 min, sensor: unit", "for: 1 min, sensor: unit"),
-    ("windows: 60\n", "windows: 4\n"),
-    ("windows: 120,", "windows: 4,"),
-    ("slot: 2700 s ", "slot: 60 s "),
-]
-INTEGRATED = [
-    ("sequence: bias_ramp_25h_integrated", "sequence: tiny"),
-    ("analysis: bias_ramp", "analysis: none"),
-    ("duration: 25 h\nrecords: 900", "duration: 1500 s\nrecords: 15"),
-    ("slot: 10800 s ", "slot: 600 s "),
-    ("cold: -10 degC", "cold: 23 degC"),
-    ("hot: 50 degC", "hot: 24 degC"),
-    ("for: 10 min, sensor: unit", "for: 1 min, sensor: unit"),
-    ("windows: 72", "windows: 3"),
-    ("windows: 360", "windows: 3"),
-    ("windows: 36,", "windows: 3,"),
-    ("slot: 7800 s ", "slot: 60 s "),
-]
-
-
-def tiny_plan(folder: Path, name: str = "bias_ramp_short", cuts: list[tuple[str, str]] = TINY) -> Plan:
-    """A campaign cut down to 15 or 20 windows."""
-    (folder / "tiny.yaml").write_text(reworded((ROOT / "sequences" / f"{name}.yaml").read_text(), *cuts))
-    plan = compile_sequence(folder / "tiny.yaml")
-    assert check_plan(plan) == []
-    return plan
-
-
-def ran_and_replayed(done: Rehearsal) -> list[RecordRow]:
-    """Return the rows of a run, which are those of its replay."""
-    assert done.run.outcome.error is None
-    rows = list(done.run.outcome.rows)
-    for first, second in zip(rows, replay_rows(done.run.folder, strict=True).measurement_rows, strict=True):
-        same(first, second)
-    return rows
 
 
 def same(first: RecordRow, second: RecordRow) -> None:

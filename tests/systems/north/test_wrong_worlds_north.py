@@ -13,8 +13,6 @@ from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, is_hidden, r
 from bench.model.assumptions import assumptions_of
 
 SHORT = range(1)  # ten seeds of each, and 500 right worlds: make doubt
-SIZES = [(switch, size) for switch in worlds.SWITCHES for size in switch.sizes]
-NAMES = [f"{switch.name}-{size:g}" for switch, size in SIZES]
 
 
 def switch_of(name: str) -> Switch:

@@ -21,7 +21,6 @@ from bench.analysis import (
     Reading,
     build_results,
     cell,
-    check_method,
     header,
     joined,
     number,
@@ -31,11 +30,12 @@ from bench.analysis import (
     value_and_uncertainty,
     with_uncertainty,
 )
-from bench.analysis.analysis import with_expected
+from bench.analysis.analysis import analyse, analysis_module, with_expected
 from bench.analysis.values import number_of
 from bench.model.declaration import Limit
 from bench.model.errors import FitError
 from bench.model.quality import Quality
+from bench.model.systems import analyses
 from bench.record import RecordRow
 from bench.systems.gnc.rows import sampled_rows
 
@@ -262,11 +262,11 @@ def test_an_unusable_limit_says_what_to_do(name: str, unit: str, says: str, next
     assert (caught.value.next_step, caught.value.where) == (next_step, "manifest: campaign.limits")
 
 
-def test_a_method_that_an_analysis_does_not_have() -> None:
-    check_method("gls", ("gls", "ols"))
-    with pytest.raises(FitError, match="unknown method 'wls'") as caught:
-        check_method("wls", ("gls", "ols"))
-    assert (caught.value.code, caught.value.next_step) == ("B-FIT-004", "use one of: gls, ols")
+@pytest.mark.parametrize("name", analyses())
+def test_a_method_that_an_analysis_does_not_have(name: str) -> None:
+    with pytest.raises(FitError, match="B-FIT-004: unknown method 'no_such'") as caught:
+        analyse(Material((), {"analysis": name}, {}), "no_such")
+    assert caught.value.next_step == f"use one of: {', '.join(analysis_module(name).METHODS)}"
 
 
 @pytest.mark.parametrize(

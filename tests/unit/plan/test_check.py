@@ -58,6 +58,9 @@ def test_the_end_of_the_run_decides_whether_a_standard_is_due(tmp_path: Path) ->
     assert check_plan(plan, start_utc_ns=last_second) == []
     codes = {error.code for error in check_plan(plan, start_utc_ns=last_second + 2 * NS)}
     assert codes == {"B-PLAN-063"}
+    (error,) = check_plan(plan, start_utc_ns=0)
+    told = "the clock says 1970-01-01; all 3 standards were calibrated later, from 1999-11-01 on"
+    assert (error.code, error.message, error.next_step) == ("B-PLAN-063", told, "set the clock of this machine")
 
 
 def test_the_end_of_the_run_decides_whether_a_specification_holds(tmp_path: Path) -> None:

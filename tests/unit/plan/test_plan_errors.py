@@ -29,6 +29,7 @@ CASES = [
     ("kind: gyro", "kind: accelerometer", "B-PLAN-023", "kind: accelerometer"),
     ("levels: [1 mA]", "levels: [300 mA]", "B-PLAN-024 B-PLAN-055", "300 mA"),
     ("serial: SIM-1", "serial: ../SIM-1", "B-PLAN-025", "serial: ../SIM-1"),
+    ("serial: SIM-1", "serial: 12/../34", "B-PLAN-025", "serial: 12/../34"),
     ('seconds: "{dwell}"', 'seconds: "{dwel}"', "B-PLAN-030", "{dwel}"),
     ('"{temperature}", ramp', '"{temperatur}", ramp', "B-PLAN-030", "{temperatur}"),
     ("dwell: 10 s", "dwell: 10 V", "B-PLAN-031", 'seconds: "{dwell}"'),

@@ -330,6 +330,8 @@ def test_slots_that_do_not_fit_units_that_nothing_proves_and_foreign_routes_are_
     assert codes_of_units(UNITS, ",,") >= {"B-PLAN-140"}
     assert "B-PLAN-025" in codes_of_units(UNITS, "A1,A1")
     assert "B-PLAN-025" in codes_of_units(UNITS, "A 1,A2")
+    assert "B-PLAN-025" in codes_of_units(UNITS, "A/1,A_1")  # one folder
+    assert codes_of_units(UNITS, "A/1,A2") == set()
     assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("port_b: ngu_b}", "port_b: ngu_b, port_c: ngu_b}")))
     assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("\nuut:\n", "\nearly: {after: 1 h}\nuut:\n")))
     asked = "      - unit: {port_b: identify}            # is it the serial number of this slot?\n"

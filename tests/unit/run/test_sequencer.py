@@ -16,8 +16,6 @@ from bench.record import RecordError, read_journal
 from bench.run.observers import AtTerminal, Observer, Observers, Order, Recorder
 from bench.run.stop import StopSwitch
 
-RECORD = {"seconds": 1.0, "retry": 1, "max_lost": 0.0}
-
 
 def three_steps(folder: Path) -> Rig:
     rig = Rig(folder, "calibrator", "switch", "supply")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 import sys
 from pathlib import Path
@@ -11,13 +12,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import xarray
 from record_sample import AWAY_S, FRAMES, NS, counted, frame, write_resumed
 
 import bench
 from bench.frame import LinkDecoder
 from bench.model.errors import BenchError, InputError
 from bench.record import SessionReader, SessionWriter
-from bench.replay import decoded_frames, read_course, replay_rows
+from bench.replay import decoded_frames, read_course, replay_rows, replay_series
 from bench.tables import Session
 from bench.tables.plain import arrays_of, words_of
 
@@ -58,6 +60,18 @@ def test_sessions_of_every_system_have_their_tables(folder: Path) -> None:
     for link, counts in replayed.counts.items():
         assert sum(len(session.frames(link, message)) for message in session.messages(link)) == counts.frames
     assert not session.damaged
+    assert pickle.loads(pickle.dumps(session)).links == session.links
+    assert bool(len(session.log)) == ("log" in session.manifest)
+
+
+def test_an_imported_log_is_a_table_in_base_units() -> None:
+    (folder,) = [folder for folder in GOLDEN if "MAGNETOMETER-LOG" in folder.name]
+    log, series = Session(folder).log, replay_series(folder).columns
+    assert log.columns.tolist() == ["t_mono_ns", *(f"mag_{axis}_gauss" for axis in "xyz")]
+    np.testing.assert_array_equal(log["mag_y_gauss"], series["mag_y_gauss"])
+    assert (log.index[1] - log.index[0], log.attrs["units"]["mag_z_gauss"]) == (pd.Timedelta("100ms"), "gauss")
+    dataset = bench.to_xarray(Session(folder).estimates)  # of soft iron by "row" and "column"
+    assert dataset["condition_row"].values[-1] == "z"
 
 
 def test_records_are_those_of_the_replay(golden: Path) -> None:
@@ -193,7 +207,9 @@ def test_what_a_frame_does_not_hold_is_absent(resumed: Session) -> None:
     table = resumed.frames("sensors", "measurements")
     assert table["value_1"].tolist() == [-123, -123]
     assert table["value_3"].isna().all()
-    assert str(table["value_3"].dtype) == "Int32"
+    assert str(table["value_3"].dtype) == "Int64"
+    pulses = resumed.frames("port_a")
+    assert (pulses["npp_1"] - pulses["ppp_1"]).min() < 0
     assert table["calibration_tick"].tolist() == [120.0, 120.0]
     assert "value_5" not in table
 
@@ -289,9 +305,12 @@ NAMES = ("events", "readings", "records", "estimates", "port_b", "sensors", "non
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_dataset_has_the_numbers_and_units_of_its_table(tables: dict[str, pd.DataFrame], name: str) -> None:
+def test_a_dataset_has_the_numbers_and_units_of_its_table(
+    tables: dict[str, pd.DataFrame], name: str, tmp_path: Path
+) -> None:
     table = tables[name]
-    dataset = bench.to_xarray(table)
+    bench.to_xarray(table).to_netcdf(tmp_path / "table.nc")
+    dataset = xarray.load_dataset(tmp_path / "table.nc")
     names = words_of(table)
     assert set(map(str, dataset.data_vars)) == set(names.values())
     for column, variable in names.items():

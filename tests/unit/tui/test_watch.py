@@ -39,7 +39,7 @@ class Rig:
     def __init__(self, **changes: Any) -> None:
         self.feed, self.clock = FakeFeed(document(**changes)), SetClock()
         self.end: dict[str, Any] | None = None
-        self.watch = Watch(Path("/s"), self.feed, self.clock, lambda: self.end, Gone)
+        self.watch = Watch(Path("/data/sessions/run"), self.feed, self.clock, lambda: self.end, Gone)
 
 
 def test_points_are_asked_for_once() -> None:
@@ -269,13 +269,11 @@ SIZES = {"terminal": (80, 24), "phone": (60, 20), "wide": (140, 50)}
 Act = Callable[[Pilot[None], "Bench"], Coroutine[Any, Any, None]]
 
 
-class Bench:
+class Bench(Rig):
     """A feed, a clock and the view of them."""
 
     def __init__(self, **changes: Any) -> None:
-        self.feed, self.clock = FakeFeed(document(**changes)), SetClock()
-        self.end: dict[str, Any] | None = None
-        self.watch = Watch(Path("/data/sessions/run"), self.feed, self.clock, lambda: self.end, Gone)
+        super().__init__(**changes)
         self.app = TopApp(self.watch.seen, Look(catalogue(), UNICODE), self.watch.look, self.fitted)
 
     async def fitted(self) -> dict[str, Any]:

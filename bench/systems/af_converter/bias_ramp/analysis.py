@@ -287,7 +287,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Args:    material: records of the ramp, temperatures of the run (preparation included), constants.
              method: "joint" (driven by the chamber's air) or "joint_unit_sensor" (driven by the unit's own sensor).
     Returns: Analysis. Channels that are not determined have no estimate and are named in ``missing`` and ``notes``.
-    Raises:  FitError B-FIT-004, -008, -020, -022; that of the first channel if no channel at all is determined.
+    Raises:  FitError B-FIT-008, -020, -022; that of the first channel if no channel at all is determined.
     Source:  docs/decisions/0006-bias-and-hysteresis.md.
     """
     campaign = read_campaign(material.campaign)

@@ -158,7 +158,7 @@ def _rest_degC(channel: ChannelFit) -> Floats:
     """Return the temperature that a navigation unit compensates by above that of reference, (k,)."""
     known = np.isfinite(channel.sensor_degC)
     temperature = np.where(known, channel.sensor_degC, channel.fit.unit_degC + channel.offset_degC)
-    return np.asarray(temperature - channel.fit.reference_degC)
+    return temperature - channel.fit.reference_degC
 
 
 def compensated_A(channel: ChannelFit) -> Floats:

@@ -212,15 +212,8 @@ def drive_of(trace: Trace, records: RampRecords, method: str) -> Drive:
 
     The unit's sensor is taken from the records where the environment log has none.
 
-    Raises: FitError B-FIT-004 for an unknown method, B-FIT-020 if there is no temperature to drive with,
-            B-FIT-024 if it turned unseen.
+    Raises: FitError B-FIT-020 if there is no temperature to drive with, B-FIT-024 if it turned unseen.
     """
-    if method not in METHODS:
-        raise FitError(
-            "B-FIT-004",
-            f"unknown method {method!r} of the bias ramp",
-            next_step=f"use one of: {', '.join(METHODS)}",
-        )
     return require_known(_readings_of_drive(trace, records, method), float(records.start_s[0]))
 
 

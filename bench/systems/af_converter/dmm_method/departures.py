@@ -67,7 +67,7 @@ def _rows_of(
 
 
 def _usable(group: Group, meter: Meter) -> Flags:
-    return np.asarray(usable_rows(group.closed) & np.isfinite(meter.current_A) & np.isfinite(meter.std_A))
+    return usable_rows(group.closed) & np.isfinite(meter.current_A) & np.isfinite(meter.std_A)
 
 
 @dataclass(frozen=True)

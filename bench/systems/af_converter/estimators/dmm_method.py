@@ -91,12 +91,10 @@ def fit_dmm_method(
              ``standard`` of the meter.   method: "joint" (differential and common-mode rows, covariance weights) or
              "as_printed" (differential rows with weights 1/level^2, equation (18): the mean of both only).
     Returns: DmmScaleFactor. Gains of the meter's ranges count as fully correlated in the uncertainty.
-    Raises:  FitError B-FIT-001 (rank), B-FIT-003 (range not in the register), B-FIT-004 (method unknown), B-FIT-005 (a
-             polarity is missing), B-FIT-050 (no row with a reading).
+    Raises:  FitError B-FIT-001 (rank), B-FIT-003 (range not in the register), B-FIT-005 (a polarity is
+             missing), B-FIT-050 (no row with a reading).
     Source:  AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of {', '.join(METHODS)}")
     readable = usable_rows(rows) & np.isfinite(meter.current_A) & np.isfinite(meter.std_A)
     usable = readable & _has_partner(rows, readable)
     if not np.any(usable & (rows.level_A > 0)):

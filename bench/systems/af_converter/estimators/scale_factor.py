@@ -277,7 +277,7 @@ def gain_effects_ppm(
     Source: docs/decisions/0004 (common gain), 0036 (calibration of the calibrator).
     """
     errors = relative_errors(rows.range_A, standard)
-    return {label: np.asarray(to_ppm @ (reference_A * relative)) for label, relative in errors.items()}
+    return {label: to_ppm @ (reference_A * relative) for label, relative in errors.items()}
 
 
 def _spread(values: Floats, usable: Flags, elsewhere: float = np.nan) -> Floats:

@@ -106,7 +106,7 @@ def _counted(
     """Counted currents (trials, m) of N and P with quantisation, clock, white noise and walk on the counter in use."""
     m, declared = rows.gate_s.size, rows.scatter_dof == 0
     white_A2 = declared * converter.white_A_rtHz**2 / (2.0 * rows.gate_s) + _SMALLEST_VARIANCE_A2
-    factor = np.asarray(np.linalg.cholesky(walk_A2(rows, converter) + np.diag(white_A2)), dtype=np.float64)
+    factor = np.linalg.cholesky(walk_A2(rows, converter) + np.diag(white_A2))
     noise_A = generator.standard_normal((trials, m)) @ factor.T
     cuts = declared * np.sqrt(1.0 + rows.gaps)
     noise_A += converter.k0_C / rows.gate_s * cuts * _triangular(generator, (trials, m))

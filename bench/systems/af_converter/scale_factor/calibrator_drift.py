@@ -230,7 +230,7 @@ def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Floats
         counted = visits_degC if fitted.guesses_slopes(channel) else ()  # in the noise of each visit already
         of_each = np.sum([visit_degC @ visit_degC.T for visit_degC in counted], axis=0)
         shared = shared + UNKNOWN_SLOPE_ppm_degC**2 * (away_degC @ away_degC.T - of_each)
-    return np.asarray(change), np.asarray(again.fit.noise_ppm2 + start.fit.noise_ppm2 + shared)
+    return np.asarray(change), again.fit.noise_ppm2 + start.fit.noise_ppm2 + shared
 
 
 def _warmer_degC(start: GroupFit, again: GroupFit) -> float:

@@ -20,7 +20,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     estimate,
     evidence_of,
     no_result,
@@ -170,9 +169,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Fit every reading of an imported ramp.
 
     ``method``: "joint" fits lag and hysteresis too, "drift" leaves that out.
-    Raises: FitError B-FIT-004 (unknown method), B-FIT-060, B-FIT-061 (see ramp_columns), B-FIT-001.
+    Raises: FitError B-FIT-060, B-FIT-061 (see ramp_columns), B-FIT-001.
     """
-    check_method(method, METHODS)
     uut, reference_degC = plain_campaign(material.campaign)
     columns = ramp_columns(material)
     blocks = block_means(columns.t_s, min(MOST_BLOCKS, columns.t_s.size // 2))

@@ -113,7 +113,7 @@ class _Rows:
                 expanded=expanded,
                 noise=expanded,
                 noise_dof=float(t_s.size - free.shape[1]),
-                shift=lambda effect: np.asarray(operator @ effect),
+                shift=lambda effect: operator @ effect,
             ),
             stated,
         )

@@ -18,7 +18,6 @@ from bench.analysis import (
     Estimates,
     Floats,
     Material,
-    check_method,
     estimate,
     evidence_of,
     unseen_tables,
@@ -68,9 +67,8 @@ _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return matrices, biases, scale-factor errors and couplings of both triads; what is missing is named.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003, -004, -005; that of the fit if nothing is determined.
+    Raises: FitError B-GNC-001, -003, -004, -005; that of the fit if nothing is determined.
     """
-    check_method(method, METHODS)
     rows, empty = sampled_rows(material, ("position", "rotation"))
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
     good, bad = usable(looked_at)

@@ -17,13 +17,13 @@ import numpy as np
 from bench.analysis import Figure, Floats, Table, curve, no_result, with_uncertainty, worded_figure
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
+from bench.model.folders import folder_name
 from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import RestNoise, RotationRecord, rest_dof, static_means, up_in_body
 from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position, rows_of_positions, spread_out
 from bench.systems.gnc.rows import AXES, SampledRow, temperature_span
-from bench.systems.gnc.unit_test.analysis import folder_name
 from bench.systems.gnc.wording import say
 
 Key = TypeVar("Key")

@@ -140,7 +140,7 @@ def _rows(matrix: Floats, inputs: Inputs, jacobian: Floats, covariance: Floats, 
 
     def left(vector: Floats) -> Floats:
         at = inputs.at(vector)
-        return np.asarray((at.integral @ matrix.T - at.known - at.earth) / length).ravel()
+        return ((at.integral @ matrix.T - at.known - at.earth) / length).ravel()
 
     by_integral = jacobian[:12, : inputs.integral.size].reshape(12, -1, 3)
     return TriadRows(

@@ -12,15 +12,17 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     evidence_of,
     unseen_tables,
     value_and_uncertainty,
     with_uncertainty,
 )
+from bench.maths.arrays import Flags, Integers
+from bench.maths.samples import few
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
+from bench.systems.gnc.estimators.magnetometer.wander import change_of_surface, off_surface
 from bench.systems.gnc.field_departures import searches_of
 from bench.systems.gnc.field_evidence import endless_noise, shown_unit
 from bench.systems.gnc.magnetometer import Sphere, noise_notes, parameter_estimates, sphere_of, turn_cloud
@@ -29,19 +31,31 @@ from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
 _FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
+_MOST_LEFT_OUT = 0.01  # of the rows
+_HELD = 10  # an axis clips where it holds its end more often than most of its values, by this factor
+_NEAR = 0.05  # of the width of an axis: a value further from the next one is none at which an axis clips
+_SHOWN = 6  # rows, or stretches of them, that are told
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return hard and soft iron; of a log that is a turn about z, offsets, gain and angle of x and y.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-006 without three axes; B-FIT-090, -091 if the readings determine
-            neither an ellipsoid nor an ellipse.
+    Raises: FitError B-GNC-006 without three axes; B-FIT-090, -091 if the readings determine
+            neither an ellipsoid nor an ellipse, B-GNC-009 if it is seen why they do not.
     """
-    check_method(method, METHODS)
     field, time_s, unit = _readings(material)
+    every, off = field, off_surface(field)
+    left_out = []
+    if not few(off.sum(), off.size) and few(off.sum(), off.size, _MOST_LEFT_OUT):
+        left_out = [say("log.off", rows=_rows(np.flatnonzero(off)), count=off.size)]
+        field, time_s = field[~off], time_s[~off]
     sphere = sphere_of([field], unit) if method == METHODS[0] else Sphere()
+    sphere.notes.extend(left_out)
     if sphere.fit is None:
-        return _turn(material, field, time_s, unit, sphere)
+        try:
+            return _turn(material, field, time_s, unit, sphere)
+        except FitError as error:
+            raise _seen(material, every, off, unit) or error from None
     searches = searches_of([], sphere.cloud([1], [time_s]), shown_unit(unit))
     return Analysis(
         "magnetometer_log",
@@ -49,10 +63,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         material.campaign["uut"],
         sphere.estimates,
         evidence=[*sphere.evidence, *evidence_of(searches)],
-        notes=[
-            *sphere.notes,
-            say("log.no_size"),
-        ],
+        notes=[*sphere.notes, say("log.no_size")],
         tables=[_table(sphere, unit), *unseen_tables(searches)],
         figures=sphere.figures,
     )
@@ -72,10 +83,50 @@ def _readings(material: Material) -> tuple[Floats, Floats, str]:
     return field[whole], material.series["t_s"][whole], str(columns["x"]["unit"])
 
 
+def _seen(material: Material, field: Floats, off: Flags, unit: str) -> FitError | None:
+    """Return what keeps the readings (n, 3) from one surface, None if it is not seen: an axis that clips, iron that
+    changes, or rows that are ``off`` the surface of most others.
+    """
+    factor, name = shown_unit(unit)
+    headers = {column["axis"]: column["header"] for column in material.campaign["columns"] if "axis" in column}
+    for axis, readings in zip(AXES, field.T, strict=True):
+        values, counts = np.unique(readings, return_counts=True)
+        for what, end, beside in (("smallest", 0, 1), ("largest", -1, -2)):
+            near = abs(values[end] - values[beside]) < _NEAR * np.ptp(values)
+            if near and counts[end] > _HELD * np.median(counts):
+                reads = f"{headers[axis]} reads {factor * values[end]:.6g} {name}, its {what} value,"
+                return _off(f"{reads} in {counts[end]} of {len(field)} rows: it clips", "take it in a larger range")
+    change = change_of_surface(field)
+    if change and all(sphere_of([part], unit).fit for part in (field[:change], field[change:])):
+        reads = f"from row {change + 1} of {len(field)} on the readings lie on another ellipsoid"
+        return _off(f"{reads}: the iron has changed", "import the rows before it and those from it on as two logs")
+    kept = field[~off]
+    if off.any() and off.mean() < 0.5 and (sphere_of([kept], unit).fit or _is_turn(kept)):
+        reads = f"{off.sum()} of {len(field)} rows leave the surface of all others"
+        return _off(f"{reads}: {_rows(np.flatnonzero(off))}", "look what was near then, and leave them out of the log")
+    return None
+
+
+def _off(seen: str, next_step: str) -> FitError:
+    return FitError("B-GNC-009", f"no hard and soft iron of the magnetometer: {seen}", next_step=next_step)
+
+
+def _rows(places: Integers) -> str:
+    """Return the rows of readings by number, from 1, those next to each other together; the first few of many."""
+    parts = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    names = [f"{part[0] + 1}" if part.size == 1 else f"{part[0] + 1} to {part[-1] + 1}" for part in parts]
+    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+
+
+def _is_turn(field: Floats) -> bool:
+    """Return whether readings of z vary so little beside those of x and y that these turn about z."""
+    width = np.ptp(field, axis=0)
+    return bool(width[2] <= _FLAT * width[:2].min())
+
+
 def _turn(material: Material, field: Floats, time_s: Floats, unit: str, sphere: Sphere) -> Analysis:
     """Return the ellipse of x and y; ``sphere`` says why it is no ellipsoid."""
-    width = np.ptp(field, axis=0)
-    if sphere.missing and width[2] > _FLAT * width[:2].min():
+    if sphere.missing and not _is_turn(field):
         raise FitError(
             "B-FIT-091", sphere.missing[0], next_step="turn the unit so that each axis points along the field"
         )
@@ -92,6 +143,7 @@ def _turn(material: Material, field: Floats, time_s: Floats, unit: str, sphere: 
             *evidence_of(searches),
         ],
         notes=[
+            *sphere.notes,
             *(say("log.gives_no", what=text) for text in sphere.missing),
             say("log.turn"),
             *noise_notes(say("of.turn"), fit.ellipse.quadric.wander, int(odd.sum()), odd.size),

@@ -21,7 +21,6 @@ from bench.analysis import (
     Residuals,
     Searched,
     Table,
-    check_method,
     curve,
     departures_of,
     estimate,
@@ -50,9 +49,8 @@ INITIAL_s = 30.0  # of rest at the begin of a log; the public method asks for 30
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Scale, misalignment and zero of the accelerometers from the rests of a log.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-006; B-FIT-084 to -086 if the log does not determine them.
+    Raises: FitError B-GNC-006; B-FIT-084 to -086 if the log does not determine them.
     """
-    check_method(method, METHODS)
     log = imu_log(material)
     rests = static_intervals(log.accel, log.rate_Hz, initial_s=INITIAL_s)
     means = rests.means(log.accel)
@@ -76,7 +74,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 
 def _middle_s(rests: StaticIntervals, log: ImuLog) -> Floats:
-    return np.asarray((rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz))
+    return (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
 
 
 def searches_of(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimates) -> Iterator[Searched]:

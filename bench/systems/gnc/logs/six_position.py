@@ -15,7 +15,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     estimate,
     no_result,
     with_uncertainty,
@@ -39,9 +38,8 @@ _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return matrix and bias of the accelerometers from the positions, of the gyros from the turns.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-006, -007; B-FIT-001 if the positions determine no matrix.
+    Raises: FitError B-GNC-006, -007; B-FIT-001 if the positions determine no matrix.
     """
-    check_method(method, METHODS)
     log = imu_log(material)
     positions = [stretch for stretch in log.segments if stretch.get("item") == "position"]
     rotations = [stretch for stretch in log.segments if stretch.get("item") == "rotation"]

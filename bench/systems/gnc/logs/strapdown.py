@@ -21,7 +21,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     curve,
     estimate,
     no_result,
@@ -270,9 +269,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     ``indicated`` takes the readings as they are; ``calibrated`` first fits accelerometers and gyroscopes to the rests
     of the log itself, as raw counts need it in any case.
 
-    Raises: FitError B-FIT-004 (unknown method), B-GNC-006; B-FIT-084 to -086, -141, -142 if the log does not tell.
+    Raises: FitError B-GNC-006; B-FIT-084 to -086, -141, -142 if the log does not tell.
     """
-    check_method(method, METHODS)
     log = imu_log(material)
     if log.gyro is None:
         raise FitError(

@@ -11,14 +11,14 @@ Source: GNC-module paper, section 5.2 (results in a folder per test item) and se
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, check_method, estimate, worded_table
+from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, worded_table
 from bench.model.errors import FitError
+from bench.model.folders import folder_name
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.units import (
     IDENTITY,
@@ -155,11 +155,6 @@ def folders_of(units: Sequence[UnitResult], material: Material) -> dict[str, str
     return texts
 
 
-def folder_name(text: str) -> str:
-    """A serial number as the name of a folder: letters, digits, dot, dash and underscore only, no leading dot."""
-    return re.sub(r"[^A-Za-z0-9._-]", "_", text).lstrip(".") or "_"
-
-
 def _result(unit: str, item: ItemResult, offset_s: float | None) -> dict[str, Any]:
     return {
         "unit": unit,
@@ -233,9 +228,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Returns: Analysis; ``<item>_wrong`` counts the wrong results of an item (limit 0). What was not tested has no
              estimate, is named in ``missing`` and printed as not tested.
-    Raises:  FitError B-FIT-004 (unknown method), B-GNC-001 (limits), B-GNC-002 if nothing was tested at all.
+    Raises:  FitError B-GNC-001 (limits), B-GNC-002 if nothing was tested at all.
     """
-    check_method(method, METHODS)
     units = unit_results(material)
     if not any(item.runs for unit in units for item in unit.all):
         raise FitError(

@@ -43,7 +43,7 @@ def north_bound_deg(ke_V: ArrayLike, sigma_V: ArrayLike, samples: ArrayLike) -> 
     Source:  Kay, equation (3.41) and example 3.14: offset and amplitude are orthogonal to the phase over whole turns.
     """
     share = np.asarray(sigma_V, np.float64) / np.asarray(ke_V, np.float64)
-    return np.asarray(np.rad2deg(share * np.sqrt(2.0 / np.asarray(samples, np.float64))))
+    return np.rad2deg(share * np.sqrt(2.0 / np.asarray(samples, np.float64)))
 
 
 def time_to_accuracy_s(
@@ -67,7 +67,7 @@ def time_to_accuracy_s(
     left_deg2 = (accuracy_deg / factor) ** 2 - np.square(np.asarray(floor_deg, np.float64))
     with np.errstate(divide="ignore", invalid="ignore"):
         time_s = seconds * np.square(np.asarray(std_deg, np.float64)) / left_deg2
-    return np.asarray(np.where(left_deg2 > 0.0, time_s, math.inf))
+    return np.where(left_deg2 > 0.0, time_s, math.inf)
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ class LikelihoodNorth:
     @property
     def amplitude(self) -> Floats:
         """Amplitude of the earth signal, V."""
-        return np.asarray(np.abs(self.phasor))
+        return np.abs(self.phasor)
 
     @property
     def white_std_deg(self) -> Floats:
         """Standard uncertainty that white noise of this size would give, degrees."""
-        return np.asarray(self.std_deg / np.sqrt(np.where(self.widened, self.whiteness, 1.0)))
+        return self.std_deg / np.sqrt(np.where(self.widened, self.whiteness, 1.0))
 
     def half_width_deg(self, probability: float = 0.95) -> Floats:
         """Half the interval that covers phi with this probability, degrees."""

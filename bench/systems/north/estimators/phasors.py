@@ -76,7 +76,7 @@ class North:
     @property
     def amplitude(self) -> Floats:
         """Amplitude of the lock-ins' outputs, unit of the samples."""
-        return np.asarray(np.abs(self.phasor))
+        return np.abs(self.phasor)
 
     def half_width_deg(self, probability: float = 0.95) -> Floats:
         """Half the interval that covers phi with this probability, degrees; 180 where the signal drowns in noise."""
@@ -119,7 +119,7 @@ def heading_deg(phi_deg: ArrayLike, sense: int) -> Floats:
     Returns: degrees clockwise from north.
     Source:  see the head of this file.
     """
-    return np.asarray(np.mod(_checked(sense) * (90.0 - np.asarray(phi_deg, np.float64)), 360.0))
+    return np.mod(_checked(sense) * (90.0 - np.asarray(phi_deg, np.float64)), 360.0)
 
 
 def phase_deg(heading_deg: ArrayLike, sense: int) -> Floats:
@@ -129,7 +129,7 @@ def phase_deg(heading_deg: ArrayLike, sense: int) -> Floats:
 
 def wrapped_deg(angle_deg: ArrayLike) -> Floats:
     """Angle or difference of angles in -180 (excluded) to 180 degrees; never modulo 180, which hides half turns."""
-    return np.asarray(180.0 - np.mod(180.0 - np.asarray(angle_deg, np.float64), 360.0))
+    return 180.0 - np.mod(180.0 - np.asarray(angle_deg, np.float64), 360.0)
 
 
 def lock_in_phasors(u1: Floats, u2: Floats) -> tuple[Complex, Complex]:
@@ -157,7 +157,7 @@ def left_over(u1: Floats, u2: Floats, of_1: Complex, of_2: Complex) -> Floats:
 def angle_deg(phasor: Complex) -> Floats:
     """Return angle of a phasor in -180 (excluded) to 180 degrees; NaN for one of no length, which points nowhere."""
     direction_deg = wrapped_deg(np.rad2deg(np.angle(phasor)))
-    return np.asarray(np.where(np.abs(phasor) > 0.0, direction_deg, np.nan))
+    return np.where(np.abs(phasor) > 0.0, direction_deg, np.nan)
 
 
 def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95) -> Floats:
@@ -173,7 +173,7 @@ def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95
     factors = np.array([coverage_factor(float(number), probability) for number in each])
     sine = np.deg2rad(std) * factors[which].reshape(std.shape)
     width = np.rad2deg(np.arcsin(np.minimum(sine, 1.0)))
-    return np.asarray(np.where(sine >= 1.0, 180.0, width))
+    return np.where(sine >= 1.0, 180.0, width)
 
 
 def _checked(sense: int) -> int:
@@ -194,7 +194,7 @@ def tilt_correction_deg(x_mrad: ArrayLike, y_mrad: ArrayLike, heading_deg: Array
     """
     heading = np.deg2rad(np.asarray(heading_deg, np.float64))
     about_north = np.asarray(x_mrad, np.float64) * np.cos(heading) - np.asarray(y_mrad, np.float64) * np.sin(heading)
-    return np.asarray(-np.rad2deg(1e-3 * about_north) * _tangent(latitude_deg))
+    return -np.rad2deg(1e-3 * about_north) * _tangent(latitude_deg)
 
 
 def tilt_std_deg(level_std_mrad: float, latitude_deg: float) -> float:

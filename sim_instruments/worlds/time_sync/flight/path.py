@@ -49,7 +49,7 @@ def gravity_gradient_s2(latitude_deg: float) -> Float:
 
 def gravity_m_s2(position_m: Float, latitude_deg: float) -> Float:
     """Return gravity at positions (..., 3) north, east, down of the origin, to first order in them; (..., 3), m/s2."""
-    gravity = np.asarray(position_m * gravity_gradient_s2(latitude_deg))
+    gravity = position_m * gravity_gradient_s2(latitude_deg)
     gravity[..., 2] += normal_gravity_m_s2(latitude_deg)
     return gravity
 
@@ -111,7 +111,7 @@ class FlightPath:
     def borders_s(self, first_s: float, last_s: float) -> Float:
         """Return begins of pieces strictly between two times."""
         begins = self._table[1 : self._count, _BEGIN]
-        return np.asarray(begins[(begins > first_s) & (begins < last_s)])
+        return begins[(begins > first_s) & (begins < last_s)]
 
     def state(self, t_s: Float) -> PathState:
         """Return motion at times (n,) of any order, s."""

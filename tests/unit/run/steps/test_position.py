@@ -15,8 +15,6 @@ from bench.plan.drivers import driver_actions
 from bench.record import JournalEntry
 from bench.run.steps.position import Position, in_point, point_start, point_stop, readings_of, stopped_at
 
-POINT = 4  # steps of a point: set, settle, record, verify
-
 
 def plan(folder: Path, points: int = 3) -> Any:
     """A soak, points of four steps each, and a call at the end."""

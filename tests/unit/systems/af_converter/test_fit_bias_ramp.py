@@ -320,7 +320,6 @@ def test_what_is_missing_and_what_is_refused(ramps: dict[int, Ramp]) -> None:
         (replace(usual, rows=[]), "joint", "B-FIT-022"),
         (replace(usual, rows=usual.rows[:20]), "joint", "B-FIT-023"),
         (replace(usual, trace=Trace()), "joint", "B-FIT-020"),
-        (usual, "naive", "B-FIT-004"),
     ):
         with pytest.raises(FitError) as caught:
             bias_ramp.analyse(change, method)

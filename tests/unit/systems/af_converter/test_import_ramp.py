@@ -202,8 +202,6 @@ def test_without_set_point_and_reference_the_reading_is_taken_as_it_is() -> None
 def test_what_cannot_be_analysed(given: Material, code: str, why: str) -> None:
     with pytest.raises(FitError, match=f"{code}.*{why}"):
         analyse(given)
-    with pytest.raises(FitError, match=r"B-FIT-004.*joint, drift"):
-        analyse(given, "gls")
 
 
 def test_a_plain_programme_is_found_to_the_second() -> None:

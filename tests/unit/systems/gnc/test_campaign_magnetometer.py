@@ -124,8 +124,6 @@ def test_less_than_a_turn_is_refused_and_the_other_record_is_used() -> None:
 
 def test_the_method_chosen_is_the_one_that_compensates() -> None:
     assert analysed("extremes").compensation[0]["method"] == "extremes"
-    with pytest.raises(FitError, match="B-FIT-004"):
-        analysed("other")
 
 
 def attitudes(rig: Rig, hard_gauss: tuple[float, float, float], cap: bool = False) -> None:
@@ -178,7 +176,7 @@ def test_gain_offset_and_angle_need_not_be_whole_numbers(settings: dict[str, str
 
 
 def material(field: Array, unit: str = "gauss") -> Material:
-    columns = [{"name": axis, "role": "magnetometer", "axis": axis, "unit": unit} for axis in "xyz"]
+    columns = [{"name": n, "header": n, "role": "magnetometer", "axis": n, "unit": unit} for n in "xyz"]
     series = {"t_s": np.arange(len(field)) / 10.0} | {axis: field[:, k] for k, axis in enumerate("xyz")}
     return Material((), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {}, series=series)
 
@@ -229,6 +227,41 @@ def test_half_a_sphere_and_a_missing_axis_are_refused() -> None:
     lacking.campaign["columns"].pop()
     with pytest.raises(FitError, match="B-GNC-006"):
         magnetometer.analyse(lacking)
+
+
+def test_rows_off_the_surface_are_left_out_if_few_and_told() -> None:
+    field = sphere()
+    clean = magnetometer.analyse(material(field))
+    field[[100, 101, 700]] = -40.96, 3.2767, 0.0
+    analysis = magnetometer.analyse(material(field))
+    told = "Rows 101 to 102, 701 of 1500 lie off the surface of all others and were left out."
+    assert (analysis.notes[0], english_left(analysis)) == (told, set())
+    for quantity in ("mag_hard_iron", "mag_soft_iron"):
+        for entry, other in zip(every(analysis, quantity), every(clean, quantity), strict=True):
+            assert entry.value == pytest.approx(other.value, abs=0.1 * other.expanded_uncertainty)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "seen", "next_step"),
+    [
+        (lambda field: np.minimum(field, 0.4, out=field, where=[True, False, False]),
+         "x reads 400 mgauss, its largest value, in 309 of 1500 rows: it clips", "take it in a larger range"),
+        (lambda field: np.add(field[750:], 0.04, out=field[750:]),
+         "from row 751 of 1500 on the readings lie on another ellipsoid: the iron has changed",
+         "import the rows before it and those from it on as two logs"),
+        (lambda field: np.add(field[200:230], 0.9, out=field[200:230]),
+         "30 of 1500 rows leave the surface of all others: 201 to 230",
+         "look what was near then, and leave them out of the log"),
+    ],
+)  # fmt: skip
+def test_what_keeps_readings_from_one_surface_is_named(spoil: Any, seen: str, next_step: str) -> None:
+    field = sphere()
+    field = field[np.random.default_rng(4).permutation(len(field))]
+    spoil(field)
+    with pytest.raises(FitError) as caught:
+        magnetometer.analyse(material(field))
+    told = f"error B-GNC-009: no hard and soft iron of the magnetometer: {seen}. Next: {next_step}"
+    assert str(caught.value) == told
 
 
 @pytest.mark.real

@@ -193,13 +193,11 @@ def test_conditions_that_do_not_say_what_a_record_shows(change: dict[str, str | 
         analysed(rig)
 
 
-def test_no_samples_no_site_and_an_unknown_method() -> None:
+def test_no_samples_and_no_site() -> None:
     with pytest.raises(FitError, match="B-GNC-003"):
         analysed(Rig(SEED))
     with pytest.raises(FitError, match=r"B-GNC-005.*gravity"):
         analysed(short(), site={"latitude_deg": 1.0, "azimuth_deg": 0.0})
-    with pytest.raises(FitError, match="B-FIT-004"):
-        analyse(short().material("imu_calibration"), "other")
 
 
 Keep = Callable[[str, object], None]

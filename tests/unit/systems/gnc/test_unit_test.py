@@ -272,11 +272,9 @@ def test_limits_that_are_not_usable(limits: dict[str, Any], says: str) -> None:
         analyse(material(exchanges(), limits=limits))
 
 
-def test_nothing_tested_and_an_unknown_method() -> None:
+def test_nothing_tested() -> None:
     with pytest.raises(FitError, match="B-GNC-002"):
         analyse(material([], []))
-    with pytest.raises(FitError, match="B-FIT-004"):
-        analyse(material(exchanges()), "other")
 
 
 def test_an_item_that_nobody_judges_neither_passes_nor_fails() -> None:

@@ -184,14 +184,12 @@ def test_requirements_and_those_that_are_none() -> None:
         laser_results.requirement_of({"site": {"azimuth_deg": 20.0}})
 
 
-def test_a_session_without_lasers_or_dither_wrong_lengths_and_methods(rows: list[Any]) -> None:
+def test_a_session_without_lasers_or_dither_and_wrong_lengths(rows: list[Any]) -> None:
     with pytest.raises(FitError, match=r"B-RLG-001.*path_length_m"):
         laser_records(material())
     for length in ("28 cm", 0.0, True):
         with pytest.raises(FitError, match="B-RLG-006"):
             laser_records(material(noted(rows[0], path_length_m=length)))
-    with pytest.raises(FitError, match="B-FIT-004"):
-        analyse(material(rows[0]), "truth")
     blind = wrong(told=lambda w, words, rng: [events[:, events[1] == 0] for events in words])
     with pytest.raises(FitError, match=r"B-RLG-007.*pick-off"):
         analyse(material(row_of(0.28, FAST_HZ, of=blind)))

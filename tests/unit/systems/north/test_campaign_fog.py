@@ -275,7 +275,6 @@ def test_a_limit_that_is_none_of_a_north_finder(rig: NorthRig, limits: dict[str,
 
 
 def test_what_cannot_be_analysed_is_refused(rig: NorthRig) -> None:
-    refused("B-FIT-004", rig, "guess")
     for site in ({}, {"latitude_deg": 37.0}, {"azimuth_deg": 20.0}):
         refused("B-FOG-003", rig, site=site)
     rig.readings = [one for one in rig.readings if one.role == "level"]

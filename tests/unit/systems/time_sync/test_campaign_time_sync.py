@@ -311,11 +311,9 @@ def test_what_a_sequence_may_not_state(sections: dict[str, Any], code: str) -> N
         analyse(replace(material(), campaign={**material().campaign, **sections}))
 
 
-def test_no_rows_an_unknown_method_and_pulses_without_a_target() -> None:
+def test_no_rows_and_pulses_without_a_target() -> None:
     with pytest.raises(BenchError, match="B-SYNC-001"):
         analyse(replace(material(), rows=[]))
-    with pytest.raises(BenchError, match="B-FIT-004"):
-        analyse(material(), "kalman")
     rng = np.random.default_rng(1)
     gates = (rng.standard_normal((3000, 64)) + 1j * rng.standard_normal((3000, 64))).astype(np.complex64)
     positions_m = np.stack([np.arange(3000) * 0.25, np.zeros(3000), np.full(3000, -3000.0)], axis=1)

@@ -10,7 +10,7 @@ Source: Bell and McCaffrey, Survey Methodology 28 (2002) 169 (scatter of blocks 
 CR2, and its degrees of freedom); Flyvbjerg and Petersen, J. Chem. Phys. 91 (1989) 461 (blocks doubled until their
 variance stops rising).
 
-A bad reading among thousands, found before any fit: one that no quadric through most of the others explains.
+Bad readings, found before any fit: those that no quadric through most of the others explains.
 
 Free quadrics (centre, shape and size open, closed or not) go through a few readings drawn at random; the one with the
 smallest median distance of all readings has most likely met none that is bad. Readings that lie further off than any
@@ -224,22 +224,41 @@ def odd_readings(points: Floats) -> Flags:
     Returns: (n,); at most one in a thousand, or one reading. All false where more lie off: then they are not odd.
     Source:  see the head of this file.
     """
+    off = off_surface(points)
+    return off if few(off.sum(), len(off)) else np.zeros_like(off)
+
+
+def off_surface(points: Floats) -> Flags:
+    """Return which readings lie off the surface of most others, (n,), as ``odd_readings``, however many they are."""
     count = len(points)
     middle = np.median(points, axis=0)
     scale = float(np.median(np.linalg.norm(points - middle, axis=1)))
-    nothing = np.zeros(count, np.bool_)
     unit = (points - middle) / (scale or 1.0)
     columns = _monomials(unit)
     drawn = _TIMES * columns.shape[1]
     if scale == 0.0 or count < 2 * drawn:
-        return nothing
+        return np.zeros(count, np.bool_)
     rng = np.random.default_rng(_SEED)
     subsets = np.stack([rng.choice(count, drawn, replace=False) for _ in range(_SUBSETS)])
     coefficients = np.linalg.svd(columns[subsets], full_matrices=False)[2][:, -1]
     distances = [_distance(unit, columns, each) for each in coefficients]
     best = min(distances, key=lambda each: float(np.median(each)))
-    odd = np.asarray(best > max(_FAR * float(scatter(best)), _ROUNDING))
-    return odd if few(int(odd.sum()), count) else nothing
+    return np.asarray(best > max(_FAR * float(scatter(best)), _ROUNDING))
+
+
+def change_of_surface(points: Floats) -> int:
+    """Return the first reading of another surface: where two quadrics, one after the other, leave least.
+
+    Args:    points: (n, 3), in order of time.   Returns: 0 if two leave more than a quarter of what one leaves.
+    """
+    unit = (points - points.mean(axis=0)) / points.std()
+    columns = _monomials(unit)
+    sums = np.cumsum(columns[:, :, None] * columns[:, None, :], axis=0)
+    fewest = _TIMES * columns.shape[1]
+    ends = np.arange(fewest, len(points) - fewest)
+    left = [np.linalg.eigvalsh(part)[..., 0] for part in (sums[ends - 1], sums[-1] - sums[ends - 1], sums[-1])]
+    both = left[0] + left[1]
+    return int(ends[np.argmin(both)]) if ends.size and both.min() < left[2] / 4.0 else 0
 
 
 def _monomials(points: Floats) -> Floats:
