@@ -235,6 +235,11 @@ class Layout:
         """All that a frame may be: the messages, and last what is not listed, if that is counted."""
         return self.messages if self.unlisted is None else (*self.messages, self.unlisted)
 
+    @cached_property
+    def told(self) -> tuple[Message, ...]:
+        """All whose frames a decoder gives: the messages, and what is not listed where it counts with them."""
+        return self.kinds if self.shared_counter else self.messages
+
     @property
     def fixed(self) -> bool:
         """One message of one length, without a type: the frames of an undamaged stream form a lattice."""

@@ -203,7 +203,7 @@ class NumpyDecoder:
         self._none = [
             MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [],
                          extract_column)
-            for message in layout.messages
+            for message in layout.told
         ]  # fmt: skip
 
     def feed(self, chunk: bytes) -> FrameBatch:
@@ -266,7 +266,7 @@ class NumpyDecoder:
         start, length, kind, bad, _ = found[0] if len(found) == 1 else _joined(found)
         numbers = np.bincount(kind, minlength=len(self._layout.kinds)).tolist()
         messages = {}
-        for index, message in enumerate(self._layout.messages):
+        for index, message in enumerate(self._layout.told):
             number = numbers[index]
             if not number:
                 messages[message.name] = self._none[index]
@@ -275,8 +275,9 @@ class NumpyDecoder:
             starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
-            if message.parts:
+            if message.parts or message is self._layout.unlisted:
                 messages[message.name].ends = starts + lengths + self._position
+        for message, number in zip(self._layout.messages, numbers, strict=False):
             self.counts.frames += number
             self.counts.by_message[message.name] += number
         if self._layout.unlisted is not None:

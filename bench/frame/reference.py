@@ -54,7 +54,7 @@ class ReferenceDecoder:
         return self._run(self._tail, final=False, before=before)
 
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
-        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
+        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.kinds}
         bad: list[int] = []
         at = 0
         pattern = self._layout.pattern
@@ -73,10 +73,7 @@ class ReferenceDecoder:
                 if not final:
                     bad.append(self._position + at)
             elif message is not None and self._passes(stream[at : at + length], message):
-                if message is self._layout.unlisted:
-                    self.counts.other += 1
-                else:
-                    found[message.name].append((at, stream[at : at + length]))
+                found[message.name].append((at, stream[at : at + length]))
                 at += length
                 continue
             else:
@@ -120,7 +117,7 @@ class ReferenceDecoder:
 
     def _batch(self, found: dict[str, list[tuple[int, bytes]]], bad: list[int], consumed: int) -> FrameBatch:
         messages = {}
-        for message in self._layout.messages:
+        for message in self._layout.told:
             frames = found[message.name]
             offset = np.array([self._position + at for at, _ in frames], np.int64)
             if message.parts:
@@ -132,11 +129,14 @@ class ReferenceDecoder:
                     None if message.rest is None else [frame[message.body : len(frame) - tail] for _, frame in frames]
                 )
             batch = MessageBatch(message, offset, rows.reshape(len(frames), message.body), rest, self._extract)
-            if message.parts:
+            if message.parts or message is self._layout.unlisted:
                 batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
-            self.counts.frames += len(frames)
-            self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + len(frames)
+        for message in self._layout.messages:
+            number = len(found[message.name])
+            self.counts.frames += number
+            self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + number
+        self.counts.other += 0 if self._layout.unlisted is None else len(found[self._layout.unlisted.name])
         self.counts.bad += len(bad)
         self._position += consumed
         return FrameBatch(messages, np.array(bad, np.int64), self._position)

@@ -64,6 +64,11 @@ def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
     for name in COUNTS:
         out.print(f"  {name.replace('_', ' '):<14} {summary[name]}")
     print_bad(counted)
+    if counted.counts.jumps:
+        out.print(
+            f"  jumps of unknown size: {counted.counts.jumps}; the counter goes on elsewhere, by more than it can tell: "
+            "what is missing there is not among the lost"
+        )
     if counted.cut_off:
         out.print("  cut off in its last frame")
     if not counted.definition.layout.check.size:

@@ -123,7 +123,7 @@ class _Compiler:
         """Return the common fields as a message of any length, where frames of other types are counted."""
         if not self.spec.other:
             return None
-        return Message("other", common.fields, common.end, 0, *self._coverage(common, "other", whole=False))
+        return Message("(other)", common.fields, common.end, 0, *self._coverage(common, "other", whole=False))
 
     def _holder(self, check: Check, common: Placed) -> Field | None:
         """Return the field that holds the check."""

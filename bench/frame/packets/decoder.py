@@ -29,8 +29,8 @@ class PacketDecoder(ReferenceDecoder):
         self._longest = longest
 
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
-        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
-        ends: dict[str, list[int]] = {message.name: [] for message in self._layout.messages}
+        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.kinds}
+        ends: dict[str, list[int]] = {message.name: [] for message in self._layout.told}
         bad: list[int] = []
         at = taken = 0
         while at < len(stream):
@@ -50,10 +50,8 @@ class PacketDecoder(ReferenceDecoder):
             if read is None:
                 continue
             message, frame = read
-            if message is self._layout.unlisted:
-                self.counts.other += 1
-            else:
-                found[message.name].append((packet.begin, frame))
+            found[message.name].append((packet.begin, frame))
+            if message.name in ends:
                 ends[message.name].append(self._position + packet.end)
         self.counts.skipped_bytes += at - taken
         batch = self._batch(found, bad, at)

@@ -117,7 +117,7 @@ class LineReader:
         before = common[: 0 if layout.type_field is None else common.index(layout.type_field)]
         self._type_at = sum(map(_taken, before))
         self._types = [(message, _like(message.type_text)) for message in layout.messages]
-        self._slots = {message.name: _slots(message) for message in layout.messages}
+        self._slots = {message.name: _slots(message) for message in layout.kinds}
 
     def read(self, line: bytes, due_message: Message | None = None) -> tuple[Message, bytes] | Refusal:
         """Return message and fields of a line without its sync bytes and end, or why it is none.
@@ -136,11 +136,12 @@ class LineReader:
             types = " or ".join(item.type_text for item in listed[:6]) + " …" * (len(listed) > 6)
             value = values[self._type_at] if self._type_at < len(values) else ""
             return Refusal("type", f"has the type {value!r}, due is {types}")
-        if message is self._layout.unlisted:
+        if message is self._layout.unlisted and message not in self._layout.told:
             return message, b""
         slots = self._slots[message.name]
         due_values = slots[-1].stop
-        if len(values) < due_values or (len(values) > due_values and not self._more):
+        more = self._more or message is self._layout.unlisted
+        if len(values) < due_values or (len(values) > due_values and not more):
             return Refusal("contents", f"has {len(values)} values, {message.name!r} has {due_values}")
         return self._packed(message, slots, values)
 

@@ -46,7 +46,7 @@ def test_counts_and_csv_of_a_capture_longer_than_a_block(tmp_path: Path, monkeyp
     capture.write_bytes(b"noise" + rows.tobytes() + b"\xeb\x90")
     assert captured(definition, capture)[0].summary() == {
         "frame": "ngu_a", "frame_sha256": definition.sha256, "check": "crc-16/ibm-3740", "good": 99, "bytes": 5707,
-        "bad": 1, "lost": 100, "duplicate": 0, "suspect": 0, "skipped_bytes": 64, "other": 0,
+        "bad": 1, "lost": 100, "duplicate": 0, "suspect": 0, "skipped_bytes": 64, "other": 0, "jumps": 0,
         "messages": {"frame": 99}, "cut_off": True, "bad_because": [{
             "cause": "check", "number": 1, "offset": 5 + 50 * 57,
             "text": "fails its check: crc-16/ibm-3740 over bytes 2 to 54 is 0xd68a, the frame holds 0x933e"}],
