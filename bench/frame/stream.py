@@ -313,7 +313,7 @@ def _joined(parts: list[LinkBatch]) -> LinkBatch:
 
 
 class Unwrapped(NamedTuple):
-    """Counters (n,) int64 without wrap, suspect marks (n,) bool; numbers of lost, repeated, suspect frames and of jumps."""
+    """Counters (n,) int64 without wrap, suspect marks (n,) bool; numbers of lost, repeated, suspect frames, jumps."""
 
     counter: NDArray[np.int64]
     suspect: NDArray[np.bool_]
