@@ -175,10 +175,15 @@ def _lost_bytes(layout: Layout, head: bytes) -> Iterator[str]:
     if replaced and _is_utf8(head):
         yield f"{replaced} bytes that are no UTF-8 became EF BF BD; {_LOST}"
     if cut != layout.pattern and head.isascii() and (begins := head.count(cut)) > len(head) >> 8 * len(cut):
-        yield f"the highest bit of every byte is cut: the sync bytes stand there {begins} times as {cut.hex(' ')}; {_LOST}"
+        places = f"the sync bytes stand there {begins} times as {cut.hex(' ')}"
+        yield f"the highest bit of every byte is cut: {places}; {_LOST}"
     for names, values, beside in (("0D", (0x0D,), (0x0B, 0x0C, 0x0E)), ("11 or 13", (0x11, 0x13), (0x10, 0x12, 0x14))):
         if not any(of_value[value] for value in values) and min(of_value[value] for value in beside) >= _SURE:
-            why = f"CR became LF (0A stands there {of_value[10]} times)" if 0x0D in values else "XON and XOFF were taken out"
+            why = (
+                f"CR became LF (0A stands there {of_value[10]} times)"
+                if 0x0D in values
+                else "XON and XOFF were taken out"
+            )
             yield f"no byte of the first {len(head)} is {names}: {why}; {_LOST}"
 
 

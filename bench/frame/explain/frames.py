@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from math import log10
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,10 @@ _FIRST = 3
 _BETWEEN = 128  # bytes of no frame between two frames, at most
 _MANY = 200  # frames on which a check is judged
 _RIGHT = 0.8
+_COVERED_BY_A_BYTE = 0.5  # share that frames must explain whose check is one byte: regular data may fit it
+_USUAL = 8  # times the middle length: what is longer explains nothing without a check
+LEVEL = -6.0  # log10 of the chance in random bytes, below which a hypothesis is told
+_TRIES = 6.0  # log10 of what is tried: sync bytes, places of a length, checks with their places
 
 
 @dataclass(frozen=True)
@@ -63,13 +68,17 @@ class FoundCheck:
 
 @dataclass(frozen=True)
 class Guess:
-    """One hypothesis: frames begin with ``sync`` at ``starts`` and have ``lengths``; what says so, and the check."""
+    """One hypothesis: frames begin with ``sync`` at ``starts`` and have ``lengths``; what says so, and the check.
+
+    ``covered``: share of the capture. ``chance``: log10 of the chance of as much in random bytes.
+    """
 
     sync: bytes
     starts: tuple[int, ...]
     lengths: tuple[int, ...]
     length: LengthField | None
     covered: float
+    chance: float
     check: FoundCheck | None = None
 
     @property
@@ -110,12 +119,33 @@ def guesses(capture: bytes) -> list[Guess]:
     found = [guess for sync in _candidates(capture) if (guess := _framed(capture, sync)) is not None]
     found = [guess for guess in found if guess.covered >= _COVERED]
     found = [_with_check(capture, guess) for guess in sorted(found, key=lambda guess: -guess.covered)[:_LIKELY]]
-    found = [guess for guess in found if guess.check is not None or guess.covered >= _COVERED_WITHOUT_CHECK]
+    found = [guess for guess in found if guess.chance <= LEVEL and guess.covered >= _share_due(guess)]
     different = {(guess.sync, guess.starts): guess for guess in found if guess.has_body}.values()
     order = sorted(
         different, key=lambda guess: (guess.check is None, -round(guess.covered, 2), guess.starts[0], guess.trailer)
     )
     return [guess for place, guess in enumerate(order) if not any(_inside(guess, better) for better in order[:place])]
+
+
+def chance_of(tries: int, hits: int, each: float) -> float:
+    """Return log10 of the chance that as many of independent tries hit, and that any hypothesis does; a bound.
+
+    Source: W. Hoeffding, J. Am. Stat. Assoc. 58 (1963) 13, equation (2.1).
+    """
+    share = hits / max(1, tries)
+    if share <= each:
+        return 0.0
+    missed = (1 - share) * log10((1 - share) / (1 - each)) if share < 1 else 0.0
+    return min(0.0, _TRIES - tries * (share * log10(share / each) + missed))
+
+
+def _share_due(guess: Guess) -> float:
+    """Return the share of a capture that frames must explain; without a check, none of unusual length."""
+    if guess.check is not None:
+        return _COVERED if guess.check.size > 1 else _COVERED_BY_A_BYTE
+    lengths = np.array(guess.lengths)
+    usual = lengths[lengths <= _USUAL * np.median(lengths)].sum() / lengths.sum()
+    return _COVERED_WITHOUT_CHECK / float(usual)
 
 
 def _inside(guess: Guess, better: Guess) -> bool:
@@ -214,7 +244,8 @@ def _chained(capture: bytes, sync: bytes, places: NDArray[np.int64], lengths: ND
             taken.append(index)
             free = start + size
     covered = sum(sizes[index] for index in taken) / len(capture)
-    return Guess(sync, tuple(starts[i] for i in taken), tuple(sizes[i] for i in taken), field, covered)
+    chance = chance_of(len(places), int(good.sum()), len(places) / len(capture))
+    return Guess(sync, tuple(starts[i] for i in taken), tuple(sizes[i] for i in taken), field, covered, chance)
 
 
 def _with_check(capture: bytes, guess: Guess) -> Guess:
@@ -225,10 +256,12 @@ def _with_check(capture: bytes, guess: Guess) -> Guess:
         guess = _shorter(guess, frames)
     elif check is not None:
         guess = replace(guess, check=check)
-    if guess.check is not None:
-        right = [index for index, frame in enumerate(guess.frames(capture)) if _right(guess.check, [frame])]
+    if (fit := guess.check) is not None:
+        chance = chance_of(len(_some(guess.frames(capture), _MANY)), fit.right, 256.0**-fit.size)
+        right = [index for index, frame in enumerate(guess.frames(capture)) if _right(fit, [frame])]
         starts, lengths = ([values[index] for index in right] for values in (guess.starts, guess.lengths))
-        guess = replace(guess, starts=tuple(starts), lengths=tuple(lengths))
+        covered = sum(lengths) / len(capture)
+        guess = replace(guess, starts=tuple(starts), lengths=tuple(lengths), covered=covered, chance=chance)
     sync, frames = guess.sync, guess.frames(capture)
     known = [guess.length.at] if guess.length else []
     known += [guess.check.at] if guess.check and guess.check.at is not None else []
@@ -337,5 +370,6 @@ def _right(fit: FoundCheck, frames: Sequence[bytes]) -> int:
     for frame in frames:
         place = _place(fit, frame)
         stop = place.start if fit.at is None else len(frame)
-        right += check.of(frame[fit.start : stop]) == int.from_bytes(frame[place], _ORDERS[not fit.big])
+        same = check.of(frame[fit.start : stop]) == int.from_bytes(frame[place], _ORDERS[not fit.big])
+        right += fit.start < stop and same
     return right
