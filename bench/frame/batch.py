@@ -353,4 +353,7 @@ def _computed(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDAr
     if held is not None and 0 <= held < covered.shape[1]:
         covered = covered.copy()
         covered[:, held : held + layout.check.size] = 0
+    if message.extra:
+        extra = np.frombuffer(message.extra, np.uint8)
+        covered = np.hstack((covered, np.broadcast_to(extra, (len(covered), len(extra)))))
     return layout.check.of_rows(covered)

@@ -101,7 +101,8 @@ def _decoded(definition: FrameDefinition, stream: BinaryIO, take: Take, engine: 
         head = head or block[:_HEAD_BYTES]
         found(link.flush())
     cut_off = link.undecided_bytes >= _begun_bytes(definition.layout)
-    found(link.finish())
+    found(tail := link.finish())
+    cut_off = cut_off and not any(map(len, tail.messages.values()))
     messages = {name: frames[name] for name in definition.messages}
     return Counted(definition, link.counts, messages, cut_off, tuple(causes.found.values())), head
 

@@ -74,10 +74,15 @@ def _xor8(message: bytes) -> int:
     return value
 
 
-def _fletcher_rows(rows: NDArray[np.uint8], word: int, modulus: int) -> NDArray[Any]:
+def _words(rows: NDArray[np.uint8], word: int, order: str = "<") -> NDArray[np.int64]:
+    """Return the words of rows, the last one filled up with zeros."""
     padded = np.zeros((len(rows), rows.shape[1] + -rows.shape[1] % word), np.uint8)
     padded[:, : rows.shape[1]] = rows
-    wide = padded.view(f"<u{word}").astype(np.int64)
+    return padded.view(f"{order}u{word}").astype(np.int64)
+
+
+def _fletcher_rows(rows: NDArray[np.uint8], word: int, modulus: int) -> NDArray[Any]:
+    wide = _words(rows, word)
     weights = np.arange(wide.shape[1], 0, -1, dtype=np.int64)
     return np.asarray((wide @ weights) % modulus << 8 * word | wide.sum(axis=1) % modulus)
 
@@ -99,14 +104,26 @@ def _adler_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
 def _sum_check(bits: int, turned: str = "") -> Checksum:
     """Return the sum of the bytes, or its one's or two's complement; the value is stored in whole bytes."""
     mask = (1 << bits) - 1
-    sign, added = {"": (1, 0), "-ones": (-1, -1), "-twos": (-1, 0)}[turned]
+    sign, added = _TURNED[turned]
     return Checksum(
         f"sum-{bits}{turned}", (bits + 7) // 8, lambda message: (sign * sum(message) + added) & mask,
         lambda rows: np.asarray((sign * rows.sum(axis=1, dtype=np.int64) + added) & mask),
     )  # fmt: skip
 
 
+def _word_sum(order: str, turned: str) -> Checksum:
+    """Return the sum of 16-bit words, or its one's or two's complement."""
+    sign, added = _TURNED[turned]
+
+    def of_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
+        return np.asarray((sign * _words(rows, 2, order).sum(axis=1) + added) & 0xFFFF)
+
+    name = f"sum-16-words-{'big' if order == '>' else 'little'}{turned}"
+    return Checksum(name, 2, lambda message: int(of_rows(np.frombuffer(message, np.uint8)[None])[0]), of_rows)
+
+
 _ADLER = 65521
+_TURNED = {"": (1, 0), "-ones": (-1, -1), "-twos": (-1, 0)}
 CHECKSUMS: dict[str, Checksum] = {
     check.name: check
     for check in (
@@ -117,8 +134,9 @@ CHECKSUMS: dict[str, Checksum] = {
         Checksum("adler-32", 4, zlib.adler32, _adler_rows),
         Checksum("none", 0, lambda message: 0, lambda rows: np.zeros(len(rows), np.uint64)),
         Checksum("xor-8", 1, _xor8, lambda rows: np.bitwise_xor.reduce(rows, axis=1)),
-        *(_sum_check(bits, turned) for bits in (8, 16, 32) for turned in ("", "-ones", "-twos")),
+        *(_sum_check(bits, turned) for bits in (8, 16, 32) for turned in _TURNED),
         *(_sum_check(bits) for bits in (7, 15)),
+        *(_word_sum(order, turned) for order in "><" for turned in _TURNED),
     )
 }
 """Checks that are no CRC. Fletcher: sums of bytes (16) or little-endian 16-bit words (32) from zero, by its modulus."""

@@ -148,6 +148,6 @@ def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int
     at = end if layout.check_field is None else layout.check_field.offset
     stop = end if message.cover_stop is None else message.cover_stop
     blank = frame if layout.check_field is None else frame[:at] + bytes(size) + frame[at + size :]
-    computed = layout.check.of(blank[message.cover_start : stop])
+    computed = layout.check.of(blank[message.cover_start : stop] + message.extra)
     stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
     return computed == stored, computed, stored

@@ -11,7 +11,7 @@ from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compiling.fields import Placed, place
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
-from bench.frame.layout import OFFSET, Field, Layout, Message, Span
+from bench.frame.layout import OFFSET, Field, Layout, Message, Part, Span
 from bench.frame.parts import blank_row
 from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, FieldSpec, FrameSpec, ItemsSpec
 from bench.model.errors import InputError, InputErrors
@@ -45,6 +45,7 @@ class _Compiler:
         common = place(self._written(spec.fields), ("fields",), start, self._endian, self.fail, sync)
         check = self._check(spec.crc)
         self._check_form(common)
+        self._common_end = common.end
         self._length = self._reference("length", spec.length.field if spec.length else None, common)
         self._type = self._reference("type", spec.type.field if spec.type else None, common)
         self._check_field = self._holder(check, common)
@@ -54,8 +55,9 @@ class _Compiler:
         self._check_lengths(messages)
         if spec.sync_at and not spec.sync:
             self.fail("B-FRAME-006", ("sync_at",), "there are no sync bytes", "leave it out")
-        if not spec.sync and spec.length is None and spec.escape is None and spec.lines is None:
-            text = "frames without sync bytes must carry their length"
+        told = spec.sync or spec.length or spec.escape or spec.lines
+        if not told and not (check.size and len(messages) == 1 and messages[0].length):
+            text = "frames without sync bytes must carry their length, or be of one length and have a check"
             self.fail("B-FRAME-006", ("sync",), text, "give sync bytes, or 'length: {field: ..., plus: ..., max: ...}'")
         commands = compile_commands(spec, messages, self.fail)
         if self.errors:
@@ -185,7 +187,10 @@ class _Compiler:
             if type_field is not None and part.value >= 1 << (bits[1] if bits else type_field.width):
                 message = f"{name}: the type value {part.value} does not fit {spec.type.field if spec.type else ''!r}"
                 self.fail("B-FRAME-007", (*path, "value"), message, "")
-            found.append(self._message(name, fields, part.value))
+            found.append(replace(self._message(name, fields, part.value), extra=bytes(part.extra or ())))
+            if part.extra and spec.other:
+                text = f"{name}: of frames that are not listed nobody knows the extra bytes of the check"
+                self.fail("B-FRAME-007", (*path, "extra"), text, "list all messages, and leave 'other' out")
         return found
 
     def _type_text(self, value: int | str, path: Path_) -> str:
@@ -279,11 +284,15 @@ class _Compiler:
         self._check_columns(name, placed.fields)
         start, stop = self._coverage(placed, name)
         varies = placed.parts or placed.fields[-1].rest or self.spec.lines
-        length = 0 if varies else placed.end + self._tail
+        parts, head = placed.parts, placed.head
+        if self.spec.length and self.spec.length.cut and not varies:
+            head = self._common_end
+            parts = (Part("cut", name, head, placed.end - head),)
+        length = 0 if varies or parts else placed.end + self._tail
         message = Message(name, placed.fields, placed.end, length, start, stop, type_value)
-        if not placed.parts:
+        if not parts:
             return message
-        message = replace(message, parts=placed.parts, head=placed.head)
+        message = replace(message, parts=parts, head=head)
         return replace(message, blank=blank_row(message))
 
     def _coverage(self, placed: Placed, message: str, whole: bool = True) -> tuple[int, int | None]:

@@ -15,18 +15,20 @@ ROOM = 2  # bytes on the wire for one of a frame, at most
 
 
 class PacketDecoder(ReferenceDecoder):
-    """Decoder of packets that a search finds, each of at most so many bytes on the wire.
+    """Decoder of packets that a search finds, each of at most so many bytes on the wire; ``end``: what ends one.
 
-    A packet that is no frame is one rejected candidate. Offsets are those of the wire; delimiters belong to the packet
-    that they end; noise outside packets, and rejected ones, are skipped.
+    The last packet of a stream may lack its end if its check is right. A packet that is no frame is one rejected
+    candidate. Offsets are those of the wire; delimiters belong to the packet that they end; noise outside packets, and
+    rejected ones, are skipped.
     """
 
     def __init__(
-        self, layout: Layout, extract: Extract, search: Callable[[bytes, int, int], Packet | None], longest: int
-    ) -> None:
+        self, layout: Layout, extract: Extract, search: Callable[[bytes, int, int], Packet | None], longest: int,
+        end: bytes,
+    ) -> None:  # fmt: skip
         super().__init__(layout, extract)
         self._next = search
-        self._longest = longest
+        self._longest, self._end = longest, end
 
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
         found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.kinds}
@@ -35,6 +37,9 @@ class PacketDecoder(ReferenceDecoder):
         at = taken = 0
         while at < len(stream):
             packet = self._next(stream, at, self._longest)
+            if packet is None and final and self._layout.check.size:
+                packet = self._next(stream + self._end, at, self._longest)
+                packet = packet and packet._replace(end=len(stream))
             if packet is None:
                 if not final and self._position + at >= before:
                     break

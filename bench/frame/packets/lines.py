@@ -38,7 +38,7 @@ class LineDecoder(PacketDecoder):
     """Decoder of lines: LF or CR LF ends one, its next sync bytes give up one that was begun."""
 
     def __init__(self, layout: Layout, lines: LinesSpec, extract: Extract) -> None:
-        super().__init__(layout, extract, search_of(layout.sync), lines.max)
+        super().__init__(layout, extract, search_of(layout.sync), lines.max, b"\n")
         self._read = LineReader(layout, lines).read
 
     def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:

@@ -23,7 +23,8 @@ def one_by_one(layout: Layout, extract: Extract = read_column) -> ReferenceDecod
     if layout.lines:
         return LineDecoder(layout, layout.lines, extract)
     if layout.escape:
-        return PacketDecoder(layout, extract, ESCAPES[layout.escape].next_packet, ROOM * layout.max_length + 4)
+        escape = ESCAPES[layout.escape]
+        return PacketDecoder(layout, extract, escape.next_packet, ROOM * layout.max_length + 4, escape.end)
     return ReferenceDecoder(layout, extract)
 
 
