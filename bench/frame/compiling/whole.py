@@ -117,7 +117,7 @@ class _Compiler:
         if self.spec.length:
             return self.spec.length.max
         open_ended = any(message.rest or any(part.open_ended for part in message.parts) for message in messages)
-        if open_ended or self.spec.lines is not None:
+        if open_ended or self.spec.lines is not None or self.spec.other:
             return MAX_FRAME_BYTES
         return max(message.body + self._tail for message in messages)
 
