@@ -322,32 +322,17 @@ def test_chunks_make_no_difference() -> None:
             assert parts.counts == whole.counts
 
 
-def test_what_is_written_is_read() -> None:
-    print(f"seed {LINES_SEED}")
-    draw = np.random.default_rng(LINES_SEED)
-    definition = line_of({})
-    for _ in range(200):
-        rate = draw.integers(0, 1 << 32, 2, np.uint32).view(np.float32)
-        rate[~np.isfinite(rate)] = math.nan
-        due = {"address": np.bytes_(b"IMU"), "sequence": int(draw.integers(1 << 16)), "rate": rate,
-               "status": int(draw.integers(1 << 16)), "temperature": int(draw.integers(-128, 128))}  # fmt: skip
-        batch = definition.decoder().feed(definition.encode_one(due)).messages["frame"]
-        np.testing.assert_array_equal(batch.raw("rate")[0], rate)
-        for name in ("sequence", "status", "temperature"):
-            assert batch.raw(name).tolist() == [due[name]]
-    nmea_0183 = frame_of("nmea_0183")
-    values = nmea_0183.decoder().feed(GGA).messages["gga"].columns()
-    again = nmea_0183.decoder().feed(nmea_0183.encode_one({name: column[0] for name, column in values.items()}, "gga"))
-    assert again.messages["gga"].raw("latitude")[0] == pytest.approx(values["latitude"][0], abs=1e-11)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("rate", [math.inf, 0]), ("address", np.bytes_(b"a,b")), ("address", np.bytes_(b"\xe9bc"))]
-)
-def test_what_cannot_stand_in_a_line(name: str, value: object) -> None:
-    values = {"address": np.bytes_(b"IMU"), "sequence": 1, "status": 1, "rate": [0, 0], "temperature": 1}
-    with pytest.raises(InputError, match=r"B-FRAME-021: .*cannot stand in a line"):
-        line_of({}).encode_one({**values, name: value})
+def test_numbers_of_a_line_are_read_to_the_last_bit() -> None:
+    draw, definition = np.random.default_rng(LINES_SEED), line_of({})
+    rates = draw.integers(0, 1 << 32, (200, 2), np.uint32).view(np.float32)
+    rates[~np.isfinite(rates)] = 0
+    for number, pair in enumerate(rates):
+        body = f"#IMU,{number},{number:04x},{pair[0]},{pair[1]!s},-40"
+        batch = definition.decoder().feed(f"{body}*{Crc16Xmodem.calc(body.encode()):04X}\n".encode()).messages["frame"]
+        np.testing.assert_array_equal(batch.raw("rate")[0], pair)
+        assert (batch.raw("sequence")[0], batch.raw("status")[0]) == (number, number)
+    with pytest.raises(InputError, match="B-FRAME-020: .*lines are read, and not written"):
+        definition.encode_one({})
 
 
 @pytest.mark.parametrize(
