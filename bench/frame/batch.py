@@ -6,7 +6,7 @@ A field is read and written where it stands, as numbers at a stride or as bytes 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -96,22 +96,11 @@ class MessageBatch:
 
         NaN where the frame does not hold it, or not all of it.
         """
-        item = self._field(name)
-        column = self.scaled(name)[-1:] if item.given else self.raw(name)
-        if item.given:
-            return float(column.mean())
-        last = column[-1].astype(np.float64)
-        if item.scaled and "." not in name:
-            last = last * item.scale + item.shift
-        return float(last) if column.ndim == 1 else float(np.add.reduce(last) / len(last))
+        return float(self.scaled(name)[-1].mean())
 
     def has_scale(self, name: str) -> bool:
         """Return whether physical and raw values of a field differ."""
         return "." not in name and self._field(name).scaled
-
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """Return all fields by name, in wire order."""
-        return {item.name: self.raw(item.name) for item in self.message.fields}
 
     @staticmethod
     def join(parts: Sequence[MessageBatch]) -> MessageBatch:
@@ -208,7 +197,6 @@ class FrameCounts:
     bad: int = 0
     skipped_bytes: int = 0
     other: int = 0
-    by_message: dict[str, int] = field(default_factory=dict)
 
 
 def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:

@@ -139,15 +139,8 @@ LAYERS: dict[str, Callable[[bytes], bytes | None]] = {
 """What may have been done to the bytes of a capture, with what undoes it; ValueError or zlib.error where it was not."""
 
 
-def undone(head: bytes) -> Iterator[tuple[str, bytes]]:
+def undone(head: bytes, deeper: bool = True) -> Iterator[tuple[str, bytes]]:
     """Give what the beginning of a capture was before a layer, or two of them, with their names."""
-    first = dict(_undone_once(head))
-    yield from first.items()
-    for name, inner in first.items():
-        yield from ((f"{name}; then {other}", bytes_) for other, bytes_ in _undone_once(inner))
-
-
-def _undone_once(head: bytes) -> Iterator[tuple[str, bytes]]:
     for name, undo in LAYERS.items():
         try:
             before = undo(head)
@@ -155,6 +148,7 @@ def _undone_once(head: bytes) -> Iterator[tuple[str, bytes]]:
             continue
         if before and before != head:
             yield name, before
+            yield from ((f"{name}; then {other}", first) for other, first in undone(before, False) if deeper)
 
 
 def _mangled(definition: FrameDefinition, head: bytes) -> Iterator[str]:
@@ -171,29 +165,17 @@ def _mangled(definition: FrameDefinition, head: bytes) -> Iterator[str]:
 
 
 def _lost_bytes(layout: Layout, head: bytes) -> Iterator[str]:
-    of_value, replaced = [head.count(value) for value in range(256)], head.count(b"\xef\xbf\xbd")
-    cut = bytes(byte & 0x7F for byte in layout.pattern)
-    if replaced and _is_utf8(head):
+    number = [head.count(value) for value in range(256)]
+    cut, replaced = bytes(byte & 0x7F for byte in layout.pattern), head.count(b"\xef\xbf\xbd")
+    if replaced and len(head.decode(errors="ignore").encode()) > len(head) - 4:
         yield f"{replaced} bytes that are no UTF-8 became EF BF BD; {_LOST}"
     if cut != layout.pattern and head.isascii() and (begins := head.count(cut)) > len(head) >> 8 * len(cut):
         places = f"the sync bytes stand there {begins} times as {cut.hex(' ')}"
         yield f"the highest bit of every byte is cut: {places}; {_LOST}"
-    for names, values, beside in (("0D", (0x0D,), (0x0B, 0x0C, 0x0E)), ("11 or 13", (0x11, 0x13), (0x10, 0x12, 0x14))):
-        if not any(of_value[value] for value in values) and min(of_value[value] for value in beside) >= _SURE:
-            why = (
-                f"CR became LF (0A stands there {of_value[10]} times)"
-                if 0x0D in values
-                else "XON and XOFF were taken out"
-            )
-            yield f"no byte of the first {len(head)} is {names}: {why}; {_LOST}"
-
-
-def _is_utf8(head: bytes) -> bool:
-    try:
-        utf_8_decode(head)
-    except ValueError:
-        return False
-    return True
+    if number[0x0D] == 0 and min(number[0x0C], number[0x0E]) >= _SURE:
+        yield f"no byte of the first {len(head)} is 0D: CR became LF (0A stands there {number[10]} times); {_LOST}"
+    if number[0x11] == number[0x13] == 0 and min(number[0x10], number[0x12], number[0x14]) >= _SURE:
+        yield f"no byte of the first {len(head)} is 11 or 13: XON and XOFF were taken out; {_LOST}"
 
 
 def _block_bytes(layout: Layout) -> int:

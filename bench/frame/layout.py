@@ -259,18 +259,20 @@ class Layout:
         """JSON-able content that decides how bytes become numbers; hashed into every session."""
         check = self.check
         model = getattr(check, "model", None)
-        later: dict[str, Any] = {} if self.silence_s is None else {"silence_s": self.silence_s}
-        later |= {} if self.length_times == 1 else {"length_times": self.length_times}
-        for name in ("length_bits", "type_bits"):
-            later |= {} if getattr(self, name) is None else {name: list(getattr(self, name))}
-        later |= {} if self.check_field is None else {"check_field": self.check_field.name}
         counting = any(message.counter for message in self.messages)
-        later |= {"own_counters": True} if self.own_counters and counting else {}
-        later |= {"escape": self.escape} if self.escape else {}
-        later |= {"lines": self.lines.model_dump()} if self.lines else {}
-        later |= {"sync_at": self.sync_at} if self.sync_at else {}
-        later |= {"trailer": self.trailer.hex()} if self.trailer else {}
-        later |= {} if self.unlisted is None else {"other": True}
+        later = {
+            "silence_s": self.silence_s,
+            "length_times": self.length_times if self.length_times > 1 else None,
+            "length_bits": self.length_bits,
+            "type_bits": self.type_bits,
+            "check_field": self.check_field and self.check_field.name,
+            "own_counters": self.own_counters and counting,
+            "escape": self.escape,
+            "lines": self.lines and self.lines.model_dump(),
+            "sync_at": self.sync_at,
+            "trailer": self.trailer.hex(),
+            "other": self.unlisted is not None,
+        }
         return {
             "sync": self.sync.hex(),
             "check": check.name if model is None else [model.width, *_numbers(model)],
@@ -280,7 +282,7 @@ class Layout:
             "type": None if self.type_field is None else self.type_field.name,
             "rate_Hz": self.rate_Hz,
             "messages": [_message_content(message) for message in self.messages],
-            **later,
+            **{name: value for name, value in later.items() if value},
         }
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column
 from bench.frame.layout import Layout, Message, Span
-from bench.frame.parts import rows_of_parts, unpacked, wire_length
+from bench.frame.parts import rows_of_frames, unpacked, wire_length
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
 _WRONG = 0  # length or type makes no sense
@@ -199,7 +199,7 @@ class NumpyDecoder:
             self._alike = Alike(0, layout.messages[0].length, dict(enumerate(layout.pattern, layout.sync_at)))
         self._tail = b""
         self._position = 0
-        self.counts = FrameCounts(by_message={message.name: 0 for message in layout.messages})
+        self.counts = FrameCounts()
         self._none = [
             MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [],
                          extract_column)
@@ -277,11 +277,9 @@ class NumpyDecoder:
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
             if message.parts or message is self._layout.unlisted:
                 messages[message.name].ends = starts + lengths + self._position
-        for message, number in zip(self._layout.messages, numbers, strict=False):
-            self.counts.frames += number
-            self.counts.by_message[message.name] += number
-        if self._layout.unlisted is not None:
-            self.counts.other += numbers[-1]
+        listed = len(self._layout.messages)
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
         self.counts.bad += len(bad)
         self.counts.skipped_bytes += consumed - int(length.sum())
         bad = bad + self._position
@@ -295,10 +293,7 @@ class NumpyDecoder:
         if not message.parts and message.rest is None:
             return rows_of(buffer, starts, message), None
         bounds = zip(starts.tolist(), lengths.tolist(), strict=True)
-        if message.parts:
-            return rows_of_parts(message, (stream[start : start + length] for start, length in bounds), tail)
-        rest = [stream[start + message.body : start + length - tail] for start, length in bounds]
-        return rows_of(buffer, starts, message), rest
+        return rows_of_frames(message, (stream[start : start + length] for start, length in bounds), tail)
 
 
 def _joined(found: list[Found]) -> Found:

@@ -79,10 +79,15 @@ def packed(message: Message, row: bytes, rest: bytes) -> bytes:
     return wire
 
 
-def rows_of_parts(message: Message, frames: Iterable[bytes], tail: int) -> tuple[NDArray[np.uint8], list[bytes] | None]:
+def rows_of_frames(
+    message: Message, frames: Iterable[bytes], tail: int
+) -> tuple[NDArray[np.uint8], list[bytes] | None]:
     """Return rows (n, body) uint8 of frames that fit, and their bytes of variable length if the message has any."""
-    found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
-    contents = [content for content in found if not isinstance(content, str)]
+    if message.parts:
+        found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
+        contents = [content for content in found if not isinstance(content, str)]
+    else:
+        contents = [(frame[: message.body], frame[message.body : len(frame) - tail]) for frame in frames]
     rows = np.frombuffer(b"".join(row for row, _ in contents), np.uint8).reshape(len(contents), message.body)
     return rows, None if message.rest is None else [rest for _, rest in contents]
 

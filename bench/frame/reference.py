@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.batch import Extract, FrameBatch, FrameCounts, MessageBatch
-from bench.frame.layout import Field, Layout, Message, read_element, read_part
-from bench.frame.parts import rows_of_parts, unpacked, wire_length
+from bench.frame.layout import Field, Layout, read_element
+from bench.frame.parts import rows_of_frames
+from bench.frame.refusal import Refusal, is_frame, measured
 
 
 def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
@@ -66,15 +67,16 @@ class ReferenceDecoder:
                 at += 1
                 self.counts.skipped_bytes += 1
                 continue
-            length, message = self._measure(stream, at)
-            if length is None or at + length > len(stream):
+            head = stream[at : at + self._layout.header]
+            read = measured(self._layout, head) if len(head) == self._layout.header else None
+            if read is None or (not isinstance(read, Refusal) and at + read[1] > len(stream)):
                 if may_wait:
                     break
                 if not final:
                     bad.append(self._position + at)
-            elif message is not None and self._passes(stream[at : at + length], message):
-                found[message.name].append((at, stream[at : at + length]))
-                at += length
+            elif not isinstance(read, Refusal) and is_frame(self._layout, read[0], stream[at : at + read[1]]):
+                found[read[0].name].append((at, stream[at : at + read[1]]))
+                at += read[1]
                 continue
             else:
                 bad.append(self._position + at)
@@ -84,70 +86,20 @@ class ReferenceDecoder:
         self._tail = stream[at:]
         return batch
 
-    def _measure(self, stream: bytes, at: int) -> tuple[int | None, Message | None]:
-        """Length and message of the candidate at ``at``; None: not known yet. Implausible ones have length 0."""
-        layout = self._layout
-        if at + layout.header > len(stream):
-            return None, None
-        head = stream[at : at + layout.header]
-        message: Message | None = layout.messages[0]
-        if layout.type_field is not None:
-            value = read_part(head, layout.type_field, layout.type_bits)
-            message = next((m for m in layout.messages if m.type_value == value), layout.unlisted)
-        if message is None:
-            return 0, None
-        length = message.length
-        if layout.says_its_length:
-            fields = wire_length(message, head)
-            return (fields + layout.tail, message) if fields else (0, None)
-        if layout.length_field is not None:
-            stated = read_part(head, layout.length_field, layout.length_bits)
-            length = stated * layout.length_times + layout.length_plus
-            if length < message.least + layout.tail or length > layout.max_length:
-                return 0, None
-            if message.length not in (0, length):
-                return 0, None
-        return length, message
-
-    def _passes(self, frame: bytes, message: Message) -> bool:
-        right = frame.endswith(self._layout.trailer) and checks_of(self._layout, message, frame)[0]
-        if not right or not message.parts:
-            return right
-        return not isinstance(unpacked(message, frame, len(frame) - self._layout.tail), str)
-
     def _batch(self, found: dict[str, list[tuple[int, bytes]]], bad: list[int], consumed: int) -> FrameBatch:
         messages = {}
         for message in self._layout.told:
             frames = found[message.name]
             offset = np.array([self._position + at for at, _ in frames], np.int64)
-            if message.parts:
-                rows, rest = rows_of_parts(message, (frame for _, frame in frames), self._layout.tail)
-            else:
-                rows = np.frombuffer(b"".join(frame[: message.body] for _, frame in frames), np.uint8)
-                tail = self._layout.tail
-                rest = (
-                    None if message.rest is None else [frame[message.body : len(frame) - tail] for _, frame in frames]
-                )
-            batch = MessageBatch(message, offset, rows.reshape(len(frames), message.body), rest, self._extract)
+            rows, rest = rows_of_frames(message, (frame for _, frame in frames), self._layout.tail)
+            batch = MessageBatch(message, offset, rows, rest, self._extract)
             if message.parts or message is self._layout.unlisted:
                 batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
-        for message in self._layout.messages:
-            number = len(found[message.name])
-            self.counts.frames += number
-            self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + number
-        self.counts.other += 0 if self._layout.unlisted is None else len(found[self._layout.unlisted.name])
+        numbers = [len(found[message.name]) for message in self._layout.kinds]
+        listed = len(self._layout.messages)
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
         self.counts.bad += len(bad)
         self._position += consumed
         return FrameBatch(messages, np.array(bad, np.int64), self._position)
-
-
-def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int, int]:
-    """Return whether the check of a frame is right, the one computed and the one that it holds."""
-    size, end = layout.check.size, len(frame) - layout.tail
-    at = end if layout.check_field is None else layout.check_field.offset
-    stop = end if message.cover_stop is None else message.cover_stop
-    blank = frame if layout.check_field is None else frame[:at] + bytes(size) + frame[at + size :]
-    computed = layout.check.of(blank[message.cover_start : stop] + message.extra)
-    stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
-    return computed == stored, computed, stored

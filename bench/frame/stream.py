@@ -10,7 +10,6 @@ from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
-from functools import partial
 from itertools import accumulate
 from operator import add
 from typing import NamedTuple
@@ -250,28 +249,16 @@ class LinkDecoder:
         if unwrapper is None:
             wrap = field.wrap or 1 << field.width
             unwrapper = self._counters[key] = CounterUnwrapper(wrap, self.definition.rate_Hz)
-        if len(group) == 1:
-            batch = group[0]
-            result = unwrapper.feed(_counted(batch, field), batch.t_ns, partial(_bytes_of, batch))
-            batch.counter = result.counter
-            self._jumps += result.jumps
-            if result.doubtful:
-                batch.suspect = batch.suspect | result.suspect
-            return result.lost, result.duplicate
         offset = np.concatenate([batch.offset for batch in group])
         order = np.argsort(offset, kind="stable")
         raw = np.concatenate([_counted(batch, field) for batch in group])
         stamps = np.concatenate([batch.t_ns for batch in group if batch.t_ns is not None])
 
         def contents(first: int) -> list[bytes]:
-            needed, begin = order[first:], 0
-            frames: dict[int, bytes] = {}
-            for batch in group:
-                end = begin + len(batch)
-                low = int(needed[(needed >= begin) & (needed < end)].min(initial=end))
-                frames |= enumerate(_bytes_of(batch, low - begin), low)
-                begin = end
-            return [frames[at] for at in needed.tolist()]
+            if len(group) == 1:
+                return _bytes_of(group[0], first)
+            frames = [frame for batch in group for frame in _bytes_of(batch, 0)]
+            return [frames[at] for at in order[first:].tolist()]
 
         result = unwrapper.feed(raw[order], stamps[order], contents)
         self._jumps += result.jumps

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from math import log10
 from typing import Literal
 
@@ -166,7 +167,8 @@ def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[F
     tried = _some(distinct, _TRIED)
     found: list[FoundCheck] = []
     for frame in tried[:_FIRST]:  # the first one may be damaged
-        found = found or [fit for fit in _right_in(frame) if _right(fit, tried) >= _RIGHT * len(tried)]
+        right = (fit for fit in _placements() if _right(fit, [frame]))
+        found = found or [fit for fit in right if _right(fit, tried) >= _RIGHT * len(tried)]
     # by chance: one of ten thousand tries is right in a frame with as many bits as the check has
     sure = [replace(fit, right=_right(fit, distinct)) for fit in found if 8 * fit.size * len(tried) >= least_bits]
     sure = [fit for fit in sure if fit.right >= _RIGHT * len(distinct) and _varies(fit, tried)]
@@ -329,28 +331,17 @@ def small_checks(size: int) -> list[Check]:
     return [check for check in _by_name().values() if check.size == size]
 
 
-def _right_in(frame: bytes) -> Iterator[FoundCheck]:
-    """Give every check and place that is right in one frame."""
-    for check in _by_name().values():
-        size = check.size
-        for trailer in range(_TRAILERS + 1):
-            end = len(frame) - trailer - size
-            stored = frame[end : end + size] if end > 0 else b""
-            values = [int.from_bytes(stored, order) for order in _ORDERS]
-            for start in range(min(_STARTS, end)):
-                if check.of(frame[start:end]) in values:  # hardly ever: looked at closely only then
-                    yield from _stored(check, frame[start:end], stored, start, trailer, None)
-        for at in range(1, min(_STARTS, len(frame) - size - 1)):
-            yield from _stored(check, frame[at + size :], frame[at : at + size], at + size, 0, at)
-
-
-def _stored(
-    check: Check, covered: bytes, stored: bytes, start: int, trailer: int, at: int | None
-) -> Iterator[FoundCheck]:
-    value = check.of(covered)
-    for big in (True, False) if check.size > 1 else (True,):
-        if int.from_bytes(stored, "big" if big else "little") == value:
-            yield FoundCheck(check.name, check.size, big, start, trailer, 1, at)
+@cache
+def _placements() -> list[FoundCheck]:
+    """Return every check wherever it may stand in a frame: behind what it covers, or in front of that."""
+    found = []
+    for check, big, start in product(_by_name().values(), (True, False), range(_STARTS)):
+        fit = FoundCheck(check.name, check.size, big, start, 0, 1)
+        if check.size == 1 and not big:
+            continue
+        found += [replace(fit, trailer=trailer) for trailer in range(_TRAILERS + 1)]
+        found += [replace(fit, start=start + check.size, at=start)] if start else []
+    return found
 
 
 def _place(fit: FoundCheck, frame: bytes) -> slice:

@@ -10,6 +10,7 @@ from bench.frame.batch import Extract, FrameBatch
 from bench.frame.layout import Layout, Message
 from bench.frame.packets.escape import Packet
 from bench.frame.reference import ReferenceDecoder
+from bench.frame.refusal import Refusal, is_frame, measured
 
 ROOM = 2  # bytes on the wire for one of a frame, at most
 
@@ -70,8 +71,7 @@ class PacketDecoder(ReferenceDecoder):
         frame, layout = packet.frame, self._layout
         if frame is None or not frame.startswith(layout.pattern, layout.sync_at) or len(frame) < layout.header:
             return None
-        length, message = self._measure(frame, 0)
-        if message is not None and layout.length_field is None and message.length == 0:
-            length = len(frame) if len(frame) >= message.least + layout.tail else 0
-        good = message is not None and length == len(frame) and self._passes(frame, message)
-        return (message, frame) if message is not None and good else None
+        read = measured(layout, frame)
+        if isinstance(read, Refusal) or read[1] != len(frame) or not is_frame(layout, read[0], frame):
+            return None
+        return read[0], frame

@@ -110,11 +110,10 @@ class LineReader:
         self._one_space = lines.separator == " "
         self._separators = re.compile(f"[{re.escape(lines.separator)}]")
         self._more = lines.more
-        common = layout.messages[0].fields
-        before = common[: 0 if layout.type_field is None else common.index(layout.type_field)]
-        self._type_at = sum(map(_taken, before))
         self._types = [(message, _like(message.type_text)) for message in layout.messages]
         self._slots = {message.name: _slots(message) for message in layout.kinds}
+        common = self._slots[layout.messages[0].name]
+        self._type_at = next((slot.start for slot in common if slot.item is layout.type_field), 0)
 
     def read(self, line: bytes, due_message: Message | None = None) -> tuple[Message, bytes] | Refusal:
         """Return message and fields of a line without its sync bytes and end, or why it is none.
@@ -203,13 +202,6 @@ def _slots(message: Message) -> list[_Slot]:
 def _like(text: str) -> Callable[[str], object]:
     """Return what says whether a value is of a type; a '?' in it stands for any character."""
     return re.compile("".join("." if char == "?" else re.escape(char) for char in text), re.DOTALL).fullmatch
-
-
-def _taken(item: Field) -> int:
-    """Return how many values a field takes."""
-    if item.kind == "b":
-        return 1
-    return (1 if item.count is None else item.count) * (2 if item.form in _LETTERS else 1)
 
 
 def _packer(item: Field) -> Callable[[str], bytes | None]:

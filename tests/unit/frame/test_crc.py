@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import zlib
+from functools import reduce
+from itertools import accumulate
+from operator import xor
+
 import crccheck.crc
 import crcmod.crcmod
 import numpy as np
@@ -117,13 +122,27 @@ def test_checksums(name: str, message: bytes, due: int) -> None:
     assert check.of_rows(np.tile(np.frombuffer(message, np.uint8), (3, 1))).tolist() == [due] * 3
 
 
-@pytest.mark.parametrize("name", CHECKSUMS)
+def by_loop(name: str, message: bytes) -> int:
+    """Return a checksum as its definition tells it, byte by byte or word by word."""
+    kind, bits, *how = name.split("-")
+    if kind in ("xor", "adler"):
+        return reduce(xor, message) if kind == "xor" else zlib.adler32(message)
+    word = 2 if how[:1] == ["words"] or (kind, bits) == ("fletcher", "32") else 1
+    padded, order = message + bytes(-len(message) % word), "big" if "big" in how else "little"
+    words = [int.from_bytes(padded[at : at + word], order) for at in range(0, len(padded), word)]  # type: ignore[arg-type]
+    if kind == "fletcher":
+        modulus = int(how[0].removeprefix("mod"))
+        return sum(accumulate(words)) % modulus << 8 * word | sum(words) % modulus
+    return {"ones": ~sum(words), "twos": -sum(words)}.get(how[-1] if how else "", sum(words)) & (1 << int(bits)) - 1
+
+
+@pytest.mark.parametrize("name", sorted(set(CHECKSUMS) - {"none"}))
 def test_checksums_of_one_message_and_of_many_agree(name: str) -> None:
     generator = np.random.default_rng(SEED)
     for length in (1, 2, 255, 2000):
         rows = generator.integers(0, 256, (5, length), dtype=np.uint8)
         rows[0] = 255
-        assert CHECKSUMS[name].of_rows(rows).tolist() == [CHECKSUMS[name].of(row.tobytes()) for row in rows]
+        assert CHECKSUMS[name].of_rows(rows).tolist() == [by_loop(name, row.tobytes()) for row in rows]
 
 
 def test_missing_compiled_part_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

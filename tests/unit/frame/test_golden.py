@@ -296,7 +296,8 @@ def test_encoder_of_single_frames_gives_the_golden_bytes() -> None:
     assert definition.encode_one({"command": 2, "payload": b"\x64"}, "command") == INDEPENDENT["ngu_b.command"]
     answer = definition.encode_one({"command": 1, "status": 0, "payload": b"NGU SIM-1 1.0"}, "answer")
     assert answer == INDEPENDENT["ngu_b.answer"]
-    columns = decode("ngu_b", INDEPENDENT["ngu_b.housekeeping"], "housekeeping").columns()
+    batch = decode("ngu_b", INDEPENDENT["ngu_b.housekeeping"], "housekeeping")
+    columns = {item.name: batch.raw(item.name) for item in batch.message.fields}
     del columns["length"], columns["kind"]
     assert definition.encode_one(columns, "housekeeping") == INDEPENDENT["ngu_b.housekeeping"]
     assert definition.encode(columns, 1, "housekeeping").tobytes() == INDEPENDENT["ngu_b.housekeeping"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 import struct
 from functools import reduce
 from io import BytesIO
@@ -331,7 +330,7 @@ def test_numbers_of_a_line_are_read_to_the_last_bit() -> None:
         batch = definition.decoder().feed(f"{body}*{Crc16Xmodem.calc(body.encode()):04X}\n".encode()).messages["frame"]
         np.testing.assert_array_equal(batch.raw("rate")[0], pair)
         assert (batch.raw("sequence")[0], batch.raw("status")[0]) == (number, number)
-    with pytest.raises(InputError, match="B-FRAME-020: .*lines are read, and not written"):
+    with pytest.raises(InputError, match=r"B-FRAME-020: .*lines are read, and not written"):
         definition.encode_one({})
 
 
