@@ -25,7 +25,7 @@ class MessageBatch:
 
     Attributes:
         offset: (n,) int64, stream offset of the first sync byte.
-        ends: (n,) int64, stream offsets behind the frames where these vary on the wire beyond their "rest"; else None.
+        ends: (n,) int64, stream offsets behind the frames.
         rows: (n, body) uint8, the frames without check and without bytes of variable length.
         t_ns: (n,) int64, receive stamp of the chunk that completed the frame; None outside a link.
         counter: (n,) int64, unwrapped counter, which never falls except on a repeated frame (it then carries the
@@ -41,7 +41,7 @@ class MessageBatch:
         self.offset = offset
         self.rows = rows
         self.rest = rest
-        self.ends: NDArray[np.int64] | None = None
+        self.ends = offset
         self.t_ns: NDArray[np.int64] | None = None
         self.counter: NDArray[np.int64] | None = None
         self._extract = extract
@@ -153,8 +153,7 @@ class JoinedBatch(MessageBatch):
         self.t_ns = np.concatenate(stamps) if stamps else None
         counters = [part.counter for part in parts if part.counter is not None]
         self.counter = np.concatenate(counters) if counters else None
-        ends = [part.ends for part in parts if part.ends is not None]
-        self.ends = np.concatenate(ends) if ends else None
+        self.ends = np.concatenate([part.ends for part in parts])
         self._columns = {}
         self._parts = parts
 

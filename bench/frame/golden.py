@@ -13,9 +13,9 @@ import numpy as np
 from bench.frame.compiling.fields import read_hex
 from bench.frame.explain import checks_that_fit
 from bench.frame.layout import Field, Layout, Message
-from bench.frame.packets import ESCAPES, LineReader, one_by_one
-from bench.frame.refusal import Refusal, why_refused
-from bench.frame.spec import FrameSpec, LinesSpec
+from bench.frame.packets import ESCAPES, one_by_one, why_bad
+from bench.frame.refusal import why_refused
+from bench.frame.spec import FrameSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
@@ -50,15 +50,6 @@ def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
         raise InputErrors(errors)
 
 
-def _unescaped(layout: Layout, wire: bytes) -> bytes | None:
-    """Return the one frame of an escaped golden frame, None if there is another number of packets."""
-    pieces, at = [], 0
-    while (packet := ESCAPES[layout.escape].next_packet(wire, at, len(wire) + 1)) is not None:
-        at = packet.end
-        pieces += [packet.frame] if packet.frame != b"" else []
-    return pieces[0] if len(pieces) == 1 and at == len(wire) else None
-
-
 def wire_of(layout: Layout, golden: str) -> bytes | None:
     """Return a golden frame as it stands on the wire, None if it is no hex text; of lines, it is a line."""
     return golden.strip("\r\n").encode("ascii", "replace") + b"\r\n" if layout.lines else read_hex(golden)
@@ -66,32 +57,25 @@ def wire_of(layout: Layout, golden: str) -> bytes | None:
 
 def _refused(layout: Layout, message: Message, text: str) -> str:
     """Return why the golden frame is no frame of this message; empty if it is one."""
-    wire = wire_of(layout, text)
-    if wire is not None and layout.lines:
-        return _why_no_line(layout, layout.lines, message, wire)
+    wire, kind = wire_of(layout, text), "line" if layout.lines else "frame"
     if not wire:
         return f"the golden frame {_why_no_hex(text)}"
-    frame = _unescaped(layout, wire) if layout.escape else wire
-    if frame is None:
-        return f"the golden frame is no single {layout.escape} packet"
-    problem = _why_no_frame(layout, message, frame)
-    if problem or len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
-        return problem
-    return "the golden frame does not stand alone: its decoder finds none or several in it"
-
-
-def _why_no_frame(layout: Layout, message: Message, frame: bytes) -> str:
-    if not frame.startswith(layout.pattern, layout.sync_at):
-        there = frame[layout.sync_at : layout.sync_at + len(layout.pattern)].hex(" ")
+    if not layout.escape and not wire.startswith(layout.pattern, layout.sync_at):
         at = f" at byte {layout.sync_at}" if layout.sync_at else ""
-        return f"the golden frame begins{at} with {there}, not {layout.pattern.hex(' ')}"
-    if message.length not in (0, len(frame)) or len(frame) < message.least + layout.tail:
-        due = message.length or f"at least {message.least + layout.tail}"
-        return f"the golden frame of {message.name!r} has {len(frame)} bytes, due are {due}"
-    refusal = why_refused(layout, frame, message, exact=True)
-    if refusal is None:
+        begin = wire[layout.sync_at : layout.sync_at + len(layout.pattern)]
+        there, due = (repr(part)[1:] if layout.lines else part.hex(" ") for part in (begin, layout.pattern))
+        return f"the golden {kind} begins{at} with {there}, not {due}"
+    if layout.escape or layout.lines:
+        refusal = why_bad(layout)[0](wire.removeprefix(ESCAPES[layout.escape].end) if layout.escape else wire)
+    else:
+        refusal = why_refused(layout, wire, message, exact=True)
+    if refusal is not None:
+        return (
+            f"the golden {kind} {refusal.text}{_check_that_is_right(layout, wire) if refusal.cause == 'check' else ''}"
+        )
+    if len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
         return ""
-    return f"the golden frame {refusal.text}{_check_that_is_right(layout, frame) if refusal.cause == 'check' else ''}"
+    return f"the golden {kind} is no single {layout.escape or kind} of {message.name!r}"
 
 
 def _why_no_hex(text: str) -> str:
@@ -100,23 +84,10 @@ def _why_no_hex(text: str) -> str:
     return f"is no hex text: there is {found}"
 
 
-def _why_no_line(layout: Layout, lines: LinesSpec, message: Message, wire: bytes) -> str:
-    """Return why a golden line is no line of this message; empty if it is one."""
-    if not wire.startswith(layout.sync):
-        return f"the golden line does not begin with {layout.sync.decode('ascii', 'replace')!r}"
-    if len(wire) > lines.max:
-        return f"the golden line has {len(wire)} bytes with its end, 'lines: max' is {lines.max}"
-    read = LineReader(layout, lines).read(wire[len(layout.sync) : -2], message)
-    if isinstance(read, Refusal):
-        return f"the golden line {read.text}"
-    if len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
-        return ""
-    return f"the golden line is no single line of {message.name!r}"
-
-
 def _check_that_is_right(layout: Layout, frame: bytes) -> str:
     """Return which other check is right in a frame, as the end of a sentence; rather the one that was named."""
-    fits = list(checks_that_fit([frame], least_bits=16)) if len(frame) <= _TRIED_BYTES else []
+    plain = len(frame) <= _TRIED_BYTES and not layout.escape and not layout.lines
+    fits = list(checks_that_fit([frame], least_bits=16)) if plain else []
     fit = next((fit for fit in fits if fit.name == layout.check.name), fits[0] if fits else None)
     if fit is None:
         return ""

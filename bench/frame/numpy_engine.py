@@ -275,8 +275,7 @@ class NumpyDecoder:
             starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
-            if message.parts or message is self._layout.unlisted:
-                messages[message.name].ends = starts + lengths + self._position
+            messages[message.name].ends = starts + lengths + self._position
         listed = len(self._layout.messages)
         self.counts.frames += sum(numbers[:listed])
         self.counts.other += sum(numbers[listed:])

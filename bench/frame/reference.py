@@ -93,8 +93,7 @@ class ReferenceDecoder:
             offset = np.array([self._position + at for at, _ in frames], np.int64)
             rows, rest = rows_of_frames(message, (frame for _, frame in frames), self._layout.tail)
             batch = MessageBatch(message, offset, rows, rest, self._extract)
-            if message.parts or message is self._layout.unlisted:
-                batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
+            batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
         numbers = [len(found[message.name]) for message in self._layout.kinds]
         listed = len(self._layout.messages)

@@ -60,16 +60,11 @@ class LinkCounts:
 
 
 class LinkBatch(NamedTuple):
-    """Frames of one flush by message name, the rejected candidates (m,) with stream offset and receive stamp.
-
-    ``lost`` and ``duplicate`` count what the counters of this batch revealed.
-    """
+    """Frames of one flush by message name, the rejected candidates (m,) with stream offset and receive stamp."""
 
     messages: Mapping[str, MessageBatch]
     bad_offset: NDArray[np.int64]
     bad_t_ns: NDArray[np.int64]
-    lost: int
-    duplicate: int
 
 
 class LinkDecoder:
@@ -182,51 +177,29 @@ class LinkDecoder:
         messages, bad_offset, position = found
         for batch in messages.values():
             batch.t_ns = self._stamps_of(batch)
-        lost, duplicate = self._count(messages)
+        self._count(messages)
         messages = {message.name: messages[message.name] for message in self.definition.layout.messages}
         bad_t_ns = bad_offset
         if len(bad_offset):
             bad_t_ns = np.array(self._stamps)[np.searchsorted(self._ends, bad_offset, side="right")]
-        self._lost += lost
-        self._duplicate += duplicate
         self._suspect += sum(int(np.count_nonzero(batch.suspect)) for batch in messages.values())
         self._decided = position
         decided = bisect_right(self._ends, position)
         del self._ends[:decided], self._stamps[:decided]
-        return LinkBatch(messages, bad_offset, bad_t_ns, lost, duplicate)
+        return LinkBatch(messages, bad_offset, bad_t_ns)
 
     def _stamps_of(self, batch: MessageBatch) -> NDArray[np.int64]:
         """Stamp of the chunk with the last byte of each frame; few chunks, many frames: count frames per chunk."""
         if not len(batch.offset):
             return np.empty(0, np.int64)
-        ends, first, last = self._ends, 0, 0
-        if len(ends) > 1:
-            first, last = bisect_left(ends, self._end_of(batch, 0)), bisect_left(ends, self._end_of(batch, -1))
+        first, last = (bisect_left(self._ends, int(batch.ends[at])) for at in (0, -1))
         if first == last:
-            stamps = np.empty(len(batch.offset), np.int64)
-            stamps.fill(self._stamps[first])
-            return stamps
-        behind = batch.offset + batch.message.length
-        if batch.ends is not None:
-            behind = batch.ends
-        elif batch.rest is not None:
-            extra = np.fromiter(map(len, batch.rest), np.int64, len(batch))
-            behind = batch.offset + batch.message.body + self.definition.layout.tail + extra
-        complete = np.searchsorted(behind, ends[first : last + 1], side="right")
+            return np.full(len(batch), self._stamps[first], np.int64)
+        complete = np.searchsorted(batch.ends, self._ends[first : last + 1], side="right")
         complete[1:] -= complete[:-1].copy()
         return np.repeat(np.array(self._stamps[first : last + 1]), complete)
 
-    def _end_of(self, batch: MessageBatch, index: int) -> int:
-        """Return the stream offset behind one frame."""
-        if batch.ends is not None:
-            return int(batch.ends[index])
-        if batch.rest is None:
-            return int(batch.offset[index]) + batch.message.length
-        tail = self.definition.layout.tail + len(batch.rest[index])
-        return int(batch.offset[index]) + batch.message.body + tail
-
-    def _count(self, messages: Mapping[str, MessageBatch]) -> tuple[int, int]:
-        lost = duplicate = 0
+    def _count(self, messages: Mapping[str, MessageBatch]) -> None:
         counting = []
         for batch in messages.values():
             if batch.message.counter is not None and len(batch.offset):
@@ -235,12 +208,9 @@ class LinkDecoder:
                 batch.counter = np.empty(0, np.int64)
         groups = [counting] if self.definition.layout.shared_counter else [[batch] for batch in counting]
         for group in groups if counting else ():
-            more_lost, more_duplicate = self._unwrap(group)
-            lost += more_lost
-            duplicate += more_duplicate
-        return lost, duplicate
+            self._unwrap(group)
 
-    def _unwrap(self, group: list[MessageBatch]) -> tuple[int, int]:
+    def _unwrap(self, group: list[MessageBatch]) -> None:
         """Unwrap the counter that the messages of a group share, in stream order."""
         field = group[0].message.counter
         assert field is not None
@@ -261,6 +231,8 @@ class LinkDecoder:
             return [frames[at] for at in order[first:].tolist()]
 
         result = unwrapper.feed(raw[order], stamps[order], contents)
+        self._lost += result.lost
+        self._duplicate += result.duplicate
         self._jumps += result.jumps
         counter, suspect = np.empty_like(result.counter), np.empty_like(result.suspect)
         counter[order], suspect[order] = result.counter, result.suspect
@@ -269,7 +241,6 @@ class LinkDecoder:
             batch.counter = counter[at : at + len(batch)]
             batch.suspect = batch.suspect | suspect[at : at + len(batch)]
             at += len(batch)
-        return result.lost, result.duplicate
 
 
 def _counted(batch: MessageBatch, field: Field) -> NDArray[np.int64]:
@@ -294,8 +265,6 @@ def _joined(parts: list[LinkBatch]) -> LinkBatch:
         messages,
         np.concatenate([part.bad_offset for part in parts]),
         np.concatenate([part.bad_t_ns for part in parts]),
-        sum(part.lost for part in parts),
-        sum(part.duplicate for part in parts),
     )
 
 

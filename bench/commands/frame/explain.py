@@ -36,11 +36,9 @@ def new(capture: Path, name: str, out: Path | None) -> int:
     """
     head = _head(capture)
     found = _hypotheses(head)
-    if not found and _layer(head, found) is None:
-        sys.stderr.write(f"{_nothing(head)}\n")
-        return ExitStatus.VERDICT_FAIL
-    if (layer := _layer(head, found)) is not None:
-        sys.stderr.write(f"{layer}\n")
+    layer = _layer(head, found)
+    if layer or not found:
+        sys.stderr.write(f"{layer or _nothing(head)}\n")
         return ExitStatus.VERDICT_FAIL
     text = draft(found[0], head, name)
     parse_frame(text, str(out or name))
@@ -74,7 +72,7 @@ def explain(frame: str, file: Path) -> int:
     except InputErrors as error:
         refused = error
     found = _hypotheses(head)
-    if refused is not None and (layer := _layer(head, found)) is not None:
+    if refused is not None and (layer := _layer(head, found)):
         out.print(layer)
     for number, guess in enumerate(found[:_SHOWN]):
         out.print(f"{'as the capture has it' if number == 0 else 'or'}: {_told(guess)}", highlight=False)
@@ -98,14 +96,14 @@ def _hypotheses(head: bytes) -> list[Guess | LineGuess]:
     return [lines, *frames] if first else [*frames, lines]
 
 
-def _layer(head: bytes, found: list[Guess | LineGuess]) -> str | None:
-    """Return what hides frames with a check, where the capture as it is shows none."""
+def _layer(head: bytes, found: list[Guess | LineGuess]) -> str:
+    """Return what hides frames with a check, where the capture as it is shows none; "" if nothing does."""
     if not any(_has_check(guess) for guess in found):
         for name, before in undone(head):
             guess = next((guess for guess in _hypotheses(before) if _has_check(guess)), None)
             if guess is not None:
                 return f"the capture is not as it was sent: {name}; undone, its beginning shows {_told(guess)}"
-    return None
+    return ""
 
 
 def _has_check(guess: Guess | LineGuess) -> bool:

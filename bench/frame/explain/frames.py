@@ -286,26 +286,13 @@ def _shorter(guess: Guess, frames: Sequence[bytes]) -> Guess:
     whole = len(tried[0])
     for size in range(whole - _TRAILERS - 1, max(len(guess.sync) + 2, whole - _BETWEEN), -1):
         cut = [frame[:size] for frame in tried]
-        for check in _crcs():
-            for start in range(len(guess.sync) + 1):
-                if not _ends_in(check, cut[0], start) and not _ends_in(check, cut[-1], start):
-                    continue
-                orders = [order for frame in cut if (order := _ends_in(check, frame, start))]
-                if len(orders) >= _RIGHT * len(cut) and len({frame[-check.size :] for frame in cut}) > 1:
-                    fit = FoundCheck(check.name, check.size, orders[0] == "big", start, 0, len(orders))
-                    lengths = (size,) * len(guess.starts)
-                    fit = replace(fit, right=_right(fit, [frame[:size] for frame in _some(frames, _MANY)]))
-                    return replace(guess, lengths=lengths, covered=guess.covered * size / whole, check=fit)
+        for check, start, big in product(_crcs(), range(len(guess.sync) + 1), (True, False)):
+            fit = FoundCheck(check.name, check.size, big, start, 0, 1)
+            sure = _right(fit, [cut[0], cut[-1]]) and _right(fit, cut) >= _RIGHT * len(cut) and _varies(fit, cut)
+            if sure:
+                fit = replace(fit, right=_right(fit, [frame[:size] for frame in _some(frames, _MANY)]))
+                return replace(guess, lengths=(size,) * len(guess.starts), check=fit)
     return guess
-
-
-def _ends_in(check: Check, frame: bytes, start: int) -> str:
-    """Return the order of bytes in which a frame ends with its check, "" if it does not."""
-    value, stored = check.of(frame[start : -check.size]), frame[-check.size :]
-    for order in _ORDERS:
-        if int.from_bytes(stored, order) == value:
-            return order
-    return ""
 
 
 def _some(frames: Sequence[bytes], most: int) -> list[bytes]:

@@ -343,7 +343,7 @@ def test_numbers_of_a_line_are_read_to_the_last_bit() -> None:
         ({"crc": {"name": "xor-8", "over": ["sequence", "end"]}}, "B-FRAME-008", "covers it from"),
         ({"crc": {"name": "xor-8", "over": ["sync", "end"], "stored": "big"}}, "B-FRAME-008", "hex digits"),
         ({"fields": [{"name": "a", "type": "bytes", "count": "rest"}]}, "B-FRAME-002", "no 'rest'"),
-        ({"golden": "IMU,7*00"}, "B-FRAME-011", "does not begin with '#'"),
+        ({"golden": "IMU,7*00"}, "B-FRAME-011", "begins with 'I', not '#'"),
         ({"golden": "#IMU,7*00"}, "B-FRAME-011", "stands '00'"),
         ({"golden": f"#IMU,7*{Crc16Xmodem.calc(b'#IMU,7'):04X}"}, "B-FRAME-011", "has 2 values, 'frame' has 6"),
         ({"type": {"field": "sequence"}}, "B-FRAME-006", "the type of a line"),
