@@ -5,7 +5,7 @@ A field is read and written where it stands, as numbers at a stride or as bytes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 
 from bench.frame.layout import Field, Layout, Message
 from bench.model.errors import InputError
-
-Extract = Callable[[NDArray[np.uint8], Field], NDArray[Any]]
-"""Cuts one field out of the frame bytes (n, body): (n,) or (n, count), native byte order."""
 
 
 class MessageBatch:
@@ -33,10 +30,11 @@ class MessageBatch:
         suspect: (n,) bool, check passed but a constant differs or the counter is out of line.
     """
 
-    __slots__ = ("_columns", "_extract", "counter", "ends", "message", "offset", "rest", "rows", "suspect", "t_ns")
+    __slots__ = ("_columns", "counter", "ends", "message", "offset", "rest", "rows", "suspect", "t_ns")
 
-    def __init__(self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None,
-                 extract: Extract) -> None:  # fmt: skip
+    def __init__(
+        self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None
+    ) -> None:
         self.message = message
         self.offset = offset
         self.rows = rows
@@ -44,7 +42,6 @@ class MessageBatch:
         self.ends = offset
         self.t_ns: NDArray[np.int64] | None = None
         self.counter: NDArray[np.int64] | None = None
-        self._extract = extract
         self._columns: dict[str, NDArray[Any]] = {}
         self.suspect = self._constants_differ()
 
@@ -126,7 +123,7 @@ class MessageBatch:
             column[:] = self.rest
             return column
         if "." not in name:
-            return self._extract(self.rows, item)
+            return extract_column(self.rows, item)
         low, width = item.bits[name.partition(".")[2]]
         whole = self.raw(item.name)
         kind = whole.dtype.type

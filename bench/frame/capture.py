@@ -107,29 +107,29 @@ def _decoded(definition: FrameDefinition, stream: BinaryIO, take: Take, engine: 
     return Counted(definition, link.counts, messages, cut_off, tuple(causes.found.values())), head
 
 
-def _without_cr(head: bytes) -> bytes | None:
+def _without_cr(head: bytes) -> bytes:
     return head.replace(b"\r\n", b"\n")
 
 
-def _from_utf8(head: bytes) -> bytes | None:
+def _from_utf8(head: bytes) -> bytes:
     return utf_8_decode(head)[0].encode("latin-1")
 
 
-def _from_hex(head: bytes) -> bytes | None:
+def _from_hex(head: bytes) -> bytes:
     digits = re.sub(rb"0[xX]|[\s,:;-]", b"", head)
     return binascii.unhexlify(digits[: len(digits) // 2 * 2])
 
 
-def _from_base64(head: bytes) -> bytes | None:
+def _from_base64(head: bytes) -> bytes:
     digits = b"".join(head.split())
     return binascii.a2b_base64(digits[: len(digits) // 4 * 4], strict_mode=True)
 
 
-def _from_gzip(head: bytes) -> bytes | None:
+def _from_gzip(head: bytes) -> bytes:
     return zlib.decompressobj(31).decompress(head, _HEAD_BYTES)
 
 
-LAYERS: dict[str, Callable[[bytes], bytes | None]] = {
+LAYERS: dict[str, Callable[[bytes], bytes]] = {
     "every LF became CR LF": _without_cr,
     "every byte above 7F became UTF-8 of Latin-1": _from_utf8,
     "it is hex text": _from_hex,

@@ -22,11 +22,7 @@ def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], co
     if message.length == 0 or layout.escape:
         text = f"the message {message.name!r} has no fixed length"
         raise InputError("B-FRAME-020", text, where=_WHERE, next_step="encode it one by one with encode_one")
-    rows = _filled(layout, message, columns, count, message.length)
-    if layout.length_field is not None:
-        _put(rows, layout.length_field, with_automatic(layout, message, columns, message.length), count)
-    seal(layout, message, rows)
-    return rows
+    return _sealed(layout, message, columns, _filled(layout, message, columns, count, message.length))
 
 
 def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) -> bytes:
@@ -45,10 +41,16 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
         text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
         raise InputError("B-FRAME-021", text, where=_WHERE)
     rows = np.frombuffer(wire + bytes(layout.tail), np.uint8).reshape(1, total).copy()
-    if layout.length_field is not None:
-        _put(rows, layout.length_field, with_automatic(layout, message, columns, total), 1)
-    seal(layout, message, rows)
+    rows = _sealed(layout, message, columns, rows)
     return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
+
+
+def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return frames with their length, check and trailer, which depend on the rest."""
+    if layout.length_field is not None:
+        _put(rows, layout.length_field, with_automatic(layout, message, columns, rows.shape[1]), len(rows))
+    seal(layout, message, rows)
+    return rows
 
 
 def _filled(layout: Layout, message: Message, columns: Mapping[str, Any], count: int, width: int) -> NDArray[np.uint8]:

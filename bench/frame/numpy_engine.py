@@ -201,8 +201,7 @@ class NumpyDecoder:
         self._position = 0
         self.counts = FrameCounts()
         self._none = [
-            MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [],
-                         extract_column)
+            MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [])
             for message in layout.told
         ]  # fmt: skip
 
@@ -274,7 +273,7 @@ class NumpyDecoder:
             mine = slice(number) if number == len(start) else np.flatnonzero(kind == index)
             starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
-            messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
+            messages[message.name] = MessageBatch(message, starts + self._position, rows, rest)
             messages[message.name].ends = starts + lengths + self._position
         listed = len(self._layout.messages)
         self.counts.frames += sum(numbers[:listed])

@@ -6,37 +6,19 @@ check, length or type wrong -> count one rejected candidate, one byte on; else a
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.frame.batch import Extract, FrameBatch, FrameCounts, MessageBatch
-from bench.frame.layout import Field, Layout, read_element
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
+from bench.frame.layout import Layout
 from bench.frame.parts import rows_of_frames
-from bench.frame.refusal import Refusal, is_frame, measured
-
-
-def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
-    """Raw values of a field, frame by frame; same shapes, types and, of floats that are no numbers, bits as others."""
-    frames = [row.tobytes() for row in rows]
-    if item.kind == "f":
-        begins = [item.place(element)[0] for element in range(1 if item.count is None else item.count)]
-        floats = b"".join(frame[at : at + item.size] for frame in frames for at in begins)
-        column = np.frombuffer(floats, f"{'>' if item.big else '<'}{item.dtype}").astype(item.dtype)
-        return column if item.count is None else column.reshape(len(frames), item.count)
-    if item.count is None:
-        return np.array([read_element(frame, item) for frame in frames], item.dtype)
-    values = [[read_element(frame, item, element) for element in range(item.count)] for frame in frames]
-    return np.array(values, item.dtype).reshape(len(frames), item.count)
+from bench.frame.refusal import Refusal, measured, why_none
 
 
 class ReferenceDecoder:
-    """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``; ``extract`` cuts the fields out."""
+    """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``."""
 
-    def __init__(self, layout: Layout, extract: Extract = read_column) -> None:
+    def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self._extract = extract
         self._tail = b""
         self._position = 0
         self.counts = FrameCounts()
@@ -74,7 +56,7 @@ class ReferenceDecoder:
                     break
                 if not final:
                     bad.append(self._position + at)
-            elif not isinstance(read, Refusal) and is_frame(self._layout, read[0], stream[at : at + read[1]]):
+            elif not isinstance(read, Refusal) and why_none(self._layout, read[0], stream[at : at + read[1]]) is None:
                 found[read[0].name].append((at, stream[at : at + read[1]]))
                 at += read[1]
                 continue
@@ -92,7 +74,7 @@ class ReferenceDecoder:
             frames = found[message.name]
             offset = np.array([self._position + at for at, _ in frames], np.int64)
             rows, rest = rows_of_frames(message, (frame for _, frame in frames), self._layout.tail)
-            batch = MessageBatch(message, offset, rows, rest, self._extract)
+            batch = MessageBatch(message, offset, rows, rest)
             batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
         numbers = [len(found[message.name]) for message in self._layout.kinds]

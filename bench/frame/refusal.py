@@ -30,15 +30,11 @@ def why_refused(layout: Layout, candidate: bytes, due: Message | None = None, ex
         return Refusal("length", f"is {length} bytes long, of which {len(candidate)} are there")
     if exact and length != len(candidate):
         return Refusal("length", f"states {length} bytes and has {len(candidate)}")
-    return _why_none(layout, message, candidate[:length])
+    return why_none(layout, message, candidate[:length])
 
 
-def is_frame(layout: Layout, message: Message, frame: bytes) -> bool:
-    """Return whether check, trailer and contents are right."""
-    return _why_none(layout, message, frame) is None
-
-
-def _why_none(layout: Layout, message: Message, frame: bytes) -> Refusal | None:
+def why_none(layout: Layout, message: Message, frame: bytes) -> Refusal | None:
+    """Return what is wrong with check, trailer or contents of a frame; None if nothing is."""
     length = len(frame)
     right, computed, stored = checks_of(layout, message, frame)
     if not right:

@@ -91,8 +91,7 @@ class LinkDecoder:
 
     def push(self, t_mono_ns: int, chunk: bytes) -> None:
         """Queue a received chunk; ``t_mono_ns`` is the time its last byte was read."""
-        self._queue.append((t_mono_ns, chunk))
-        self._pushed += len(chunk)
+        self.push_all([(t_mono_ns, chunk)])
 
     def push_all(self, chunks: Sequence[tuple[int, bytes]]) -> None:
         """Queue received chunks, each with its time."""
@@ -112,18 +111,8 @@ class LinkDecoder:
     @property
     def counts(self) -> LinkCounts:
         """Totals of everything flushed so far."""
-        seen = self._decoder.counts
-        return LinkCounts(
-            seen.bytes,
-            seen.frames,
-            seen.bad,
-            self._lost,
-            self._duplicate,
-            seen.skipped_bytes,
-            self._suspect,
-            seen.other,
-            self._jumps,
-        )
+        mine = {"lost": self._lost, "duplicate": self._duplicate, "suspect": self._suspect, "jumps": self._jumps}
+        return LinkCounts(**vars(self._decoder.counts), **mine)
 
     def flush(self) -> LinkBatch:
         """Decode all queued chunks; an unfinished frame waits for the next flush."""
@@ -141,11 +130,7 @@ class LinkDecoder:
 
     def finish(self) -> LinkBatch:
         """Decode all queued chunks and the tail: nothing will follow."""
-        batch = self.flush()
-        tail = self._accounted(self._decoder.finish())
-        if not any(len(part) for part in tail.messages.values()) and not len(tail.bad_offset):
-            return batch
-        return _joined([batch, tail])
+        return _joined([self.flush(), self._accounted(self._decoder.finish())])
 
     def _between_silences(self, queued: list[_Chunk], silence_ns: int) -> list[tuple[list[_Chunk], int | None]]:
         """Chunks to be decoded together, with the stream offset at which a silence ended.

@@ -31,7 +31,7 @@ class _Compiler:
         self.errors: list[InputError] = []
         self._endian = self.spec.endian or "big"
 
-    def fail(self, code: str, path: Path_, message: str, next_step: str) -> None:
+    def fail(self, code: str, path: Path_, message: str, next_step: str = "") -> None:
         where = self.document.where(path)
         if not any((error.code, error.where) == (code, where) == ("B-FRAME-008", where) for error in self.errors):
             self.errors.append(InputError(code, message, where=where, next_step=next_step))
@@ -139,7 +139,7 @@ class _Compiler:
         ):
             return field
         text = f"the check needs an unsigned integer of {8 * check.size} bits among the common fields"
-        self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}", "")
+        self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}")
         return None
 
     def _reference(self, key: str, part: str | None, common: Placed) -> tuple[Field | None, Span | None]:
@@ -150,11 +150,11 @@ class _Compiler:
         field = next((item for item in common.fixed if item.name == name), None)
         if self.spec.lines and key == "type":
             if field is None or field.kind != "b" or bits:
-                self.fail("B-FRAME-006", (key, "field"), f"the type of a line must be common bytes, not {part!r}", "")
+                self.fail("B-FRAME-006", (key, "field"), f"the type of a line must be common bytes, not {part!r}")
             return field, None
         if field is None or field.kind != "u" or field.count is not None or field.size > 4:
             message = f"the {key} field {name!r} must be one unsigned integer of up to 32 bits among the common fields"
-            self.fail("B-FRAME-006", (key, "field"), message, "")
+            self.fail("B-FRAME-006", (key, "field"), message)
             return None, None
         if bits and bits not in field.bits:
             self.fail("B-FRAME-006", (key, "field"), f"{name!r} has no bits {bits!r}", "name them in its 'bits'")
@@ -179,14 +179,14 @@ class _Compiler:
             path: Path_ = ("messages", name)
             fields = place(self._written(part.fields), (*path, "fields"), common, self._endian, self.fail)
             if any(part.value in (other.type_value, other.type_text) for other in found):
-                self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken", "")
+                self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken")
             if isinstance(part.value, str) or spec.lines:
                 found.append(replace(self._message(name, fields, None), type_text=self._type_text(part.value, path)))
                 continue
             type_field, bits = self._type
             if type_field is not None and part.value >= 1 << (bits[1] if bits else type_field.width):
                 message = f"{name}: the type value {part.value} does not fit {spec.type.field if spec.type else ''!r}"
-                self.fail("B-FRAME-007", (*path, "value"), message, "")
+                self.fail("B-FRAME-007", (*path, "value"), message)
             found.append(replace(self._message(name, fields, part.value), extra=bytes(part.extra or ())))
             if part.extra and spec.other:
                 text = f"{name}: of frames that are not listed nobody knows the extra bytes of the check"
@@ -199,10 +199,10 @@ class _Compiler:
         room = field.length if field else MAX_FRAME_BYTES
         if lines is None or not isinstance(value, str):
             kind = "a whole number" if lines is None else "text in quotes"
-            self.fail("B-FRAME-007", (*path, "value"), f"the type value {value!r} must be {kind}", "")
+            self.fail("B-FRAME-007", (*path, "value"), f"the type value {value!r} must be {kind}")
         elif len(value) > room or set(value) & set(lines.separator):
             text = f"the type value {value!r} is no value of {room} characters"
-            self.fail("B-FRAME-007", (*path, "value"), text, "")
+            self.fail("B-FRAME-007", (*path, "value"), text)
         return str(value)
 
     def _check_form(self, common: Placed) -> None:
@@ -231,15 +231,15 @@ class _Compiler:
         first, last = spec.crc.over or ("sync", "end")
         if first not in ("sync", common.fields[0].name) or last != "end":
             text = f"the check of a line covers it from 'sync' or from {common.fields[0].name!r} to 'end'"
-            self.fail("B-FRAME-008", ("crc", "over"), text, "")
+            self.fail("B-FRAME-008", ("crc", "over"), text)
         if not all(0x20 < byte < 0x7F for byte in spec.sync):
-            self.fail("B-FRAME-006", ("sync",), "a line begins with printable characters", "")
+            self.fail("B-FRAME-006", ("sync",), "a line begins with printable characters")
 
     def _check_form_of(self, fields: Sequence[AnyField], path: Path_) -> None:
         for index, field in enumerate(fields):
             if not isinstance(field, FieldSpec):
                 if self.spec.lines:
-                    self.fail("B-FRAME-015", (*path, index), "a line has no groups, optional parts or items", "")
+                    self.fail("B-FRAME-015", (*path, index), "a line has no groups, optional parts or items")
                 if isinstance(field, ItemsSpec):
                     for name, item in field.of.items():
                         self._check_form_of(item.fields, (*path, index, "of", name, "fields"))
@@ -318,7 +318,7 @@ class _Compiler:
                 bounds.append(field.offset if index == 0 else field.offset + field.length)
         start = bounds[0] or 0
         if bounds[1] is not None and bounds[1] <= start:
-            self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}", "")
+            self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}")
         return start, bounds[1]
 
     def _check_lengths(self, messages: list[Message]) -> None:
@@ -334,7 +334,7 @@ class _Compiler:
             limit = MAX_FRAME_BYTES if length is None else length.max
             if shortest > limit:
                 text = f"{message.name!r} is {shortest} bytes long, the limit is {limit}"
-                self.fail("B-FRAME-006", ("length", "max") if length else ("fields",), text, "")
+                self.fail("B-FRAME-006", ("length", "max") if length else ("fields",), text)
 
     def _needs_length(self, message: Message) -> bool:
         """Return whether neither delimiters nor counts and flags in front of all parts say how long a frame is."""
@@ -364,9 +364,9 @@ class _Compiler:
         width = spec.width or 1
         for key in ("poly", "init", "xorout"):
             if getattr(spec, key) >= 1 << width:
-                self.fail("B-FRAME-009", ("crc", key), f"{key} is wider than {width} bits", "")
+                self.fail("B-FRAME-009", ("crc", key), f"{key} is wider than {width} bits")
         if spec.poly == 0:
-            self.fail("B-FRAME-009", ("crc", "poly"), "the polynomial must not be 0", "")
+            self.fail("B-FRAME-009", ("crc", "poly"), "the polynomial must not be 0")
         mask = (1 << width) - 1
         poly, init, xorout = ((getattr(spec, key) or 0) & mask for key in ("poly", "init", "xorout"))
         return Crc(CrcModel("custom", width, poly, init, bool(spec.refin), bool(spec.refout), xorout))

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.frame.batch import Extract, FrameBatch
+from bench.frame.batch import FrameBatch
 from bench.frame.layout import Layout, Message
 from bench.frame.packets.escape import Packet
 from bench.frame.reference import ReferenceDecoder
-from bench.frame.refusal import Refusal, is_frame, measured
+from bench.frame.refusal import Refusal, measured, why_none
 
 ROOM = 2  # bytes on the wire for one of a frame, at most
 
@@ -24,10 +24,9 @@ class PacketDecoder(ReferenceDecoder):
     """
 
     def __init__(
-        self, layout: Layout, extract: Extract, search: Callable[[bytes, int, int], Packet | None], longest: int,
-        end: bytes,
-    ) -> None:  # fmt: skip
-        super().__init__(layout, extract)
+        self, layout: Layout, search: Callable[[bytes, int, int], Packet | None], longest: int, end: bytes
+    ) -> None:
+        super().__init__(layout)
         self._next = search
         self._longest, self._end = longest, end
 
@@ -72,6 +71,6 @@ class PacketDecoder(ReferenceDecoder):
         if frame is None or not frame.startswith(layout.pattern, layout.sync_at) or len(frame) < layout.header:
             return None
         read = measured(layout, frame)
-        if isinstance(read, Refusal) or read[1] != len(frame) or not is_frame(layout, read[0], frame):
+        if isinstance(read, Refusal) or read[1] != len(frame) or why_none(layout, read[0], frame):
             return None
         return read[0], frame

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-from bench.frame.batch import Extract
 from bench.frame.layout import Field, Layout, Message
 from bench.frame.packets.decoder import PacketDecoder
 from bench.frame.packets.escape import Packet
@@ -34,8 +33,8 @@ _CONTENT = re.compile(rb"[\t\x20-\x7e]*")
 class LineDecoder(PacketDecoder):
     """Decoder of lines: LF or CR LF ends one, its next sync bytes give up one that was begun."""
 
-    def __init__(self, layout: Layout, lines: LinesSpec, extract: Extract) -> None:
-        super().__init__(layout, extract, search_of(layout.sync), lines.max, b"\n")
+    def __init__(self, layout: Layout, lines: LinesSpec) -> None:
+        super().__init__(layout, search_of(layout.sync), lines.max, b"\n")
         self._read = LineReader(layout, lines).read
 
     def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:

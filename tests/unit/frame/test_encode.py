@@ -132,7 +132,6 @@ def test_every_command_against_bytes_written_by_hand(case: tuple[Any, ...]) -> N
     name, code, timeout_s, request, sent, answer, received = case
     layout = GNC.commands[name]
     assert (layout.code, layout.timeout_s, layout.name) == (code, timeout_s, name)
-    assert GNC.command_of(code) is layout
     assert layout.encode(request) == bytes.fromhex(sent)
     assert layout.answer.encode(answer) == bytes.fromhex(received)
     for found, due in ((layout.decode(bytes.fromhex(received)), answer),
@@ -143,7 +142,6 @@ def test_every_command_against_bytes_written_by_hand(case: tuple[Any, ...]) -> N
 
 def test_no_command_is_without_hand_written_bytes() -> None:
     assert [case[0] for case in COMMANDS] == list(GNC.commands)
-    assert GNC.command_of(0x44) is None
 
 
 def test_a_quantity_with_a_unit_is_converted() -> None:
