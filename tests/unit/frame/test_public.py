@@ -11,7 +11,7 @@ import pytest
 from record_sample import ROOT, captured
 from record_sample import frame as frame_of
 
-from bench.frame import LinkDecoder, parse_frame
+from bench.frame import LinkDecoder, load_frame, parse_frame
 from bench.frame.crc import CHECKSUMS
 from bench.model.errors import InputErrors
 
@@ -89,99 +89,11 @@ def test_a_wrap_that_no_counter_has_is_refused(field: str) -> None:
     assert "B-FRAME-003" in str(caught.value)
 
 
-# rust-mavlink, tests/v2_encode_decode_tests.rs; the extra bytes are those of the message definitions (common.xml)
-MAVLINK = """
-frame: mavlink2
-endian: little
-sync: [0xFD]
-fields: [{name: length, type: u8}, {name: flags, type: u16}, {name: sequence, type: u8, role: counter},
-         {name: source, type: u16}, {name: id, type: u24}]
-length: {field: length, plus: 12, max: 280, cut: true}
-type: {field: id}
-messages:
-  heartbeat:
-    value: 0
-    extra: [50]
-    fields: [{name: mode, type: u32}, {name: kind, type: u8}, {name: pilot, type: u8}, {name: base, type: u8},
-             {name: state, type: u8}, {name: version, type: u8}]
-    golden: "fd090000ef0101000000 05000000 02 03 59 03 03 10f0"
-    expect: {sequence: 239, mode: 5, kind: 2, pilot: 3, base: 89, state: 3, version: 3}
-  command_long:
-    value: 76
-    extra: [152]
-    fields: [{name: values, type: f32, count: 7}, {name: command, type: u16}, {name: target, type: u16},
-             {name: confirmation, type: u8}]
-    golden: "fd1e00000000324c0000 0000e642 00409c45 0000000000000000000000000000000000000000 ff01 bcc3"
-    expect: {values: [115, 5000, 0, 0, 0, 0, 0], command: 511, target: 0, confirmation: 0}
-crc: {name: crc-16/mcrf4xx, over: [length, end]}
-"""
-# LORD-MicroStrain/mip_sdk, examples/cpp/mip_packet
-MIP = """
-frame: mip
-endian: big
-sync: [0x75, 0x65]
-fields:
-  - {name: set, type: u8, constant: 0x80}
-  - {name: length, type: u8}
-  - items: outputs
-    id: u8
-    length: u8
-    length_first: true
-    plus: -2
-    of:
-      accelerometer: {id: 4, fields: [{name: accel, type: f32, count: 3}]}
-      gyroscope: {id: 5, fields: [{name: gyro, type: f32, count: 3}]}
-      delta: {id: 0xD6, fields: [{name: delta_time, type: u64}]}
-length: {field: length, plus: 6, max: 261}
-crc: {name: fletcher-16-mod256, over: [sync, end], stored: little}
-golden: "75 65 80 4c 0a d5 00 00 00 05 5e e6 7c c0 0a d6 00 00 00 01 4e 43 4a 00 0e 04 3d 9e e8 8d 38 7f db 00 bf 7a af
-  03 0e 05 bb 0c 1e 30 bb 57 2e 68 bb aa 24 ae 0e 07 bc 8a ac 80 bc 72 c5 0e bc c4 e2 c1 0e 08 3e ee 3d 9f bd 66 da dd
-  c0 af de f5 91 96"
-expect: {accel: [0.077591993, 0.0000610006973, -0.97923297], gyro: [-0.00213802978, -0.00328340568, -0.00519236084],
-  delta_time: 5608000000}
-"""
-# gpsd, test/daemon/trimble-lassen_iq.log and zodiac.log, from receivers
-TSIP = """
-frame: tsip
-endian: big
-sync: []
-escape: dle_etx
-fields: [{name: id, type: u8}]
-type: {field: id}
-messages:
-  time:
-    value: 0x41
-    fields: [{name: second, type: f32, unit: s}, {name: week, type: i16}, {name: leap, type: f32, unit: s}]
-    golden: "10 41 45 9e 8d 0a 05 7b 41 60 00 00 10 03"
-    expect: {second: 5073.63, week: 1403, leap: 14}
-crc: {name: none}
-"""
-ZODIAC = """
-frame: zodiac
-endian: little
-sync: [0xFF, 0x81]
-fields: [{name: id, type: u16}, {name: words, type: u16}, {name: flags, type: u16}, {name: head_check, type: u16},
-         {name: body, type: bytes, count: rest}]
-length: {field: words, times: 2, plus: 12, max: 600}
-crc: {name: sum-16-words-little-twos, over: [body, end]}
-golden: "ff 81 54 04 0e 00 00 00 9f 79
-  04 5c 40 00 c0 24 00 00 00 00 00 00 00 00 00 00 ad 74 02 00 0d 00 01 00 00 00 ff ff 40 0a"
-expect: {id: 1108, words: 14}
-"""
-SENSIRION = """
-frame: sht3x
-endian: big
-sync: []
-fields: [{name: humidity, type: u16}]
-crc: {name: crc-8/nrsc-5, over: [humidity, end]}
-golden: "be ef 92"
-expect: {humidity: 0xBEEF}
-"""  # datasheet SHT3x-DIS, table 20
-
-
-@pytest.mark.parametrize("text", [MAVLINK, MIP, TSIP, ZODIAC, SENSIRION])
-def test_frames_that_others_published_are_decoded_and_written_again(text: str) -> None:
-    definition = parse_frame(text, "unit.yaml")
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "tests" / "golden" / "public").glob("*.yaml")), ids=lambda path: path.stem
+)
+def test_frames_that_others_published_are_decoded_and_written_again(path: Path) -> None:
+    definition = load_frame(path)
     stream = b"\0" + b"".join(definition.golden) * 3
     for engine in ("numpy", "reference"):
         decoder = definition.decoder(engine)  # type: ignore[arg-type]
@@ -189,7 +101,7 @@ def test_frames_that_others_published_are_decoded_and_written_again(text: str) -
         assert {name: len(batch.messages[name]) for name in definition.messages} == dict.fromkeys(
             definition.messages, 3
         )
-    if text is not MIP:  # its other items are not listed
+    if definition.name != "mip":  # its other items are not listed
         for name, frame in zip(definition.messages, definition.golden, strict=True):
             message = batch.messages[name]
             values = {field.name: message.raw(field.name)[0] for field in message.message.fields}
