@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import given, seed
 from hypothesis import strategies as st
 from record_sample import ROOT, frame
 
-from bench.frame import FrameDefinition, parse_frame
+from bench.frame import FrameDefinition, load_frame, parse_frame
 from bench.frame.commands import PayloadLayout
 from bench.model.errors import InputError, InputErrors
 
@@ -78,6 +79,7 @@ def test_named_bits_broadcast_values_and_whole_floats_make_fields() -> None:
 
 GNC = frame("gnc_422")
 
+REFUSED = yaml.safe_load(Path(__file__).with_name("commands_refused.yaml").read_text(encoding="utf-8"))
 HAND_WRITTEN = yaml.safe_load((ROOT / "tests" / "golden" / "gnc_422.commands.yaml").read_text(encoding="utf-8"))
 COMMANDS = [(name, *case) for name, case in HAND_WRITTEN.items()]
 
@@ -121,22 +123,7 @@ def code_of(layout: PayloadLayout, values: dict[str, Any]) -> str:
     return caught.value.code
 
 
-@pytest.mark.parametrize(
-    ("name", "values", "code"),
-    [
-        ("stream_start", {"sensors": 7, "rate": 200}, "B-FRAME-020"),
-        ("stream_start", {"sensors": 7, "rate": 200, "samples": 0, "sample": 1}, "B-FRAME-022"),
-        ("stream_start", {"sensors": 256, "rate": 200, "samples": 0}, "B-FRAME-021"),
-        ("stream_start", {"sensors": 7, "rate": 199.5, "samples": 0}, "B-FRAME-021"),
-        ("stream_start", {"sensors": 7, "rate": "5 ms", "samples": 0}, "B-FRAME-021"),
-        ("stream_start", {"sensors": True, "rate": 200, "samples": 0}, "B-FRAME-021"),
-        ("stream_start", {"sensors": float("nan"), "rate": 200, "samples": 0}, "B-FRAME-021"),
-        ("set_magnetometer", {"offset": [0.0, 0.0], "gain": 1, "sin_alpha": 0}, "B-FRAME-020"),
-        ("set_magnetometer", {"offset": 0.0, "gain": 1, "sin_alpha": 0}, "B-FRAME-020"),
-        ("set_magnetometer", {"offset": [0.0, 0.0, 0.0], "gain": 3.2768, "sin_alpha": 0}, "B-FRAME-021"),
-        ("sci", {"pattern": "5"}, "B-FRAME-021"),
-    ],
-)
+@pytest.mark.parametrize(("name", "values", "code"), REFUSED["values"])
 def test_what_does_not_fit_is_refused(name: str, values: dict[str, Any], code: str) -> None:
     assert code_of(GNC.commands[name].request, values) == code
 
@@ -174,19 +161,7 @@ def refused(commands: str, text: str = GNC.text) -> set[str]:
     return {error.code for error in caught.value.errors}
 
 
-@pytest.mark.parametrize(
-    ("commands", "code"),
-    [
-        ("{a: {code: 1}, b: {code: 1}}", "B-FRAME-014"),
-        ("{a: {code: 1, request: [{name: n, type: u8, role: counter}]}}", "B-FRAME-014"),
-        ("{a: {code: 1, answer: [{name: n, type: u8, per: sample}]}}", "B-FRAME-014"),
-        ("{a: {code: 1, answer: [{name: n, type: u8, constant: 3}]}}", "B-FRAME-014"),
-        ("{a: {code: 1, request: [{name: n, type: u8, bits: {on: 0}}]}}", "B-FRAME-014"),
-        ("{a: {code: 1, request: [{name: n, type: u8}, {name: n, type: u8}]}}", "B-FRAME-001"),
-        ("{a: {code: 1, request: [{name: n, type: bytes, count: rest}, {name: m, type: u8}]}}", "B-FRAME-002"),
-        ("{a: {code: 1, request: [{name: n, type: u8, default: 256}]}}", "B-FRAME-005"),
-    ],
-)
+@pytest.mark.parametrize(("commands", "code"), REFUSED["definitions"])
 def test_mistakes_in_commands(commands: str, code: str) -> None:
     assert refused(commands) == {code}
 
@@ -237,25 +212,13 @@ def test_an_offset_is_taken_off_and_added_again_and_wide_integers_are_exact() ->
     assert layout.decode(wire) == {"t": 20.0, "n": (1 << 64) - 1}
 
 
-TYPES = """frame: types
-endian: big
-sync: [0xA5]
-fields:
-  - {name: narrow, type: u8}
-  - {name: odd, type: u24}
-  - {name: signed, type: i24, endian: little}
-  - {name: wide, type: u32, endian: little}
-  - {name: pair, type: u24, count: 2, endian: little}
-crc: {name: xor-8, over: [narrow, end]}
-golden: "a5 07 000000 000000 00000000 000000 000000 07"
-expect: {narrow: 7}
-"""
-
-
 @pytest.mark.parametrize("kind", ["u2", "i4", "i8", "u8", ">i4", "f8"])
 def test_values_of_every_type_are_written_as_by_hand_or_refused(kind: str) -> None:
     """Both ends of what the fields hold and beyond, of one value for all frames and of one for each."""
-    definition, sizes = parse_frame(TYPES, "types.yaml"), {"narrow": 1, "odd": 3, "signed": 3, "wide": 4, "pair": 3}
+    definition, sizes = (
+        load_frame(Path(__file__).with_name("types.yaml")),
+        {"narrow": 1, "odd": 3, "signed": 3, "wide": 4, "pair": 3},
+    )
     for name, size in sizes.items():
         low, high = (-(1 << 23), (1 << 23) - 1) if name == "signed" else (0, (1 << 8 * size) - 1)
         order = "big" if name in ("narrow", "odd") else "little"

@@ -276,17 +276,7 @@ def test_a_counter_shared_by_all_messages() -> None:
 
 @pytest.mark.parametrize("engine", ["numpy", "reference"])
 def test_frames_that_are_not_listed_count_with_the_others(engine: str) -> None:
-    text = """frame: shared
-endian: little
-sync: [0xAA, 0x55]
-other: true
-fields: [{name: length, type: u8}, {name: counter, type: u8, role: counter}, {name: kind, type: u8}]
-length: {field: length, plus: 0, max: 9}
-type: {field: kind}
-messages: {one: {value: 1, fields: [{name: v, type: u16}], golden: "aa55090101010090a2", expect: {v: 1}}}
-crc: {name: crc-16/modbus, over: [sync, end]}
-"""
-    link = LinkDecoder(parse_frame(text, "shared.yaml"), engine)  # type: ignore[arg-type]
+    link = LinkDecoder(load_frame(Path(__file__).with_name("shared_counter.yaml")), engine)  # type: ignore[arg-type]
     for number in range(600):
         if number not in (301, 302, 304):
             body = struct.pack("<5BH", 0xAA, 0x55, 9, number % 256, 1 + number % 2, number)

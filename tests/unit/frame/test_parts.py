@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from crccheck.crc import Crc16Xmodem
 from record_sample import frame as frame_of
 
@@ -227,21 +228,7 @@ LINES_SEED = 2000
 GGA = b"$GPGGA,092725.00,4717.11399,N,00833.91590,E,1,08,1.01,499.6,M,48.0,M,,*5B\r\n"
 RMC = b"$GPRMC,083559.00,A,4717.11437,N,00833.91522,E,0.004,77.52,091202,,,A*57\r\n"
 NO_FIX = b"GNGGA,,,,,,0,,,,M,,M,,"
-SPEC: dict[str, Any] = {
-    "frame": "lines",
-    "sync": [0x23],
-    "lines": {"separator": ",;", "check": "*", "max": 100},
-    "fields": [
-        {"name": "address", "type": "bytes", "count": 3},
-        {"name": "sequence", "type": "u16", "role": "counter"},
-        {"name": "status", "type": "u16", "form": "hex", "bits": {"ready": 0}},
-        {"name": "rate", "type": "f32", "count": 2, "scale": 0.5, "unit": "deg/s"},
-        {"name": "temperature", "type": "i8", "unit": "degC"},
-    ],
-    "crc": {"name": "crc-16/xmodem", "over": ["sync", "end"]},
-    "golden": "#IMU,7,00F1;1.5,-2e-3,-40*EF3F",
-    "expect": {"sequence": 7, "status.ready": 1, "rate": [0.75, -0.001], "temperature": -40},
-}
+SPEC: dict[str, Any] = yaml.safe_load(Path(__file__).with_name("lines.yaml").read_text(encoding="utf-8"))
 
 
 def nmea(body: bytes) -> bytes:
