@@ -5,7 +5,7 @@ A field is read and written where it stands, as numbers at a stride or as bytes 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.layout import Field, Layout, Message
+from bench.frame.parts import unpacked
 from bench.model.errors import InputError
 
 
@@ -300,6 +301,19 @@ def _store_bits(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> N
         for index in range(size):
             shift = 8 * (size - 1 - index if item.big else index)
             rows[:, at + index] |= (value >> np.uint64(shift) & np.uint64(255)).astype(np.uint8)
+
+
+def rows_of_frames(
+    message: Message, frames: Iterable[bytes], tail: int
+) -> tuple[NDArray[np.uint8], list[bytes] | None]:
+    """Return rows (n, body) uint8 of frames that fit, and their bytes of variable length if the message has any."""
+    if message.parts:
+        found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
+        contents = [content for content in found if not isinstance(content, str)]
+    else:
+        contents = [(frame[: message.body], frame[message.body : len(frame) - tail]) for frame in frames]
+    rows = np.frombuffer(b"".join(row for row, _ in contents), np.uint8).reshape(len(contents), message.body)
+    return rows, None if message.rest is None else [rest for _, rest in contents]
 
 
 def are_right(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -7,10 +7,8 @@ as for other frames. What a frame does not hold is NaN where it is a float, else
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.layout import Item, Message, Part, read_part
 from bench.model.errors import InputError
@@ -77,19 +75,6 @@ def packed(message: Message, row: bytes, rest: bytes) -> bytes:
                 raise InputError("B-FRAME-021", text, where="frame encoder", next_step="raise its 'max'")
             wire += row[part.at : part.at + size]
     return wire
-
-
-def rows_of_frames(
-    message: Message, frames: Iterable[bytes], tail: int
-) -> tuple[NDArray[np.uint8], list[bytes] | None]:
-    """Return rows (n, body) uint8 of frames that fit, and their bytes of variable length if the message has any."""
-    if message.parts:
-        found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
-        contents = [content for content in found if not isinstance(content, str)]
-    else:
-        contents = [(frame[: message.body], frame[message.body : len(frame) - tail]) for frame in frames]
-    rows = np.frombuffer(b"".join(row for row, _ in contents), np.uint8).reshape(len(contents), message.body)
-    return rows, None if message.rest is None else [rest for _, rest in contents]
 
 
 def _stated(part: Part, row: bytes | bytearray) -> int:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, rows_of_frames
 from bench.frame.layout import Layout
-from bench.frame.parts import rows_of_frames
 from bench.frame.refusal import Refusal, measured, why_none
 
 

@@ -179,7 +179,7 @@ class LinkDecoder:
             return np.empty(0, np.int64)
         first, last = (bisect_left(self._ends, int(batch.ends[at])) for at in (0, -1))
         if first == last:
-            return np.full(len(batch), self._stamps[first], np.int64)
+            return np.full(len(batch.offset), self._stamps[first], np.int64)
         complete = np.searchsorted(batch.ends, self._ends[first : last + 1], side="right")
         complete[1:] -= complete[:-1].copy()
         return np.repeat(np.array(self._stamps[first : last + 1]), complete)
@@ -223,9 +223,9 @@ class LinkDecoder:
         counter[order], suspect[order] = result.counter, result.suspect
         at = 0
         for batch in group:
-            batch.counter = counter[at : at + len(batch)]
-            batch.suspect = batch.suspect | suspect[at : at + len(batch)]
-            at += len(batch)
+            batch.counter = counter[at : at + len(batch.offset)]
+            batch.suspect = batch.suspect | suspect[at : at + len(batch.offset)]
+            at += len(batch.offset)
 
 
 def _counted(batch: MessageBatch, field: Field) -> NDArray[np.int64]:

@@ -219,9 +219,8 @@ crc: {name: sum-8, over: [words, end]}
     assert definition.encode_one({"body": b"ab"}) == b"\x01\x02ab" + bytes([(2 + 97 + 98) & 255])
 
 
-@pytest.mark.parametrize("case", REFUSALS)
-def test_refusals(case: str) -> None:
-    how = REFUSALS[case]
+@pytest.mark.parametrize(("case", "how"), REFUSALS.items(), ids=REFUSALS)
+def test_refusals(case: str, how: dict[str, str] | list[str]) -> None:
     assert case[-11:] in codes(messages_text(*how) if isinstance(how, list) else sample(**how))
 
 
