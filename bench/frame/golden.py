@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.frame.batch import MessageBatch
 from bench.frame.compiling.fields import read_hex
 from bench.frame.explain import checks_that_fit
 from bench.frame.layout import Field, Layout, Message
@@ -40,12 +41,13 @@ def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
             text = "the definition has no golden frame with expected values"
             errors.append(InputError("B-FRAME-011", text, where=document.where(path), next_step=_NEXT))
             continue
-        problem = _refused(layout, message, part.golden)
+        batch = one_by_one(layout).feed(wire_of(layout, part.golden) or b"").messages[message.name]
+        problem = _refused(layout, message, part.golden, len(batch))
         if problem:
             where = document.where((*path, "golden"))
             errors.append(InputError("B-FRAME-011", problem, where=where, next_step=_NEXT))
             continue
-        errors += _compare(document, layout, message, part.golden, part.expect, (*path, "expect"))
+        errors += _compare(document, message, batch, part.expect, (*path, "expect"))
     if errors:
         raise InputErrors(errors)
 
@@ -55,8 +57,8 @@ def wire_of(layout: Layout, golden: str) -> bytes | None:
     return golden.strip("\r\n").encode("ascii", "replace") + b"\r\n" if layout.lines else read_hex(golden)
 
 
-def _refused(layout: Layout, message: Message, text: str) -> str:
-    """Return why the golden frame is no frame of this message; empty if it is one."""
+def _refused(layout: Layout, message: Message, text: str, found: int) -> str:
+    """Return why the golden frame is no frame of this message, ``found`` times; empty if it is one."""
     wire, kind = wire_of(layout, text), "line" if layout.lines else "frame"
     if not wire:
         return f"the golden frame {_why_no_hex(text)}"
@@ -73,7 +75,7 @@ def _refused(layout: Layout, message: Message, text: str) -> str:
         return (
             f"the golden {kind} {refusal.text}{_check_that_is_right(layout, wire) if refusal.cause == 'check' else ''}"
         )
-    if len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
+    if found == 1:
         return ""
     return f"the golden {kind} is no single {layout.escape or kind} of {message.name!r}"
 
@@ -98,9 +100,8 @@ def _check_that_is_right(layout: Layout, frame: bytes) -> str:
     return f"; {fit.name} over bytes {fit.start} to {stop - 1}, {place}{order}, would be right{chance}"
 
 
-def _compare(document: Document[FrameSpec], layout: Layout, message: Message, golden: str, expect: Mapping[str, Any],
+def _compare(document: Document[FrameSpec], message: Message, batch: MessageBatch, expect: Mapping[str, Any],
              path: Path_) -> list[InputError]:  # fmt: skip
-    batch = one_by_one(layout).feed(wire_of(layout, golden) or b"").messages[message.name]
     errors: list[InputError] = []
     if batch.suspect.any():
         text = f"a constant of {message.name!r} differs in the golden frame"
