@@ -59,12 +59,18 @@ class Check:
 
 
 def link_checks(counts: Mapping[str, int], max_lost: float, max_bad: float) -> list[Check]:
-    """Return share of the frames of all links that are missing, and that are damaged."""
+    """Return share of the frames of all links that are missing, and that are damaged.
+
+    Where a counter jumped by more than it can tell, nobody knows whether few enough are missing.
+    """
+    jumps = counts.get("jumps", 0)
     due = counts["frames"] + counts["frames_lost"]
     shares = (("frames lost", "frames_lost", max_lost, due), ("frames damaged", "frames_bad", max_bad, due))
     checks = []
     for name, key, limit, of in shares:
         share = counts[key] / of if of else None
-        ok = None if share is None else share <= limit
-        checks.append(Check(name, ok, share, limit, f"{counts[key]} of {of} frames"))
+        text, ok = f"{counts[key]} of {of} frames", None if share is None else share <= limit
+        if jumps and key == "frames_lost":
+            text, ok = f"{text}, and {jumps} jumps of unknown size of the counter", False if ok is False else None
+        checks.append(Check(name, ok, share, limit, text))
     return checks

@@ -1,7 +1,7 @@
 """Floor 1: frame definitions to decoders and encoders; checks; resynchronisation; counters of a link."""
 
 from bench.frame.batch import FrameBatch, MessageBatch
-from bench.frame.capture import Counted, decode_capture
+from bench.frame.capture import Counted, decode_capture, undone
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import Engine, FrameDefinition, Pace, load_frame, pace_of, parse_frame
 from bench.frame.explain import LOOKED_AT_BYTES, Guess, LineGuess, draft, guesses, line_guess
@@ -71,4 +71,5 @@ __all__ = [
     "rates_among",
     "signal_of",
     "trailing_means",
+    "undone",
 ]

@@ -5,8 +5,8 @@ A field is read and written where it stands, as numbers at a stride or as bytes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.layout import Field, Layout, Message
+from bench.frame.parts import unpacked
 from bench.model.errors import InputError
-
-Extract = Callable[[NDArray[np.uint8], Field], NDArray[Any]]
-"""Cuts one field out of the frame bytes (n, body): (n,) or (n, count), native byte order."""
 
 
 class MessageBatch:
@@ -25,7 +23,7 @@ class MessageBatch:
 
     Attributes:
         offset: (n,) int64, stream offset of the first sync byte.
-        ends: (n,) int64, stream offsets behind the frames where these vary on the wire beyond their "rest"; else None.
+        ends: (n,) int64, stream offsets behind the frames.
         rows: (n, body) uint8, the frames without check and without bytes of variable length.
         t_ns: (n,) int64, receive stamp of the chunk that completed the frame; None outside a link.
         counter: (n,) int64, unwrapped counter, which never falls except on a repeated frame (it then carries the
@@ -33,18 +31,18 @@ class MessageBatch:
         suspect: (n,) bool, check passed but a constant differs or the counter is out of line.
     """
 
-    __slots__ = ("_columns", "_extract", "counter", "ends", "message", "offset", "rest", "rows", "suspect", "t_ns")
+    __slots__ = ("_columns", "counter", "ends", "message", "offset", "rest", "rows", "suspect", "t_ns")
 
-    def __init__(self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None,
-                 extract: Extract) -> None:  # fmt: skip
+    def __init__(
+        self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None
+    ) -> None:
         self.message = message
         self.offset = offset
         self.rows = rows
         self.rest = rest
-        self.ends: NDArray[np.int64] | None = None
+        self.ends = offset
         self.t_ns: NDArray[np.int64] | None = None
         self.counter: NDArray[np.int64] | None = None
-        self._extract = extract
         self._columns: dict[str, NDArray[Any]] = {}
         self.suspect = self._constants_differ()
 
@@ -96,22 +94,11 @@ class MessageBatch:
 
         NaN where the frame does not hold it, or not all of it.
         """
-        item = self._field(name)
-        column = self.scaled(name)[-1:] if item.given else self.raw(name)
-        if item.given:
-            return float(column.mean())
-        last = column[-1].astype(np.float64)
-        if item.scaled and "." not in name:
-            last = last * item.scale + item.shift
-        return float(last) if column.ndim == 1 else float(np.add.reduce(last) / len(last))
+        return float(self.scaled(name)[-1].mean())
 
     def has_scale(self, name: str) -> bool:
         """Return whether physical and raw values of a field differ."""
         return "." not in name and self._field(name).scaled
-
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """Return all fields by name, in wire order."""
-        return {item.name: self.raw(item.name) for item in self.message.fields}
 
     @staticmethod
     def join(parts: Sequence[MessageBatch]) -> MessageBatch:
@@ -137,7 +124,7 @@ class MessageBatch:
             column[:] = self.rest
             return column
         if "." not in name:
-            return self._extract(self.rows, item)
+            return extract_column(self.rows, item)
         low, width = item.bits[name.partition(".")[2]]
         whole = self.raw(item.name)
         kind = whole.dtype.type
@@ -164,8 +151,7 @@ class JoinedBatch(MessageBatch):
         self.t_ns = np.concatenate(stamps) if stamps else None
         counters = [part.counter for part in parts if part.counter is not None]
         self.counter = np.concatenate(counters) if counters else None
-        ends = [part.ends for part in parts if part.ends is not None]
-        self.ends = np.concatenate(ends) if ends else None
+        self.ends = np.concatenate([part.ends for part in parts])
         self._columns = {}
         self._parts = parts
 
@@ -208,7 +194,6 @@ class FrameCounts:
     bad: int = 0
     skipped_bytes: int = 0
     other: int = 0
-    by_message: dict[str, int] = field(default_factory=dict)
 
 
 def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
@@ -318,6 +303,19 @@ def _store_bits(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> N
             rows[:, at + index] |= (value >> np.uint64(shift) & np.uint64(255)).astype(np.uint8)
 
 
+def rows_of_frames(
+    message: Message, frames: Iterable[bytes], tail: int
+) -> tuple[NDArray[np.uint8], list[bytes] | None]:
+    """Return rows (n, body) uint8 of frames that fit, and their bytes of variable length if the message has any."""
+    if message.parts:
+        found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
+        contents = [content for content in found if not isinstance(content, str)]
+    else:
+        contents = [(frame[: message.body], frame[message.body : len(frame) - tail]) for frame in frames]
+    rows = np.frombuffer(b"".join(row for row, _ in contents), np.uint8).reshape(len(contents), message.body)
+    return rows, None if message.rest is None else [rest for _, rest in contents]
+
+
 def are_right(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return for each frame (n, length) whether its check and its trailer are right, (n,)."""
     right = extract_column(rows, _stored(layout, rows.shape[1])) == _computed(layout, message, rows)
@@ -353,4 +351,7 @@ def _computed(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDAr
     if held is not None and 0 <= held < covered.shape[1]:
         covered = covered.copy()
         covered[:, held : held + layout.check.size] = 0
+    if message.extra:
+        extra = np.frombuffer(message.extra, np.uint8)
+        covered = np.hstack((covered, np.broadcast_to(extra, (len(covered), len(extra)))))
     return layout.check.of_rows(covered)

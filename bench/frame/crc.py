@@ -5,17 +5,15 @@ a little-end register ``s`` with the step ``s = (s >> 8) ^ T8[(s ^ byte) & 0xff]
 nature; the other kind is aligned to the left of a 16/32/64-bit register that is kept byte-swapped, so one step
 without branches serves every model. A CRC is affine in the message: a matrix starts from a zero register (leading
 zero bytes change nothing, odd lengths are padded in front) and the CRC of as many zero bytes is added. Checksums have a
-plain loop for one message and a closed form for a matrix of messages; the two are tested against each other.
+closed form for a matrix of messages.
 """
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
-from typing import Any, Protocol
+from typing import Any
 
 import crcmod.crcmod
 import numpy as np
@@ -29,64 +27,38 @@ _SINGLE_ROWS = 80  # below this many rows a C call per row is faster
 _CRCMOD_WIDTHS = (8, 16, 24, 32, 64)
 
 
-class Check(Protocol):
-    """A CRC or checksum as a frame definition needs it."""
-
-    @property
-    def name(self) -> str:
-        """Name as in the definition."""
-
-    @property
-    def size(self) -> int:
-        """Bytes of the stored value."""
-
-    @property
-    def of(self) -> Callable[[bytes], int]:
-        """Value over a message."""
-
-    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        """Return values over the rows of a (n, length) uint8 matrix, (n,) unsigned integers."""
-
-
 @dataclass(frozen=True)
 class Checksum:
     """A checksum by name; see ``CHECKSUMS``."""
 
     name: str
     size: int
-    of: Callable[[bytes], int]
     _rows: Callable[[NDArray[np.uint8]], NDArray[Any]]
+
+    def of(self, message: bytes) -> int:
+        """Return the value over a message."""
+        return int(self._rows(np.frombuffer(message, np.uint8)[np.newaxis])[0])
 
     def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         """Return values over the rows of a (n, length) uint8 matrix, (n,) uint64."""
         return self._rows(rows).astype(np.uint64)
 
 
-def _fletcher(message: bytes, word: int, modulus: int) -> int:
-    words: list[int] = np.frombuffer(message + bytes(-len(message) % word), f"<u{word}").tolist()
-    return sum(accumulate(words)) % modulus << 8 * word | sum(words) % modulus
-
-
-def _xor8(message: bytes) -> int:
-    value = 0
-    for byte in message:
-        value ^= byte
-    return value
+def _words(rows: NDArray[np.uint8], word: int, order: str = "<") -> NDArray[np.int64]:
+    """Return the words of rows, the last one filled up with zeros."""
+    padded = np.zeros((len(rows), rows.shape[1] + -rows.shape[1] % word), np.uint8)
+    padded[:, : rows.shape[1]] = rows
+    return padded.view(f"{order}u{word}").astype(np.int64)
 
 
 def _fletcher_rows(rows: NDArray[np.uint8], word: int, modulus: int) -> NDArray[Any]:
-    padded = np.zeros((len(rows), rows.shape[1] + -rows.shape[1] % word), np.uint8)
-    padded[:, : rows.shape[1]] = rows
-    wide = padded.view(f"<u{word}").astype(np.int64)
+    wide = _words(rows, word)
     weights = np.arange(wide.shape[1], 0, -1, dtype=np.int64)
     return np.asarray((wide @ weights) % modulus << 8 * word | wide.sum(axis=1) % modulus)
 
 
 def _fletcher_check(name: str, word: int, modulus: int) -> Checksum:
-    return Checksum(
-        name, 2 * word, lambda message: _fletcher(message, word, modulus),
-        lambda rows: _fletcher_rows(rows, word, modulus),
-    )  # fmt: skip
+    return Checksum(name, 2 * word, lambda rows: _fletcher_rows(rows, word, modulus))
 
 
 def _adler_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
@@ -99,14 +71,26 @@ def _adler_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
 def _sum_check(bits: int, turned: str = "") -> Checksum:
     """Return the sum of the bytes, or its one's or two's complement; the value is stored in whole bytes."""
     mask = (1 << bits) - 1
-    sign, added = {"": (1, 0), "-ones": (-1, -1), "-twos": (-1, 0)}[turned]
+    sign, added = _TURNED[turned]
     return Checksum(
-        f"sum-{bits}{turned}", (bits + 7) // 8, lambda message: (sign * sum(message) + added) & mask,
+        f"sum-{bits}{turned}", (bits + 7) // 8,
         lambda rows: np.asarray((sign * rows.sum(axis=1, dtype=np.int64) + added) & mask),
     )  # fmt: skip
 
 
+def _word_sum(order: str, turned: str) -> Checksum:
+    """Return the sum of 16-bit words, or its one's or two's complement."""
+    sign, added = _TURNED[turned]
+
+    def of_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
+        return np.asarray((sign * _words(rows, 2, order).sum(axis=1) + added) & 0xFFFF)
+
+    name = f"sum-16-words-{'big' if order == '>' else 'little'}{turned}"
+    return Checksum(name, 2, of_rows)
+
+
 _ADLER = 65521
+_TURNED = {"": (1, 0), "-ones": (-1, -1), "-twos": (-1, 0)}
 CHECKSUMS: dict[str, Checksum] = {
     check.name: check
     for check in (
@@ -114,11 +98,12 @@ CHECKSUMS: dict[str, Checksum] = {
         _fletcher_check("fletcher-16-mod256", 1, 256),
         _fletcher_check("fletcher-32-mod65535", 2, 65535),
         _fletcher_check("fletcher-32-mod65536", 2, 65536),
-        Checksum("adler-32", 4, zlib.adler32, _adler_rows),
-        Checksum("none", 0, lambda message: 0, lambda rows: np.zeros(len(rows), np.uint64)),
-        Checksum("xor-8", 1, _xor8, lambda rows: np.bitwise_xor.reduce(rows, axis=1)),
-        *(_sum_check(bits, turned) for bits in (8, 16, 32) for turned in ("", "-ones", "-twos")),
+        Checksum("adler-32", 4, _adler_rows),
+        Checksum("none", 0, lambda rows: np.zeros(len(rows), np.uint64)),
+        Checksum("xor-8", 1, lambda rows: np.bitwise_xor.reduce(rows, axis=1)),
+        *(_sum_check(bits, turned) for bits in (8, 16, 32) for turned in _TURNED),
         *(_sum_check(bits) for bits in (7, 15)),
+        *(_word_sum(order, turned) for order in "><" for turned in _TURNED),
     )
 }
 """Checks that are no CRC. Fletcher: sums of bytes (16) or little-endian 16-bit words (32) from zero, by its modulus."""
@@ -259,6 +244,10 @@ class Crc:
         if length not in self._zeros:
             self._zeros[length] = self.of(bytes(length))
         return self._zeros[length]
+
+
+Check = Crc | Checksum
+"""What a frame definition may have at its end."""
 
 
 def _reflected_entry(byte: int, poly: int) -> int:

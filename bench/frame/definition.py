@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts, extract_column
+from bench.frame.batch import FrameBatch, FrameCounts
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import require_fast_crc
@@ -82,16 +82,10 @@ class FrameDefinition:
         advice = f"use one of: {', '.join(self.messages)}"
         raise InputError("B-FRAME-023", f"{self.name} has no message {name!r}", where=self.name, next_step=advice)
 
-    def command_of(self, code: int) -> CommandLayout | None:
-        """The command with that code, None if there is none."""
-        return next((command for command in self.commands.values() if command.code == code), None)
-
     def decoder(self, engine: Engine = "numpy") -> Decoder:
         """Return a fresh decoder at the start of a stream."""
-        if engine == "reference":
-            return one_by_one(self.layout)
-        by_packets = not self.layout.pattern or bool(self.layout.escape) or self.layout.lines is not None
-        return one_by_one(self.layout, extract_column) if by_packets else NumpyDecoder(self.layout)
+        by_packets = not self.layout.pattern or self.layout.escape or self.layout.lines or engine == "reference"
+        return one_by_one(self.layout) if by_packets else NumpyDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
         """Return frames of a message of fixed length, check included.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.frame.batch import seal, store_column
 from bench.frame.layout import Field, Layout, Message, Span
-from bench.frame.packets import ESCAPES, written_line
+from bench.frame.packets import ESCAPES
 from bench.frame.parts import packed
 from bench.model.errors import InputError
 
@@ -22,63 +22,46 @@ def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], co
     if message.length == 0 or layout.escape:
         text = f"the message {message.name!r} has no fixed length"
         raise InputError("B-FRAME-020", text, where=_WHERE, next_step="encode it one by one with encode_one")
-    rows = np.zeros((count, message.length), np.uint8)
-    rows[:, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
-    given = with_automatic(layout, message, columns, message.length)
-    for item in message.fields:
-        _put(rows, item, given, count)
+    return _sealed(layout, message, columns, _filled(layout, message, columns, count, message.length))
+
+
+def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) -> bytes:
+    """Return one frame of any message but a line, check included; see FrameDefinition.encode_one."""
+    if layout.lines:
+        raise InputError("B-FRAME-020", "lines are read, and not written", where=_WHERE)
+    rest, columns = b"", dict(values)
+    if message.rest is not None:
+        rest = bytes(_taken(columns, message.rest.name, message))
+        del columns[message.rest.name]
+    columns = with_counts(message, columns) if message.parts else columns
+    row = _filled(layout, message, columns, 1, message.body).tobytes()
+    wire = packed(message, row, rest) if message.parts else row + rest
+    total = len(wire) + layout.tail
+    if total > layout.max_length:
+        text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
+        raise InputError("B-FRAME-021", text, where=_WHERE)
+    rows = np.frombuffer(wire + bytes(layout.tail), np.uint8).reshape(1, total).copy()
+    rows = _sealed(layout, message, columns, rows)
+    return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
+
+
+def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return frames with their length, check and trailer, which depend on the rest."""
+    if layout.length_field is not None:
+        _put(rows, layout.length_field, with_automatic(layout, message, columns, rows.shape[1]), len(rows))
     seal(layout, message, rows)
     return rows
 
 
-def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) -> bytes:
-    """Return one frame of any message, check included; see FrameDefinition.encode_one."""
-    rest = b""
-    columns = dict(values)
-    if message.rest is not None:
-        rest = bytes(_taken(columns, message.rest.name, message))
-        del columns[message.rest.name]
-    if message.parts:
-        return _frame_of_parts(layout, message, with_counts(message, columns), rest)
-    total = message.body if layout.lines else message.body + len(rest) + layout.tail
-    _check_length(layout, total)
-    rows = np.zeros((1, total), np.uint8)
-    rows[0, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
-    given = with_automatic(layout, message, columns, total)
-    for item in message.fields:
-        if not item.rest:
-            _put(rows, item, given, 1)
-    rows[0, message.body : message.body + len(rest)] = np.frombuffer(rest, np.uint8)
-    if layout.lines:
-        return written_line(layout, layout.lines, message, rows.tobytes())
-    seal(layout, message, rows)
-    return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
-
-
-def _check_length(layout: Layout, total: int) -> None:
-    if total > layout.max_length:
-        text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
-        raise InputError("B-FRAME-021", text, where=_WHERE)
-
-
-def _frame_of_parts(layout: Layout, message: Message, columns: Mapping[str, Any], rest: bytes) -> bytes:
-    """Return a frame whose contents vary: its row, what of it stands on the wire, then what depends on the length."""
-    row = np.zeros((1, message.body), np.uint8)
-    row[0, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
+def _filled(layout: Layout, message: Message, columns: Mapping[str, Any], count: int, width: int) -> NDArray[np.uint8]:
+    """Return rows (count, width) with sync bytes and fields; the length is left out."""
+    rows = np.zeros((count, width), np.uint8)
+    rows[:, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
     given = with_automatic(layout, message, columns, layout.length_plus)
     for item in message.fields:
-        if not item.rest:
-            _put(row, item, given, 1)
-    wire = packed(message, row.tobytes(), rest)
-    total = len(wire) + layout.tail
-    _check_length(layout, total)
-    rows = np.frombuffer(wire + bytes(layout.tail), np.uint8).reshape(1, total).copy()
-    if layout.length_field is not None:
-        stated = layout.length_field
-        rows[:, stated.offset : stated.offset + stated.length] = 0
-        _put(rows, stated, with_automatic(layout, message, columns, total), 1)
-    seal(layout, message, rows)
-    return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
+        if not item.rest and item is not layout.length_field:
+            _put(rows, item, given, count)
+    return rows
 
 
 def with_counts(message: Message, columns: Mapping[str, Any]) -> dict[str, Any]:
@@ -130,10 +113,7 @@ def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any],
             text = f"{total} bytes are no length of a frame: their number less {layout.length_plus} must be a multiple"
             raise InputError("B-FRAME-021", f"{text} of {layout.length_times}", where=_WHERE)
         _state(given, layout.length_field, layout.length_bits, stated)
-    if layout.type_field is not None and message.type_text:
-        if "?" not in message.type_text:
-            given.setdefault(layout.type_field.name, np.bytes_(message.type_text))
-    elif layout.type_field is not None:
+    if layout.type_field is not None:
         _state(given, layout.type_field, layout.type_bits, message.type_value)
     if layout.check_field is not None:
         given[layout.check_field.name] = 0

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from bench.frame.batch import MessageBatch
 from bench.frame.compiling.fields import read_hex
 from bench.frame.explain import checks_that_fit
 from bench.frame.layout import Field, Layout, Message
-from bench.frame.packets import ESCAPES, LineReader, one_by_one
-from bench.frame.refusal import Refusal, why_refused
-from bench.frame.spec import FrameSpec, LinesSpec
+from bench.frame.packets import ESCAPES, one_by_one, why_bad
+from bench.frame.refusal import why_refused
+from bench.frame.spec import FrameSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
@@ -40,23 +41,15 @@ def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
             text = "the definition has no golden frame with expected values"
             errors.append(InputError("B-FRAME-011", text, where=document.where(path), next_step=_NEXT))
             continue
-        problem = _refused(layout, message, part.golden)
+        batch = one_by_one(layout).feed(wire_of(layout, part.golden) or b"").messages[message.name]
+        problem = _refused(layout, message, part.golden, len(batch))
         if problem:
             where = document.where((*path, "golden"))
             errors.append(InputError("B-FRAME-011", problem, where=where, next_step=_NEXT))
             continue
-        errors += _compare(document, layout, message, part.golden, part.expect, (*path, "expect"))
+        errors += _compare(document, message, batch, part.expect, (*path, "expect"))
     if errors:
         raise InputErrors(errors)
-
-
-def _unescaped(layout: Layout, wire: bytes) -> bytes | None:
-    """Return the one frame of an escaped golden frame, None if there is another number of packets."""
-    pieces, at = [], 0
-    while (packet := ESCAPES[layout.escape].next_packet(wire, at, len(wire) + 1)) is not None:
-        at = packet.end
-        pieces += [packet.frame] if packet.frame != b"" else []
-    return pieces[0] if len(pieces) == 1 and at == len(wire) else None
 
 
 def wire_of(layout: Layout, golden: str) -> bytes | None:
@@ -64,34 +57,27 @@ def wire_of(layout: Layout, golden: str) -> bytes | None:
     return golden.strip("\r\n").encode("ascii", "replace") + b"\r\n" if layout.lines else read_hex(golden)
 
 
-def _refused(layout: Layout, message: Message, text: str) -> str:
-    """Return why the golden frame is no frame of this message; empty if it is one."""
-    wire = wire_of(layout, text)
-    if wire is not None and layout.lines:
-        return _why_no_line(layout, layout.lines, message, wire)
+def _refused(layout: Layout, message: Message, text: str, found: int) -> str:
+    """Return why the golden frame is no frame of this message, ``found`` times; empty if it is one."""
+    wire, kind = wire_of(layout, text), "line" if layout.lines else "frame"
     if not wire:
         return f"the golden frame {_why_no_hex(text)}"
-    frame = _unescaped(layout, wire) if layout.escape else wire
-    if frame is None:
-        return f"the golden frame is no single {layout.escape} packet"
-    problem = _why_no_frame(layout, message, frame)
-    if problem or len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
-        return problem
-    return "the golden frame does not stand alone: its decoder finds none or several in it"
-
-
-def _why_no_frame(layout: Layout, message: Message, frame: bytes) -> str:
-    if not frame.startswith(layout.pattern, layout.sync_at):
-        there = frame[layout.sync_at : layout.sync_at + len(layout.pattern)].hex(" ")
+    if not layout.escape and not wire.startswith(layout.pattern, layout.sync_at):
         at = f" at byte {layout.sync_at}" if layout.sync_at else ""
-        return f"the golden frame begins{at} with {there}, not {layout.pattern.hex(' ')}"
-    if message.length not in (0, len(frame)) or len(frame) < message.least + layout.tail:
-        due = message.length or f"at least {message.least + layout.tail}"
-        return f"the golden frame of {message.name!r} has {len(frame)} bytes, due are {due}"
-    refusal = why_refused(layout, frame, message, exact=True)
-    if refusal is None:
+        begin = wire[layout.sync_at : layout.sync_at + len(layout.pattern)]
+        there, due = (repr(part)[1:] if layout.lines else part.hex(" ") for part in (begin, layout.pattern))
+        return f"the golden {kind} begins{at} with {there}, not {due}"
+    if layout.escape or layout.lines:
+        refusal = why_bad(layout)[0](wire.removeprefix(ESCAPES[layout.escape].end) if layout.escape else wire)
+    else:
+        refusal = why_refused(layout, wire, message, exact=True)
+    if refusal is not None:
+        return (
+            f"the golden {kind} {refusal.text}{_check_that_is_right(layout, wire) if refusal.cause == 'check' else ''}"
+        )
+    if found == 1:
         return ""
-    return f"the golden frame {refusal.text}{_check_that_is_right(layout, frame) if refusal.cause == 'check' else ''}"
+    return f"the golden {kind} is no single {layout.escape or kind} of {message.name!r}"
 
 
 def _why_no_hex(text: str) -> str:
@@ -100,23 +86,10 @@ def _why_no_hex(text: str) -> str:
     return f"is no hex text: there is {found}"
 
 
-def _why_no_line(layout: Layout, lines: LinesSpec, message: Message, wire: bytes) -> str:
-    """Return why a golden line is no line of this message; empty if it is one."""
-    if not wire.startswith(layout.sync):
-        return f"the golden line does not begin with {layout.sync.decode('ascii', 'replace')!r}"
-    if len(wire) > lines.max:
-        return f"the golden line has {len(wire)} bytes with its end, 'lines: max' is {lines.max}"
-    read = LineReader(layout, lines).read(wire[len(layout.sync) : -2], message)
-    if isinstance(read, Refusal):
-        return f"the golden line {read.text}"
-    if len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
-        return ""
-    return f"the golden line is no single line of {message.name!r}"
-
-
 def _check_that_is_right(layout: Layout, frame: bytes) -> str:
     """Return which other check is right in a frame, as the end of a sentence; rather the one that was named."""
-    fits = list(checks_that_fit([frame], least_bits=16)) if len(frame) <= _TRIED_BYTES else []
+    plain = len(frame) <= _TRIED_BYTES and not layout.escape and not layout.lines
+    fits = list(checks_that_fit([frame], least_bits=16)) if plain else []
     fit = next((fit for fit in fits if fit.name == layout.check.name), fits[0] if fits else None)
     if fit is None:
         return ""
@@ -127,9 +100,8 @@ def _check_that_is_right(layout: Layout, frame: bytes) -> str:
     return f"; {fit.name} over bytes {fit.start} to {stop - 1}, {place}{order}, would be right{chance}"
 
 
-def _compare(document: Document[FrameSpec], layout: Layout, message: Message, golden: str, expect: Mapping[str, Any],
+def _compare(document: Document[FrameSpec], message: Message, batch: MessageBatch, expect: Mapping[str, Any],
              path: Path_) -> list[InputError]:  # fmt: skip
-    batch = one_by_one(layout).feed(wire_of(layout, golden) or b"").messages[message.name]
     errors: list[InputError] = []
     if batch.suspect.any():
         text = f"a constant of {message.name!r} differs in the golden frame"

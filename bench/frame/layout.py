@@ -115,9 +115,10 @@ class Item:
 class Part:
     """What stands at no fixed place of a frame, and where its row has it: ``size`` bytes from ``at`` on.
 
-    ``kind``: "plain", fields; "group", up to ``most`` times ``size`` bytes; "optional"; "items"; "rest", bytes of
-    variable length, which no row has. ``by``, ``bits``: what says how often or whether it is there. ``behind``: bytes
-    of the parts behind one that is open-ended.
+    ``kind``: "plain", fields; "group", up to ``most`` times ``size`` bytes; "optional"; "items"; "cut", fields whose
+    zeros at the end are not sent; "rest", bytes of variable length, which no row has. ``by``, ``bits``: what says how
+    often or whether it is there. ``behind``: bytes of the parts behind one that is open-ended. ``length_first``,
+    ``plus``: as in ItemsSpec.
     """
 
     kind: str
@@ -132,11 +133,13 @@ class Part:
     id_size: int = 0
     length_size: int = 0
     big: bool = False
+    length_first: bool = False
+    plus: int = 0
 
     @property
     def open_ended(self) -> bool:
         """Whether it takes all that the parts behind it leave."""
-        return self.kind in ("items", "rest")
+        return self.kind in ("items", "rest", "cut")
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,7 @@ class Message:
     ``length`` the whole frame, 0 if it varies. The check covers [cover_start, cover_stop) of the frame; cover_stop
     None = up to the end of the fields. ``type_text``: the type of a line. With ``parts``, the first ``head`` bytes
     stand as in the row of a frame, which else is made of its parts; ``body`` is then the length of that row, and
-    ``blank`` the row without any part.
+    ``blank`` the row without any part. ``extra``: what the check covers behind that, and that is not sent.
     """
 
     name: str
@@ -161,6 +164,7 @@ class Message:
     parts: tuple[Part, ...] = ()
     head: int = 0
     blank: bytes = b""
+    extra: bytes = b""
 
     @property
     def least(self) -> int:
@@ -235,6 +239,11 @@ class Layout:
         """All that a frame may be: the messages, and last what is not listed, if that is counted."""
         return self.messages if self.unlisted is None else (*self.messages, self.unlisted)
 
+    @cached_property
+    def told(self) -> tuple[Message, ...]:
+        """All whose frames a decoder gives: the messages, and what is not listed where it counts with them."""
+        return self.kinds if self.shared_counter else self.messages
+
     @property
     def fixed(self) -> bool:
         """One message of one length, without a type: the frames of an undamaged stream form a lattice."""
@@ -250,18 +259,20 @@ class Layout:
         """JSON-able content that decides how bytes become numbers; hashed into every session."""
         check = self.check
         model = getattr(check, "model", None)
-        later: dict[str, Any] = {} if self.silence_s is None else {"silence_s": self.silence_s}
-        later |= {} if self.length_times == 1 else {"length_times": self.length_times}
-        for name in ("length_bits", "type_bits"):
-            later |= {} if getattr(self, name) is None else {name: list(getattr(self, name))}
-        later |= {} if self.check_field is None else {"check_field": self.check_field.name}
         counting = any(message.counter for message in self.messages)
-        later |= {"own_counters": True} if self.own_counters and counting else {}
-        later |= {"escape": self.escape} if self.escape else {}
-        later |= {"lines": self.lines.model_dump()} if self.lines else {}
-        later |= {"sync_at": self.sync_at} if self.sync_at else {}
-        later |= {"trailer": self.trailer.hex()} if self.trailer else {}
-        later |= {} if self.unlisted is None else {"other": True}
+        later = {
+            "silence_s": self.silence_s,
+            "length_times": self.length_times if self.length_times > 1 else None,
+            "length_bits": self.length_bits,
+            "type_bits": self.type_bits,
+            "check_field": self.check_field and self.check_field.name,
+            "own_counters": self.own_counters and counting,
+            "escape": self.escape,
+            "lines": self.lines and self.lines.model_dump(),
+            "sync_at": self.sync_at,
+            "trailer": self.trailer.hex(),
+            "other": self.unlisted is not None,
+        }
         return {
             "sync": self.sync.hex(),
             "check": check.name if model is None else [model.width, *_numbers(model)],
@@ -271,7 +282,7 @@ class Layout:
             "type": None if self.type_field is None else self.type_field.name,
             "rate_Hz": self.rate_Hz,
             "messages": [_message_content(message) for message in self.messages],
-            **later,
+            **{name: value for name, value in later.items() if value},
         }
 
 
@@ -286,13 +297,16 @@ def _message_content(message: Message) -> dict[str, Any]:
         "cover": [message.cover_start, message.cover_stop],
         "fields": [field_content(item) for item in message.fields],
         **({"parts": [_part_content(part) for part in message.parts]} if message.parts else {}),
+        **({"extra": message.extra.hex()} if message.extra else {}),
     }
 
 
 def _part_content(part: Part) -> list[Any]:
     items = [[item.name, item.number, item.at, item.size, item.required] for item in part.items]
     by = None if part.by is None else part.by.name
-    return [part.kind, part.at, part.size, part.most, by, part.bits, items, part.id_size, part.length_size, part.big]
+    later = [part.length_first, part.plus] if part.length_first or part.plus else []
+    size = [part.id_size, part.length_size, part.big, *later]
+    return [part.kind, part.at, part.size, part.most, by, part.bits, items, *size]
 
 
 def field_content(item: Field) -> list[Any]:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column, rows_of_frames
 from bench.frame.layout import Layout, Message, Span
-from bench.frame.parts import rows_of_parts, unpacked, wire_length
+from bench.frame.parts import unpacked, wire_length
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
 _WRONG = 0  # length or type makes no sense
@@ -199,11 +199,10 @@ class NumpyDecoder:
             self._alike = Alike(0, layout.messages[0].length, dict(enumerate(layout.pattern, layout.sync_at)))
         self._tail = b""
         self._position = 0
-        self.counts = FrameCounts(by_message={message.name: 0 for message in layout.messages})
+        self.counts = FrameCounts()
         self._none = [
-            MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [],
-                         extract_column)
-            for message in layout.messages
+            MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [])
+            for message in layout.told
         ]  # fmt: skip
 
     def feed(self, chunk: bytes) -> FrameBatch:
@@ -266,7 +265,7 @@ class NumpyDecoder:
         start, length, kind, bad, _ = found[0] if len(found) == 1 else _joined(found)
         numbers = np.bincount(kind, minlength=len(self._layout.kinds)).tolist()
         messages = {}
-        for index, message in enumerate(self._layout.messages):
+        for index, message in enumerate(self._layout.told):
             number = numbers[index]
             if not number:
                 messages[message.name] = self._none[index]
@@ -274,13 +273,11 @@ class NumpyDecoder:
             mine = slice(number) if number == len(start) else np.flatnonzero(kind == index)
             starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
-            messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
-            if message.parts:
-                messages[message.name].ends = starts + lengths + self._position
-            self.counts.frames += number
-            self.counts.by_message[message.name] += number
-        if self._layout.unlisted is not None:
-            self.counts.other += numbers[-1]
+            messages[message.name] = MessageBatch(message, starts + self._position, rows, rest)
+            messages[message.name].ends = starts + lengths + self._position
+        listed = len(self._layout.messages)
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
         self.counts.bad += len(bad)
         self.counts.skipped_bytes += consumed - int(length.sum())
         bad = bad + self._position
@@ -294,10 +291,7 @@ class NumpyDecoder:
         if not message.parts and message.rest is None:
             return rows_of(buffer, starts, message), None
         bounds = zip(starts.tolist(), lengths.tolist(), strict=True)
-        if message.parts:
-            return rows_of_parts(message, (stream[start : start + length] for start, length in bounds), tail)
-        rest = [stream[start + message.body : start + length - tail] for start, length in bounds]
-        return rows_of(buffer, starts, message), rest
+        return rows_of_frames(message, (stream[start : start + length] for start, length in bounds), tail)
 
 
 def _joined(found: list[Found]) -> Found:

@@ -7,10 +7,8 @@ as for other frames. What a frame does not hold is NaN where it is a float, else
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.layout import Item, Message, Part, read_part
 from bench.model.errors import InputError
@@ -33,6 +31,9 @@ def unpacked(message: Message, frame: bytes, stop: int) -> Contents | str:
             problem = _take_items(part, frame[at : at + size], row)
             if problem:
                 return problem
+        elif part.kind == "cut":
+            size = min(size, part.size)
+            row[part.at : part.at + size] = frame[at : at + size]
         elif part.kind == "rest":
             rest = frame[at : at + size]
         else:
@@ -65,6 +66,8 @@ def packed(message: Message, row: bytes, rest: bytes) -> bytes:
             wire += rest
         elif part.kind == "items":
             wire += b"".join(_written(part, item, row) for item in part.items if row[item.at])
+        elif part.kind == "cut":
+            wire += row[part.at : part.at + 1] + row[part.at + 1 : part.at + part.size].rstrip(b"\0")
         else:
             size = _held(part, row)
             if size < 0:
@@ -72,14 +75,6 @@ def packed(message: Message, row: bytes, rest: bytes) -> bytes:
                 raise InputError("B-FRAME-021", text, where="frame encoder", next_step="raise its 'max'")
             wire += row[part.at : part.at + size]
     return wire
-
-
-def rows_of_parts(message: Message, frames: Iterable[bytes], tail: int) -> tuple[NDArray[np.uint8], list[bytes] | None]:
-    """Return rows (n, body) uint8 of frames that fit, and their bytes of variable length if the message has any."""
-    found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
-    contents = [content for content in found if not isinstance(content, str)]
-    rows = np.frombuffer(b"".join(row for row, _ in contents), np.uint8).reshape(len(contents), message.body)
-    return rows, None if message.rest is None else [rest for _, rest in contents]
 
 
 def _stated(part: Part, row: bytes | bytearray) -> int:
@@ -109,10 +104,12 @@ def _take_items(part: Part, body: bytes, row: bytearray) -> str:
     while at < len(body):
         if at + head > len(body):
             return f"ends within the head of an item of {part.name!r}"
-        number = int.from_bytes(body[at : at + part.id_size], order)  # type: ignore[arg-type]
-        size = int.from_bytes(body[at + part.id_size : at + head], order)  # type: ignore[arg-type]
+        first = part.length_size if part.length_first else part.id_size
+        pair = [int.from_bytes(body[low:high], order) for low, high in ((at, at + first), (at + first, at + head))]  # type: ignore[arg-type]
+        size, number = pair if part.length_first else reversed(pair)
+        size += part.plus
         at += head
-        if at + size > len(body):
+        if not 0 <= size <= len(body) - at:
             return f"ends within the item 0x{number:x} of {part.name!r}"
         item = listed.get(number)
         if item is not None and size != item.size:
@@ -128,8 +125,9 @@ def _take_items(part: Part, body: bytes, row: bytearray) -> str:
 
 def _written(part: Part, item: Item, row: bytes) -> bytes:
     order = "big" if part.big else "little"
-    head = item.number.to_bytes(part.id_size, order) + item.size.to_bytes(part.length_size, order)  # type: ignore[arg-type]
-    return head + row[item.at + 1 : item.at + 1 + item.size]
+    number = item.number.to_bytes(part.id_size, order)  # type: ignore[arg-type]
+    length = (item.size - part.plus).to_bytes(part.length_size, order)  # type: ignore[arg-type]
+    return (length + number if part.length_first else number + length) + row[item.at + 1 : item.at + 1 + item.size]
 
 
 def blank_row(message: Message) -> bytes:

@@ -6,36 +6,18 @@ check, length or type wrong -> count one rejected candidate, one byte on; else a
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.frame.batch import Extract, FrameBatch, FrameCounts, MessageBatch
-from bench.frame.layout import Field, Layout, Message, read_element, read_part
-from bench.frame.parts import rows_of_parts, unpacked, wire_length
-
-
-def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
-    """Raw values of a field, frame by frame; same shapes, types and, of floats that are no numbers, bits as others."""
-    frames = [row.tobytes() for row in rows]
-    if item.kind == "f":
-        begins = [item.place(element)[0] for element in range(1 if item.count is None else item.count)]
-        floats = b"".join(frame[at : at + item.size] for frame in frames for at in begins)
-        column = np.frombuffer(floats, f"{'>' if item.big else '<'}{item.dtype}").astype(item.dtype)
-        return column if item.count is None else column.reshape(len(frames), item.count)
-    if item.count is None:
-        return np.array([read_element(frame, item) for frame in frames], item.dtype)
-    values = [[read_element(frame, item, element) for element in range(item.count)] for frame in frames]
-    return np.array(values, item.dtype).reshape(len(frames), item.count)
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, rows_of_frames
+from bench.frame.layout import Layout
+from bench.frame.refusal import Refusal, measured, why_none
 
 
 class ReferenceDecoder:
-    """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``; ``extract`` cuts the fields out."""
+    """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``."""
 
-    def __init__(self, layout: Layout, extract: Extract = read_column) -> None:
+    def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self._extract = extract
         self._tail = b""
         self._position = 0
         self.counts = FrameCounts()
@@ -54,7 +36,7 @@ class ReferenceDecoder:
         return self._run(self._tail, final=False, before=before)
 
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
-        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
+        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.kinds}
         bad: list[int] = []
         at = 0
         pattern = self._layout.pattern
@@ -66,18 +48,16 @@ class ReferenceDecoder:
                 at += 1
                 self.counts.skipped_bytes += 1
                 continue
-            length, message = self._measure(stream, at)
-            if length is None or at + length > len(stream):
+            head = stream[at : at + self._layout.header]
+            read = measured(self._layout, head) if len(head) == self._layout.header else None
+            if read is None or (not isinstance(read, Refusal) and at + read[1] > len(stream)):
                 if may_wait:
                     break
                 if not final:
                     bad.append(self._position + at)
-            elif message is not None and self._passes(stream[at : at + length], message):
-                if message is self._layout.unlisted:
-                    self.counts.other += 1
-                else:
-                    found[message.name].append((at, stream[at : at + length]))
-                at += length
+            elif not isinstance(read, Refusal) and why_none(self._layout, read[0], stream[at : at + read[1]]) is None:
+                found[read[0].name].append((at, stream[at : at + read[1]]))
+                at += read[1]
                 continue
             else:
                 bad.append(self._position + at)
@@ -87,67 +67,19 @@ class ReferenceDecoder:
         self._tail = stream[at:]
         return batch
 
-    def _measure(self, stream: bytes, at: int) -> tuple[int | None, Message | None]:
-        """Length and message of the candidate at ``at``; None: not known yet. Implausible ones have length 0."""
-        layout = self._layout
-        if at + layout.header > len(stream):
-            return None, None
-        head = stream[at : at + layout.header]
-        message: Message | None = layout.messages[0]
-        if layout.type_field is not None:
-            value = read_part(head, layout.type_field, layout.type_bits)
-            message = next((m for m in layout.messages if m.type_value == value), layout.unlisted)
-        if message is None:
-            return 0, None
-        length = message.length
-        if layout.says_its_length:
-            fields = wire_length(message, head)
-            return (fields + layout.tail, message) if fields else (0, None)
-        if layout.length_field is not None:
-            stated = read_part(head, layout.length_field, layout.length_bits)
-            length = stated * layout.length_times + layout.length_plus
-            if length < message.least + layout.tail or length > layout.max_length:
-                return 0, None
-            if message.length not in (0, length):
-                return 0, None
-        return length, message
-
-    def _passes(self, frame: bytes, message: Message) -> bool:
-        right = frame.endswith(self._layout.trailer) and checks_of(self._layout, message, frame)[0]
-        if not right or not message.parts:
-            return right
-        return not isinstance(unpacked(message, frame, len(frame) - self._layout.tail), str)
-
     def _batch(self, found: dict[str, list[tuple[int, bytes]]], bad: list[int], consumed: int) -> FrameBatch:
         messages = {}
-        for message in self._layout.messages:
+        for message in self._layout.told:
             frames = found[message.name]
             offset = np.array([self._position + at for at, _ in frames], np.int64)
-            if message.parts:
-                rows, rest = rows_of_parts(message, (frame for _, frame in frames), self._layout.tail)
-            else:
-                rows = np.frombuffer(b"".join(frame[: message.body] for _, frame in frames), np.uint8)
-                tail = self._layout.tail
-                rest = (
-                    None if message.rest is None else [frame[message.body : len(frame) - tail] for _, frame in frames]
-                )
-            batch = MessageBatch(message, offset, rows.reshape(len(frames), message.body), rest, self._extract)
-            if message.parts:
-                batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
+            rows, rest = rows_of_frames(message, (frame for _, frame in frames), self._layout.tail)
+            batch = MessageBatch(message, offset, rows, rest)
+            batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
-            self.counts.frames += len(frames)
-            self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + len(frames)
+        numbers = [len(found[message.name]) for message in self._layout.kinds]
+        listed = len(self._layout.messages)
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
         self.counts.bad += len(bad)
         self._position += consumed
         return FrameBatch(messages, np.array(bad, np.int64), self._position)
-
-
-def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int, int]:
-    """Return whether the check of a frame is right, the one computed and the one that it holds."""
-    size, end = layout.check.size, len(frame) - layout.tail
-    at = end if layout.check_field is None else layout.check_field.offset
-    stop = end if message.cover_stop is None else message.cover_stop
-    blank = frame if layout.check_field is None else frame[:at] + bytes(size) + frame[at + size :]
-    computed = layout.check.of(blank[message.cover_start : stop])
-    stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
-    return computed == stored, computed, stored

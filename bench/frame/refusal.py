@@ -6,7 +6,6 @@ from typing import Literal, NamedTuple
 
 from bench.frame.layout import Layout, Message, read_part
 from bench.frame.parts import unpacked, why_no_length, wire_length
-from bench.frame.reference import checks_of
 
 Cause = Literal["check", "length", "type", "trailer", "contents", "escape", "unknown"]
 
@@ -23,15 +22,20 @@ def why_refused(layout: Layout, candidate: bytes, due: Message | None = None, ex
 
     Args:   due: the message that a golden frame has to be.   exact: nothing may stand behind the frame.
     """
-    message = _message_of(layout, candidate, due)
-    if isinstance(message, Refusal):
-        return message
-    length = _length_of(layout, candidate, message)
-    if isinstance(length, Refusal):
-        return length
+    read = measured(layout, candidate, due)
+    if isinstance(read, Refusal):
+        return read
+    message, length = read
+    if len(candidate) < length:
+        return Refusal("length", f"is {length} bytes long, of which {len(candidate)} are there")
     if exact and length != len(candidate):
         return Refusal("length", f"states {length} bytes and has {len(candidate)}")
-    frame = candidate[:length]
+    return why_none(layout, message, candidate[:length])
+
+
+def why_none(layout: Layout, message: Message, frame: bytes) -> Refusal | None:
+    """Return what is wrong with check, trailer or contents of a frame; None if nothing is."""
+    length = len(frame)
     right, computed, stored = checks_of(layout, message, frame)
     if not right:
         stop = length - layout.tail if message.cover_stop is None else message.cover_stop
@@ -45,6 +49,15 @@ def why_refused(layout: Layout, candidate: bytes, due: Message | None = None, ex
         return Refusal("trailer", f"does not end with {layout.trailer.hex(' ')}")
     contents = unpacked(message, frame, length - layout.tail) if message.parts else ""
     return Refusal("contents", contents) if isinstance(contents, str) and contents else None
+
+
+def measured(layout: Layout, candidate: bytes, due: Message | None = None) -> tuple[Message, int] | Refusal:
+    """Return message and length of what begins like a frame, by its first ``header`` bytes."""
+    message = _message_of(layout, candidate, due)
+    if isinstance(message, Refusal):
+        return message
+    length = _length_of(layout, candidate, message)
+    return length if isinstance(length, Refusal) else (message, length)
 
 
 def _message_of(layout: Layout, candidate: bytes, due: Message | None) -> Message | Refusal:
@@ -77,6 +90,15 @@ def _length_of(layout: Layout, candidate: bytes, message: Message) -> int | Refu
             return Refusal("length", f"{by}, {message.name!r} has {'' if message.length else 'at least '}{least}")
     elif length < least:
         return Refusal("length", f"is {length} bytes long, {message.name!r} has at least {least}")
-    if len(candidate) < length:
-        return Refusal("length", f"is {length} bytes long, of which {len(candidate)} are there")
     return length
+
+
+def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int, int]:
+    """Return whether the check of a frame is right, the one computed and the one that it holds."""
+    size, end = layout.check.size, len(frame) - layout.tail
+    at = end if layout.check_field is None else layout.check_field.offset
+    stop = end if message.cover_stop is None else message.cover_stop
+    blank = frame if layout.check_field is None else frame[:at] + bytes(size) + frame[at + size :]
+    computed = layout.check.of(blank[message.cover_start : stop] + message.extra)
+    stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
+    return computed == stored, computed, stored

@@ -95,11 +95,14 @@ class ItemsSpec(StrictModel):
     """Items in any order, each with its id, the bytes of its body, and its body, up to the end or the fields behind.
 
     Those that are not listed are passed over. The name of an item is a column: 1 where the frame holds it.
+    ``length_first``: the length stands in front of the id. ``plus``: the body has as many bytes more than it says.
     """
 
     items: Name
     id: Literal["u8", "u16", "u24", "u32"]
     length: Literal["u8", "u16", "u24", "u32"]
+    length_first: StrictBool = False
+    plus: Annotated[int, Limits(strict=True, ge=-8, le=0)] = 0
     endian: Endian | None = None
     of: Annotated[dict[Name, ItemSpec], Limits(min_length=1, max_length=200)]
 
@@ -141,10 +144,12 @@ class CheckSpec(StrictModel):
 class LengthSpec(StrictModel):
     """In-frame length: whole frame in bytes, first to last = value of ``field`` * ``times`` + ``plus``.
 
-    ``field`` is a common field, or named bits of one as "field.bits".
+    ``field`` is a common field, or named bits of one as "field.bits". ``cut``: zeros at the end of the fields of a
+    message are not sent, but for the first byte behind the common ones.
     """
 
     field: Part
+    cut: StrictBool = False
     times: Annotated[int, Limits(strict=True, ge=1, le=256)] = 1
     plus: Annotated[int, Limits(strict=True, ge=-65_535, le=65_535)]
     max: Annotated[int, Limits(strict=True, ge=1, le=MAX_FRAME_BYTES)]
@@ -172,11 +177,13 @@ class TypeSpec(StrictModel):
 class MessageSpec(StrictModel):
     """One message: its value of the type field, the fields behind the common ones, a golden frame.
 
-    In lines the value is text, in which a "?" stands for any character.
+    In lines the value is text, in which a "?" stands for any character. ``extra``: bytes that the check covers behind
+    all others, and that are not sent.
     """
 
     value: Whole | Annotated[str, StringConstraints(pattern=r"^[!-~]{1,60}$")]
     fields: tuple[AnyField, ...] = ()
+    extra: Annotated[list[Byte], Limits(min_length=1, max_length=8)] | None = None
     golden: str
     expect: Annotated[dict[str, Any], Limits(min_length=1)]
 
@@ -208,7 +215,7 @@ class FrameSpec(StrictModel):
     sync_at: Annotated[int, Limits(strict=True, ge=1, le=255)] | None = None
     trailer: Annotated[list[Byte], Limits(min_length=1, max_length=255)] | None = None
     other: StrictBool = False
-    escape: Literal["slip", "hdlc", "cobs", "dle"] | None = None
+    escape: Literal["slip", "hdlc", "cobs", "dle", "dle_etx"] | None = None
     lines: LinesSpec | None = None
     rate: Annotated[float, *quantity("Hz", low=1e-6, high=1e6)] | None = None
     silence: Annotated[float, *quantity("s", low=1e-3, high=60.0)] | None = None

@@ -8,9 +8,10 @@ from __future__ import annotations
 from array import array
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, dataclass
 from itertools import accumulate
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +23,10 @@ from bench.frame.layout import Field
 from bench.model.clock import NS
 
 _Chunk = tuple[int, bytes]  # receive stamp in ns, bytes
+Contents = Callable[[int], list[bytes]]  # the bytes of frames, from that one on
 _START = np.zeros(1, np.int64)
 REPEAT_REACH = 64  # frames; a serial line repeats at most the tail of a buffer
+_FARTHEST = 1 << 14  # frames; a counter farther ahead was restarted or damaged sooner than that many were lost
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,8 @@ class LinkCounts:
 
     bytes: decoded so far; frames: accepted; bad: sync found, check failed, not inside an accepted frame; lost and
     duplicate: by the counter; suspect: check passed, but a constant or the counter is out of line; skipped_bytes: in no
-    accepted frame; other: check right, of a type that the definition does not list.
+    accepted frame; other: check right, of a type that the definition does not list; jumps: places where a counter went
+    on elsewhere, so that nobody knows how many frames are missing there: none of them is among the lost.
     """
 
     bytes: int = 0
@@ -43,19 +47,24 @@ class LinkCounts:
     skipped_bytes: int = 0
     suspect: int = 0
     other: int = 0
+    jumps: int = 0
+
+    def __add__(self, more: LinkCounts) -> LinkCounts:
+        """Return the totals of both."""
+        return LinkCounts(*map(add, astuple(self), astuple(more)))
+
+    @property
+    def totals(self) -> dict[str, int]:
+        """Frames good, bad and lost, and jumps, as the sessions name them."""
+        return {"frames": self.frames, "frames_bad": self.bad, "frames_lost": self.lost, "jumps": self.jumps}
 
 
 class LinkBatch(NamedTuple):
-    """Frames of one flush by message name, the rejected candidates (m,) with stream offset and receive stamp.
-
-    ``lost`` and ``duplicate`` count what the counters of this batch revealed.
-    """
+    """Frames of one flush by message name, the rejected candidates (m,) with stream offset and receive stamp."""
 
     messages: Mapping[str, MessageBatch]
     bad_offset: NDArray[np.int64]
     bad_t_ns: NDArray[np.int64]
-    lost: int
-    duplicate: int
 
 
 class LinkDecoder:
@@ -77,13 +86,12 @@ class LinkDecoder:
         self._pushed = 0
         self._taken = 0
         self._decided = 0
-        self._lost = self._duplicate = self._suspect = 0
+        self._lost = self._duplicate = self._suspect = self._jumps = 0
         self._counters: dict[str, CounterUnwrapper] = {}
 
     def push(self, t_mono_ns: int, chunk: bytes) -> None:
         """Queue a received chunk; ``t_mono_ns`` is the time its last byte was read."""
-        self._queue.append((t_mono_ns, chunk))
-        self._pushed += len(chunk)
+        self.push_all([(t_mono_ns, chunk)])
 
     def push_all(self, chunks: Sequence[tuple[int, bytes]]) -> None:
         """Queue received chunks, each with its time."""
@@ -103,17 +111,8 @@ class LinkDecoder:
     @property
     def counts(self) -> LinkCounts:
         """Totals of everything flushed so far."""
-        seen = self._decoder.counts
-        return LinkCounts(
-            seen.bytes,
-            seen.frames,
-            seen.bad,
-            self._lost,
-            self._duplicate,
-            seen.skipped_bytes,
-            self._suspect,
-            seen.other,
-        )
+        mine = {"lost": self._lost, "duplicate": self._duplicate, "suspect": self._suspect, "jumps": self._jumps}
+        return LinkCounts(**vars(self._decoder.counts), **mine)
 
     def flush(self) -> LinkBatch:
         """Decode all queued chunks; an unfinished frame waits for the next flush."""
@@ -131,11 +130,7 @@ class LinkDecoder:
 
     def finish(self) -> LinkBatch:
         """Decode all queued chunks and the tail: nothing will follow."""
-        batch = self.flush()
-        tail = self._accounted(self._decoder.finish())
-        if not any(len(part) for part in tail.messages.values()) and not len(tail.bad_offset):
-            return batch
-        return _joined([batch, tail])
+        return _joined([self.flush(), self._accounted(self._decoder.finish())])
 
     def _between_silences(self, queued: list[_Chunk], silence_ns: int) -> list[tuple[list[_Chunk], int | None]]:
         """Chunks to be decoded together, with the stream offset at which a silence ended.
@@ -167,50 +162,29 @@ class LinkDecoder:
         messages, bad_offset, position = found
         for batch in messages.values():
             batch.t_ns = self._stamps_of(batch)
-        lost, duplicate = self._count(messages)
+        self._count(messages)
+        messages = {message.name: messages[message.name] for message in self.definition.layout.messages}
         bad_t_ns = bad_offset
         if len(bad_offset):
             bad_t_ns = np.array(self._stamps)[np.searchsorted(self._ends, bad_offset, side="right")]
-        self._lost += lost
-        self._duplicate += duplicate
         self._suspect += sum(int(np.count_nonzero(batch.suspect)) for batch in messages.values())
         self._decided = position
         decided = bisect_right(self._ends, position)
         del self._ends[:decided], self._stamps[:decided]
-        return LinkBatch(messages, bad_offset, bad_t_ns, lost, duplicate)
+        return LinkBatch(messages, bad_offset, bad_t_ns)
 
     def _stamps_of(self, batch: MessageBatch) -> NDArray[np.int64]:
         """Stamp of the chunk with the last byte of each frame; few chunks, many frames: count frames per chunk."""
         if not len(batch.offset):
             return np.empty(0, np.int64)
-        ends, first, last = self._ends, 0, 0
-        if len(ends) > 1:
-            first, last = bisect_left(ends, self._end_of(batch, 0)), bisect_left(ends, self._end_of(batch, -1))
+        first, last = (bisect_left(self._ends, int(batch.ends[at])) for at in (0, -1))
         if first == last:
-            stamps = np.empty(len(batch.offset), np.int64)
-            stamps.fill(self._stamps[first])
-            return stamps
-        behind = batch.offset + batch.message.length
-        if batch.ends is not None:
-            behind = batch.ends
-        elif batch.rest is not None:
-            extra = np.fromiter(map(len, batch.rest), np.int64, len(batch))
-            behind = batch.offset + batch.message.body + self.definition.layout.tail + extra
-        complete = np.searchsorted(behind, ends[first : last + 1], side="right")
+            return np.full(len(batch.offset), self._stamps[first], np.int64)
+        complete = np.searchsorted(batch.ends, self._ends[first : last + 1], side="right")
         complete[1:] -= complete[:-1].copy()
         return np.repeat(np.array(self._stamps[first : last + 1]), complete)
 
-    def _end_of(self, batch: MessageBatch, index: int) -> int:
-        """Return the stream offset behind one frame."""
-        if batch.ends is not None:
-            return int(batch.ends[index])
-        if batch.rest is None:
-            return int(batch.offset[index]) + batch.message.length
-        tail = self.definition.layout.tail + len(batch.rest[index])
-        return int(batch.offset[index]) + batch.message.body + tail
-
-    def _count(self, messages: Mapping[str, MessageBatch]) -> tuple[int, int]:
-        lost = duplicate = 0
+    def _count(self, messages: Mapping[str, MessageBatch]) -> None:
         counting = []
         for batch in messages.values():
             if batch.message.counter is not None and len(batch.offset):
@@ -219,12 +193,9 @@ class LinkDecoder:
                 batch.counter = np.empty(0, np.int64)
         groups = [counting] if self.definition.layout.shared_counter else [[batch] for batch in counting]
         for group in groups if counting else ():
-            more_lost, more_duplicate = self._unwrap(group)
-            lost += more_lost
-            duplicate += more_duplicate
-        return lost, duplicate
+            self._unwrap(group)
 
-    def _unwrap(self, group: list[MessageBatch]) -> tuple[int, int]:
+    def _unwrap(self, group: list[MessageBatch]) -> None:
         """Unwrap the counter that the messages of a group share, in stream order."""
         field = group[0].message.counter
         assert field is not None
@@ -233,32 +204,41 @@ class LinkDecoder:
         if unwrapper is None:
             wrap = field.wrap or 1 << field.width
             unwrapper = self._counters[key] = CounterUnwrapper(wrap, self.definition.rate_Hz)
-        if len(group) == 1:
-            batch = group[0]
-            result = unwrapper.feed(_counted(batch, field), batch.t_ns)
-            batch.counter = result.counter
-            if result.doubtful:
-                batch.suspect = batch.suspect | result.suspect
-            return result.lost, result.duplicate
         offset = np.concatenate([batch.offset for batch in group])
         order = np.argsort(offset, kind="stable")
         raw = np.concatenate([_counted(batch, field) for batch in group])
         stamps = np.concatenate([batch.t_ns for batch in group if batch.t_ns is not None])
-        result = unwrapper.feed(raw[order], stamps[order])
+
+        def contents(first: int) -> list[bytes]:
+            if len(group) == 1:
+                return _bytes_of(group[0], first)
+            frames = [frame for batch in group for frame in _bytes_of(batch, 0)]
+            return [frames[at] for at in order[first:].tolist()]
+
+        result = unwrapper.feed(raw[order], stamps[order], contents)
+        self._lost += result.lost
+        self._duplicate += result.duplicate
+        self._jumps += result.jumps
         counter, suspect = np.empty_like(result.counter), np.empty_like(result.suspect)
         counter[order], suspect[order] = result.counter, result.suspect
         at = 0
         for batch in group:
-            batch.counter = counter[at : at + len(batch)]
-            batch.suspect = batch.suspect | suspect[at : at + len(batch)]
-            at += len(batch)
-        return result.lost, result.duplicate
+            batch.counter = counter[at : at + len(batch.offset)]
+            batch.suspect = batch.suspect | suspect[at : at + len(batch.offset)]
+            at += len(batch.offset)
 
 
 def _counted(batch: MessageBatch, field: Field) -> NDArray[np.int64]:
     """Return the counters of a batch as sent, without bits of the field that do not count."""
     raw = batch.raw(field.name).astype(np.int64)
     return raw & (field.wrap - 1) if field.wrap and field.bits else raw
+
+
+def _bytes_of(batch: MessageBatch, first: int) -> list[bytes]:
+    """Return the bytes of the frames of a batch, from one of them on, without their checks."""
+    width, flat = batch.message.body, batch.rows[first:].tobytes()
+    frames = [flat[at : at + width] for at in range(0, len(flat), width)]
+    return frames if batch.rest is None else list(map(add, frames, batch.rest[first:]))
 
 
 def _joined(parts: list[LinkBatch]) -> LinkBatch:
@@ -270,46 +250,54 @@ def _joined(parts: list[LinkBatch]) -> LinkBatch:
         messages,
         np.concatenate([part.bad_offset for part in parts]),
         np.concatenate([part.bad_t_ns for part in parts]),
-        sum(part.lost for part in parts),
-        sum(part.duplicate for part in parts),
     )
 
 
 class Unwrapped(NamedTuple):
-    """Counters (n,) int64 without wrap, suspect marks (n,) bool, numbers of lost, repeated and suspect frames."""
+    """Counters (n,) int64 without wrap, suspect marks (n,) bool; numbers of lost, repeated, suspect frames, jumps."""
 
     counter: NDArray[np.int64]
     suspect: NDArray[np.bool_]
     lost: int
     duplicate: int
     doubtful: int = 0
+    jumps: int = 0
 
 
 class CounterUnwrapper:
     """Follows one counter of ``wrap`` values through a stream.
 
     A step is the one, modulo the wrap, that is nearest to what the receive times and the rate predict; so gaps longer
-    than a wrap are resolved. A step back by at most 64 is a repeated frame. A step that is a quarter of a wrap away
-    from the prediction, or further back, is implausible: that frame is suspect and carries the last counter. If the
-    next frame goes on from it, the unit has restarted its counter: counting goes on as the time predicts.
+    than a wrap are resolved. A step back by at most 64 is a repeated frame, if no frame with that counter had other
+    contents. A step that is a quarter of a wrap or 16,384 frames ahead of the prediction, or further back, is
+    implausible: that frame is suspect and carries the last counter. If the next frame goes on from it, the unit has
+    restarted its counter, or more frames are lost than it tells: counting goes on as the time predicts; without times
+    that is a jump, of which nobody knows how long it was.
     """
 
     def __init__(self, wrap: int, rate_Hz: float | None) -> None:
         self._wrap = wrap
         self._rate_Hz = rate_Hz
-        self._reach = min(REPEAT_REACH, wrap // 4)
+        self._reach, self._ahead = min(REPEAT_REACH, wrap // 4), min(_FARTHEST, wrap / 4)
         self._started = False
         self._raw = 0  # counter as sent of the last trusted frame
         self._last = 0  # its unwrapped counter
         self._highest = 0
         self._t_ns = 0
+        self._begun_ns: int | None = None  # stamp of the first frame: until another one comes, nobody knows the time
+        self._recent: dict[int, bytes] = {}  # contents of the last frames by counter
         self._rejected: int | None = None  # counter as sent of a suspect frame, if that was the last one
         self._missed = 0.0  # frames that time has predicted since the last trusted one
 
-    def feed(self, raw: NDArray[np.int64], t_ns: NDArray[np.int64] | None) -> Unwrapped:
+    def feed(
+        self, raw: NDArray[np.int64], t_ns: NDArray[np.int64] | None, contents: Contents | None = None
+    ) -> Unwrapped:
         """Unwrap the counters of the next frames.
 
-        Args: raw: (n,) counters as sent; t_ns: (n,) receive stamps of their chunks, or None without times.
+        Args:
+            raw: (n,) counters as sent.
+            t_ns: (n,) receive stamps of their chunks, or None without times.
+            contents: gives the bytes of the frames from that one on; None where every step back is a repeated frame.
         """
         if not len(raw):
             return Unwrapped(np.empty(0, np.int64), np.empty(0, np.bool_), 0, 0)
@@ -317,27 +305,22 @@ class CounterUnwrapper:
             self._started = True
             self._raw = self._last = self._highest = int(raw[0]) - 1
             self._t_ns = int(t_ns[0]) if t_ns is not None else 0
-        expected = self._expected(len(raw), t_ns)
+            self._begun_ns = None if self._rate_Hz is None else self._t_ns
+        expected, before_ns = self._expected(len(raw), t_ns), self._t_ns
         if t_ns is not None:
             self._t_ns = int(t_ns[-1])
         step = np.empty(len(raw), np.int64)
         step[0] = raw[0] - self._raw
         np.subtract(raw[1:], raw[:-1], out=step[1:])
         step &= self._wrap - 1
-        if isinstance(expected, float) and self._steady and (step == 1).all():
-            return self._advance(len(raw), int(raw[-1]))
-        step = self._resolve(step, expected)
-        if self._rejected is None and not self._implausible(step, expected).any():
-            counter = self._last + np.cumsum(step)
-            suspect = np.zeros(len(raw), np.bool_)
-            self._raw, self._last = int(raw[-1]), int(counter[-1])
+        steady = self._rejected is None and self._last == self._highest
+        if steady and isinstance(expected, float) and (step == 1).all():
+            result = self._advance(len(raw), int(raw[-1]))
         else:
-            counter, suspect = self._one_by_one(raw, expected)
-        return self._account(counter, suspect)
-
-    @property
-    def _steady(self) -> bool:
-        return self._rejected is None and self._last == self._highest
+            result = self._resolved(raw, step, expected, t_ns, before_ns, contents)
+        if contents is not None:
+            self._keep(result, contents)
+        return result
 
     def _advance(self, count: int, raw: int) -> Unwrapped:
         """Return nothing lost, nothing repeated."""
@@ -345,6 +328,33 @@ class CounterUnwrapper:
         self._raw, self._last = raw, self._last + count
         self._highest = self._last
         return Unwrapped(counter, np.zeros(count, np.bool_), 0, 0)
+
+    def _resolved(self, raw: NDArray[np.int64], step: NDArray[np.int64], expected: NDArray[np.float64] | float,
+                  t_ns: NDArray[np.int64] | None, before_ns: int, contents: Contents | None) -> Unwrapped:  # fmt: skip
+        step += self._wrap * np.rint((expected - step) / self._wrap).astype(np.int64)
+        counter = self._last + np.cumsum(step)
+        odd = (step < -self._reach) | (step - expected > self._ahead)
+        if self._rejected is not None or odd.any() or (contents is not None and self._differs(counter, contents)):
+            return self._account(*self._one_by_one(raw, expected, t_ns, before_ns, contents))
+        self._raw, self._last = int(raw[-1]), int(counter[-1])
+        return self._account(counter, np.zeros(len(raw), np.bool_), [])
+
+    def _differs(self, counter: NDArray[np.int64], contents: Contents) -> bool:
+        """Return whether frames with the same counter differ."""
+        if counter[0] > self._highest and (counter[1:] > counter[:-1]).all():
+            return False
+        recent = dict(self._recent)
+        frames = zip(counter.tolist(), contents(0), strict=True)
+        return any(recent.setdefault(value, content) != content for value, content in frames)
+
+    def _keep(self, result: Unwrapped, contents: Contents) -> None:
+        """Keep what may be repeated yet."""
+        oldest = self._highest - 2 * REPEAT_REACH
+        first = int(np.argmax(result.counter > oldest))
+        frames = zip(result.counter[first:].tolist(), contents(first), result.suspect[first:].tolist(), strict=True)
+        self._recent |= {value: content for value, content, suspect in frames if not suspect}
+        if next(iter(self._recent), oldest) <= oldest:
+            self._recent = {value: content for value, content in self._recent.items() if value > oldest}
 
     def _expected(self, count: int, t_ns: NDArray[np.int64] | None) -> NDArray[np.float64] | float:
         """Predicted step of each frame: 1 inside a chunk; at its start the time since the last one, less its frames.
@@ -373,28 +383,34 @@ class CounterUnwrapper:
         expected[first] = np.where(late < 1.5, 1.0, late)  # the same for a chunk whatever else is in the batch
         return expected
 
-    def _resolve(self, step: NDArray[np.int64], expected: NDArray[np.float64] | float) -> NDArray[np.int64]:
-        turns = np.rint((expected - step) / self._wrap)
-        return step + self._wrap * turns.astype(np.int64)
-
-    def _implausible(self, step: NDArray[np.int64], expected: NDArray[np.float64] | float) -> NDArray[np.bool_]:
-        return np.asarray((step < -self._reach) | (step - expected > self._wrap / 4))
-
-    def _one_by_one(
-        self, raw: NDArray[np.int64], expected: NDArray[np.float64] | float
-    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def _one_by_one(self, raw: NDArray[np.int64], expected: NDArray[np.float64] | float,
+                    t_ns: NDArray[np.int64] | None, before_ns: int,
+                    contents: Contents | None) -> tuple[NDArray[np.int64], NDArray[np.bool_], list[int]]:  # fmt: skip
+        """Return counters, suspect marks, and the frames that are the first ones behind a jump."""
         counter = np.empty(len(raw), np.int64)
         suspect = np.zeros(len(raw), np.bool_)
-        highest = self._highest
+        jumps: list[int] = []
+        highest, before, recent = self._highest, self._last, dict(self._recent)
+        frames = [b""] * len(raw) if contents is None else contents(0)
         due_each = np.broadcast_to(expected, len(raw)).tolist()
         for index, (value, due) in enumerate(zip(raw.tolist(), due_each, strict=True)):
-            due += self._missed
+            timed = t_ns is not None and self._begun_ns is not None and t_ns[index] != self._begun_ns
+            due += self._missed if timed else min(self._missed, self._ahead)
             forward = (value - self._raw) % self._wrap
             step = forward + self._wrap * round((due - forward) / self._wrap)
-            if -self._reach <= step <= due + self._wrap / 4:
+            same = step > 0 or recent.get(self._last + step, frames[index]) == frames[index]
+            same = same and value != self._rejected  # it stands still
+            if -self._reach <= step <= due + self._ahead and same:
                 self._last += step
             elif self._rejected is not None and 0 < (value - self._rejected) % self._wrap <= self._reach:
                 self._last = highest + max(1, round(due))
+                if not timed or t_ns is None:
+                    jumps.append(index)
+                else:
+                    first, stop = (int(np.searchsorted(t_ns, t_ns[index], side)) for side in ("left", "right"))
+                    since, since_ns = (counter[first - 1], t_ns[first - 1]) if first else (before, before_ns)
+                    predicted = since + (t_ns[index] - since_ns) * (self._rate_Hz or 0.0) / NS - (stop - 1 - index)
+                    self._last = max(self._last, round(float(predicted)))
             else:
                 suspect[index], counter[index] = True, self._last
                 self._rejected, self._missed = value, due
@@ -402,13 +418,13 @@ class CounterUnwrapper:
             self._raw, self._rejected, self._missed = value, None, 0.0
             counter[index] = self._last
             highest = max(highest, self._last)
-        return counter, suspect
+            recent.setdefault(self._last, frames[index])
+        return counter, suspect, jumps
 
-    def _account(self, counter: NDArray[np.int64], suspect: NDArray[np.bool_]) -> Unwrapped:
-        trusted = counter if not suspect.any() else counter[~suspect]
-        highest = np.maximum.accumulate(np.concatenate(([self._highest], trusted)))
+    def _account(self, counter: NDArray[np.int64], suspect: NDArray[np.bool_], jumps: list[int]) -> Unwrapped:
+        highest = np.maximum.accumulate(np.concatenate(([self._highest], np.where(suspect, self._highest, counter))))
         steps = highest[1:] - highest[:-1]
-        new = steps > 0
         self._highest = int(highest[-1])
-        return Unwrapped(counter, suspect, int(steps.sum() - new.sum()), int(len(trusted) - new.sum()),
-                         len(counter) - len(trusted))  # fmt: skip
+        new, doubtful = np.count_nonzero(steps), np.count_nonzero(suspect)
+        lost = int(steps.sum() - new - (steps[jumps] - 1).sum())
+        return Unwrapped(counter, suspect, lost, int(len(counter) - doubtful - new), int(doubtful), len(jumps))

@@ -75,8 +75,7 @@ class RecordCutter:
         if len(batch.bad_offset):
             self._take_bad(batch, frames)
         if len(frames.offset):
-            steady = not batch.lost and not batch.duplicate and not frames.suspect.any()
-            self._take(frames, steady)
+            self._take(frames)
 
     def feed_context(self, batch: LinkBatch, link: str = "") -> None:
         """Take the next frames of another link, called ``link``.
@@ -122,11 +121,12 @@ class RecordCutter:
         self._open = []
         return rows
 
-    def _take(self, frames: MessageBatch, steady: bool) -> None:
+    def _take(self, frames: MessageBatch) -> None:
         assert frames.counter is not None
         counter = frames.counter
         fresh: NDArray[np.int64] | None = None
-        if not steady or counter[0] <= self._highest:
+        rises = counter[0] > self._highest and (counter[1:] > counter[:-1]).all()
+        if frames.suspect.any() or not rises:
             trusted = np.where(frames.suspect, -1, counter)
             before = np.maximum.accumulate(np.concatenate(([self._highest], trusted)))[:-1]
             fresh = np.flatnonzero(trusted > before)

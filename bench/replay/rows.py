@@ -50,13 +50,8 @@ class Replayed:
 
     @property
     def totals(self) -> dict[str, int]:
-        """Frames of all links: good, bad, lost."""
-        links = self.counts.values()
-        return {
-            "frames": sum(link.frames for link in links),
-            "frames_bad": sum(link.bad for link in links),
-            "frames_lost": sum(link.lost for link in links),
-        }
+        """Frames of all links: good, bad, lost; and jumps of unknown size of their counters."""
+        return sum(self.counts.values(), LinkCounts()).totals
 
 
 def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
@@ -88,9 +83,10 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
     replay.keep_readings()
     shifts_ns = time_shifts_ns(replay.parts)
     events = [(t_ns + shifts_ns[part], event) for part, t_ns, event in replay.events]
+    notes = _notes(manifest, definitions, replay.counts)
     return Replayed(
         manifest, texts, tuple(moved_rows(replay.rows.values(), shifts_ns)), replay.counts, events,
-        reader.sha256, tuple(reader.damage), tuple(reader.unfinished), tuple(_notes(manifest, definitions)),
+        reader.sha256, tuple(reader.damage), tuple(reader.unfinished), tuple(notes),
         splices_of(events, replay.parts), replay.parts[0].offset_ns,
     )  # fmt: skip
 
@@ -121,22 +117,22 @@ def _definitions(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, 
     return definitions
 
 
-def _notes(manifest: Mapping[str, Any], definitions: Mapping[str, FrameDefinition]) -> list[str]:
+def _notes(
+    manifest: Mapping[str, Any], definitions: Mapping[str, FrameDefinition], counts: Mapping[str, LinkCounts]
+) -> list[str]:
     recorded = manifest.get("frame_sha256", {})
-    return [
+    jumps = [
+        f"The counter of {link} jumped by more than it can tell, {count.jumps} times: how many frames are missing "
+        "there is not known; they are not among the lost."
+        for link, count in counts.items()
+        if count.jumps
+    ]
+    return jumps + [
         f"The frame definition of {link} is understood differently today: recorded {recorded[link][:12]}, "
         f"now {definition.sha256[:12]}."
         for link, definition in definitions.items()
         if link in recorded and recorded[link] != definition.sha256
     ]
-
-
-def _added(before: LinkCounts, more: LinkCounts) -> LinkCounts:
-    return LinkCounts(
-        before.bytes + more.bytes, before.frames + more.frames, before.bad + more.bad, before.lost + more.lost,
-        before.duplicate + more.duplicate, before.skipped_bytes + more.skipped_bytes, before.suspect + more.suspect,
-        before.other + more.other,
-    )  # fmt: skip
 
 
 def _inside(at: NDArray[np.intp], begin: int, stop: int) -> NDArray[np.intp]:
@@ -231,4 +227,4 @@ class _Replay:
         for cutter in self._cutters.values():
             self._keep(cutter.close_all())
         for link, decoder in self._decoders.items():
-            self.counts[link] = _added(self.counts.get(link, LinkCounts()), decoder.counts)
+            self.counts[link] = self.counts.get(link, LinkCounts()) + decoder.counts

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.frame import FrameDefinition
+from bench.frame import FrameDefinition, LinkCounts
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
@@ -313,13 +313,8 @@ class _Run:
         self.writer.clock_pair(t_mono_ns, t_utc_ns)
 
     def counts(self) -> dict[str, int]:
-        """Return frames of all links: good, bad, lost."""
-        totals = [reader.decoder.counts for reader in self.readers.values()]
-        return {
-            "frames": sum(link.frames for link in totals),
-            "frames_bad": sum(link.bad for link in totals),
-            "frames_lost": sum(link.lost for link in totals),
-        }
+        """Return frames of all links: good, bad, lost; and jumps of unknown size of their counters."""
+        return sum((reader.decoder.counts for reader in self.readers.values()), LinkCounts()).totals
 
     def _readers(self) -> dict[str, LinkReader]:
         readers: dict[str, LinkReader] = {}

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from crccheck.crc import Crc16Ibm3740
+from numpy.typing import NDArray
 from record_sample import ROOT, frame
 
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, Message
-from bench.frame.layout import Field, Layout
+from bench.frame.layout import Field, Layout, read_element
 
 SHIPPED = tuple(sorted(path.stem for path in (ROOT / "frames").glob("*.yaml")))
 NAMES = tuple(name for name in SHIPPED if frame(name).layout.lines is None)  # lines have one decoder only
@@ -96,6 +97,20 @@ def chunks_of(stream: bytes, generator: Generator) -> list[bytes]:
     return found
 
 
+def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
+    """Raw values of a field, frame by frame; same shapes, types and, of floats that are no numbers, bits as others."""
+    frames = [row.tobytes() for row in rows]
+    if item.kind == "f":
+        begins = [item.place(element)[0] for element in range(1 if item.count is None else item.count)]
+        floats = b"".join(frame[at : at + item.size] for frame in frames for at in begins)
+        column = np.frombuffer(floats, f"{'>' if item.big else '<'}{item.dtype}").astype(item.dtype)
+        return column if item.count is None else column.reshape(len(frames), item.count)
+    if item.count is None:
+        return np.array([read_element(frame, item) for frame in frames], item.dtype)
+    values = [[read_element(frame, item, element) for element in range(item.count)] for frame in frames]
+    return np.array(values, item.dtype).reshape(len(frames), item.count)
+
+
 def everything(definition: FrameDefinition, engine: str, chunks: list[bytes]) -> tuple[LinkCounts, dict[str, Any]]:
     """All that a decoder says about a stream, in comparable form; a flush after each chunk."""
     link = LinkDecoder(definition, engine)  # type: ignore[arg-type]
@@ -113,7 +128,8 @@ def everything(definition: FrameDefinition, engine: str, chunks: list[bytes]) ->
             value for batch in batches if batch.counter is not None for value in batch.counter.tolist()
         ]
         for item in definition.message(name).fields:
-            columns = [batch.raw(item.name) for batch in batches]
+            by_bytes = engine == "reference" and item.kind != "b"
+            columns = [read_column(batch.rows, item) if by_bytes else batch.raw(item.name) for batch in batches]
             assert len({column.dtype for column in columns}) == 1
             exact = columns[0].dtype != object
             result[name, item.name] = [value.tobytes() if exact else value for column in columns for value in column]

@@ -99,6 +99,9 @@ def random_spec(rng: Generator) -> Spec:
         spec["messages"] = random_messages(values, varies, spec["length"]["times"] if varies else 1, rng)
         if varies and rng.random() < 0.5:
             spec["other"] = True
+        elif rng.random() < 0.5:
+            for message in spec["messages"].values():
+                message["extra"] = rng.integers(0, 256, int(rng.integers(1, 4))).tolist()
     elif varies:
         runs.append([{"name": "rest", "type": "bytes", "count": "rest"}])
     if rng.random() < 0.3:
@@ -172,6 +175,7 @@ def random_items(number: int, rng: Generator) -> Spec:
         fields = bare(random_fields(f"held{number}_{one}_", rng))
         of[f"item{number}_{one}"] = {"id": one, "required": bool(rng.random() < 0.3), "fields": fields}
     kinds = {"id": one_of(("u8", "u16"), rng), "length": one_of(("u16", "u24"), rng)}
+    kinds |= {"length_first": bool(rng.integers(2)), "plus": -int(rng.integers(0, 5))}
     return {"items": f"items{number}", **kinds, "of": of}
 
 

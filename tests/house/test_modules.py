@@ -136,9 +136,10 @@ def listed() -> list[str]:
 
 
 def named_in_tests() -> set[str]:
-    """Return the codes named in a test."""
-    own = TOP / "tests" / "house"
-    return {code for path in python_files("tests") if own not in path.parents for code in CODE.findall(text_of(path))}
+    """Return the codes named in a test, or in a table of one."""
+    own, tables = TOP / "tests" / "house", (TOP / "tests" / "unit").rglob("*.yaml")
+    files = (path for path in (*python_files("tests"), *tables) if own not in path.parents)
+    return {code for path in files for code in CODE.findall(text_of(path))}
 
 
 def test_every_code_is_listed_once_and_tested() -> None:

@@ -64,6 +64,11 @@ def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
     for name in COUNTS:
         out.print(f"  {name.replace('_', ' '):<14} {summary[name]}")
     print_bad(counted)
+    if counted.counts.jumps:
+        out.print(
+            f"  jumps of unknown size: {counted.counts.jumps}; the counter goes on elsewhere, by more than it can tell;"
+            " what is missing there is not among the lost"
+        )
     if counted.cut_off:
         out.print("  cut off in its last frame")
     if not counted.definition.layout.check.size:
@@ -74,12 +79,14 @@ def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
 
 
 def print_bad(counted: Counted) -> None:
-    """Print why bad frames are bad: by cause, with the first one of each."""
+    """Print why bad frames are bad, by cause with the first one of each, and what mangled the capture."""
     out, told = console(), sum(kind.number for kind in counted.bad)
     for kind in counted.bad:
         out.print(f"  bad: {kind.number} by {kind.cause}; the one at byte {kind.offset} {kind.text}", highlight=False)
     if told < counted.counts.bad:
         out.print(f"  bad: {counted.counts.bad - told} more, not looked at")
+    for text in counted.mangled:
+        out.print(f"  mangled: {text}", highlight=False)
 
 
 def _nothing_good(counted: Counted) -> str:

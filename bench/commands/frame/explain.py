@@ -20,6 +20,7 @@ from bench.frame import (
     line_guess,
     load_frame,
     parse_frame,
+    undone,
 )  # fmt: skip
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.session.output import write_file
@@ -35,8 +36,9 @@ def new(capture: Path, name: str, out: Path | None) -> int:
     """
     head = _head(capture)
     found = _hypotheses(head)
-    if not found:
-        sys.stderr.write(f"{_nothing(head)}\n")
+    layer = _layer(head, found)
+    if layer or not found:
+        sys.stderr.write(f"{layer or _nothing(head)}\n")
         return ExitStatus.VERDICT_FAIL
     text = draft(found[0], head, name)
     parse_frame(text, str(out or name))
@@ -46,6 +48,7 @@ def new(capture: Path, name: str, out: Path | None) -> int:
         raise InputError("B-CLI-007", "is there already", where=out, next_step="name another file")
     else:
         write_file(out, text)
+    sys.stderr.write(f"{_told(found[0])}\n")
     return ExitStatus.PASS
 
 
@@ -69,6 +72,8 @@ def explain(frame: str, file: Path) -> int:
     except InputErrors as error:
         refused = error
     found = _hypotheses(head)
+    if refused is not None and (layer := _layer(head, found)):
+        out.print(layer)
     for number, guess in enumerate(found[:_SHOWN]):
         out.print(f"{'as the capture has it' if number == 0 else 'or'}: {_told(guess)}", highlight=False)
     if found:
@@ -89,6 +94,20 @@ def _hypotheses(head: bytes) -> list[Guess | LineGuess]:
         return [*frames]
     first = not frames or (frames[0].check is None and lines.check != "none") or lines.covered > frames[0].covered
     return [lines, *frames] if first else [*frames, lines]
+
+
+def _layer(head: bytes, found: list[Guess | LineGuess]) -> str:
+    """Return what hides frames with a check, where the capture as it is shows none; "" if nothing does."""
+    if not any(_has_check(guess) for guess in found):
+        for name, before in undone(head):
+            guess = next((guess for guess in _hypotheses(before) if _has_check(guess)), None)
+            if guess is not None:
+                return f"the capture is not as it was sent: {name}; undone, its beginning shows {_told(guess)}"
+    return ""
+
+
+def _has_check(guess: Guess | LineGuess) -> bool:
+    return guess.check not in (None, "none")
 
 
 def _is_definition(guess: Guess | LineGuess, head: bytes) -> bool:
@@ -116,7 +135,8 @@ def _told(guess: Guess | LineGuess) -> str:
         begin = f" that begin with {guess.sync.decode()!r}" if guess.sync else ""
         check = f"{guess.check} in hex digits behind {guess.mark!r}" if guess.mark else "no check"
         share = f"{100 * guess.covered:.0f} % of the bytes"
-        return f"{len(guess.lines)} lines of text{begin}, values between {guess.separator!r}, {share}; {check}"
+        lines = f"{len(guess.lines)} lines of text{begin}, values between {guess.separator!r}, {share}"
+        return f"{lines}; {check}; {_chance(guess)}"
     lengths = Counter(guess.lengths).most_common(4)
     sizes = ", ".join(f"{size} ({count})" for size, count in lengths) + (" …" if len(set(guess.lengths)) > 4 else "")
     where = ""
@@ -131,12 +151,16 @@ def _told(guess: Guess | LineGuess) -> str:
         check = f"{name} from byte {fit.start} on, {place}{order}, right in {fit.right} of those tried"
     return (
         f"sync {guess.sync.hex(' ')}, {len(guess.starts)} frames of {sizes} bytes, "
-        f"{100 * guess.covered:.0f} % of the bytes{where}; {check}"
+        f"{100 * guess.covered:.0f} % of the bytes{where}; {check}; {_chance(guess)}"
     )
+
+
+def _chance(guess: Guess | LineGuess) -> str:
+    return f"by chance in fewer than one of 10^{min(99, int(-guess.chance))} captures of random bytes"
 
 
 def _nothing(head: bytes) -> str:
     if not head:
         return "the capture is empty"
-    text = "no bytes of the first {} repeat at distances that are constant or that a length field states; no lines"
-    return f"{text.format(len(head))} of text with values either"
+    text = "no bytes of the first {} repeat at distances that are constant or that a length field states, so often that"
+    return f"{text.format(len(head))} random bytes would not in a million captures; no lines of text with values either"

@@ -329,14 +329,14 @@ class _Work:
             if other or one.id >= 1 << 8 * id_size:
                 text = f"{name}: the id 0x{one.id:X} is {f'that of {other!r}' if other else f'no {spec.id}'}"
                 self._fail("B-FRAME-015", (*path, "id"), text, "")
-            if size >= 1 << 8 * length_size:
+            if size - spec.plus >= 1 << 8 * length_size:
                 text = f"{name}: {size} bytes are more than a length of {spec.length} can say"
                 self._fail("B-FRAME-015", path, text, "")
             items.append(Item(name, one.id, at, size, one.required))
-        big = (spec.endian or self._endian) == "big"
         return Part(
-            "items", spec.items, begin, 0, items=tuple(items), id_size=id_size, length_size=length_size, big=big
-        )
+            "items", spec.items, begin, 0, items=tuple(items), id_size=id_size, length_size=length_size,
+            big=(spec.endian or self._endian) == "big", length_first=spec.length_first, plus=spec.plus,
+        )  # fmt: skip
 
     def _change(self, number: int, change: Callable[[Field], Field]) -> None:
         fields = self._placer.placed

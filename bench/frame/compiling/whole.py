@@ -11,7 +11,7 @@ from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compiling.fields import Placed, place
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
-from bench.frame.layout import OFFSET, Field, Layout, Message, Span
+from bench.frame.layout import OFFSET, Field, Layout, Message, Part, Span
 from bench.frame.parts import blank_row
 from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, FieldSpec, FrameSpec, ItemsSpec
 from bench.model.errors import InputError, InputErrors
@@ -31,7 +31,7 @@ class _Compiler:
         self.errors: list[InputError] = []
         self._endian = self.spec.endian or "big"
 
-    def fail(self, code: str, path: Path_, message: str, next_step: str) -> None:
+    def fail(self, code: str, path: Path_, message: str, next_step: str = "") -> None:
         where = self.document.where(path)
         if not any((error.code, error.where) == (code, where) == ("B-FRAME-008", where) for error in self.errors):
             self.errors.append(InputError(code, message, where=where, next_step=next_step))
@@ -45,6 +45,7 @@ class _Compiler:
         common = place(self._written(spec.fields), ("fields",), start, self._endian, self.fail, sync)
         check = self._check(spec.crc)
         self._check_form(common)
+        self._common_end = common.end
         self._length = self._reference("length", spec.length.field if spec.length else None, common)
         self._type = self._reference("type", spec.type.field if spec.type else None, common)
         self._check_field = self._holder(check, common)
@@ -54,8 +55,9 @@ class _Compiler:
         self._check_lengths(messages)
         if spec.sync_at and not spec.sync:
             self.fail("B-FRAME-006", ("sync_at",), "there are no sync bytes", "leave it out")
-        if not spec.sync and spec.length is None and spec.escape is None and spec.lines is None:
-            text = "frames without sync bytes must carry their length"
+        told = spec.sync or spec.length or spec.escape or spec.lines
+        if not told and not (check.size and len(messages) == 1 and messages[0].length):
+            text = "frames without sync bytes must carry their length, or be of one length and have a check"
             self.fail("B-FRAME-006", ("sync",), text, "give sync bytes, or 'length: {field: ..., plus: ..., max: ...}'")
         commands = compile_commands(spec, messages, self.fail)
         if self.errors:
@@ -115,7 +117,7 @@ class _Compiler:
         if self.spec.length:
             return self.spec.length.max
         open_ended = any(message.rest or any(part.open_ended for part in message.parts) for message in messages)
-        if open_ended or self.spec.lines is not None:
+        if open_ended or self.spec.lines is not None or self.spec.other:
             return MAX_FRAME_BYTES
         return max(message.body + self._tail for message in messages)
 
@@ -123,7 +125,7 @@ class _Compiler:
         """Return the common fields as a message of any length, where frames of other types are counted."""
         if not self.spec.other:
             return None
-        return Message("other", common.fields, common.end, 0, *self._coverage(common, "other", whole=False))
+        return Message("(other)", common.fields, common.end, 0, *self._coverage(common, "other", whole=False))
 
     def _holder(self, check: Check, common: Placed) -> Field | None:
         """Return the field that holds the check."""
@@ -137,7 +139,7 @@ class _Compiler:
         ):
             return field
         text = f"the check needs an unsigned integer of {8 * check.size} bits among the common fields"
-        self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}", "")
+        self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}")
         return None
 
     def _reference(self, key: str, part: str | None, common: Placed) -> tuple[Field | None, Span | None]:
@@ -148,11 +150,11 @@ class _Compiler:
         field = next((item for item in common.fixed if item.name == name), None)
         if self.spec.lines and key == "type":
             if field is None or field.kind != "b" or bits:
-                self.fail("B-FRAME-006", (key, "field"), f"the type of a line must be common bytes, not {part!r}", "")
+                self.fail("B-FRAME-006", (key, "field"), f"the type of a line must be common bytes, not {part!r}")
             return field, None
         if field is None or field.kind != "u" or field.count is not None or field.size > 4:
             message = f"the {key} field {name!r} must be one unsigned integer of up to 32 bits among the common fields"
-            self.fail("B-FRAME-006", (key, "field"), message, "")
+            self.fail("B-FRAME-006", (key, "field"), message)
             return None, None
         if bits and bits not in field.bits:
             self.fail("B-FRAME-006", (key, "field"), f"{name!r} has no bits {bits!r}", "name them in its 'bits'")
@@ -177,15 +179,18 @@ class _Compiler:
             path: Path_ = ("messages", name)
             fields = place(self._written(part.fields), (*path, "fields"), common, self._endian, self.fail)
             if any(part.value in (other.type_value, other.type_text) for other in found):
-                self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken", "")
+                self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken")
             if isinstance(part.value, str) or spec.lines:
                 found.append(replace(self._message(name, fields, None), type_text=self._type_text(part.value, path)))
                 continue
             type_field, bits = self._type
             if type_field is not None and part.value >= 1 << (bits[1] if bits else type_field.width):
                 message = f"{name}: the type value {part.value} does not fit {spec.type.field if spec.type else ''!r}"
-                self.fail("B-FRAME-007", (*path, "value"), message, "")
-            found.append(self._message(name, fields, part.value))
+                self.fail("B-FRAME-007", (*path, "value"), message)
+            found.append(replace(self._message(name, fields, part.value), extra=bytes(part.extra or ())))
+            if part.extra and spec.other:
+                text = f"{name}: of frames that are not listed nobody knows the extra bytes of the check"
+                self.fail("B-FRAME-007", (*path, "extra"), text, "list all messages, and leave 'other' out")
         return found
 
     def _type_text(self, value: int | str, path: Path_) -> str:
@@ -194,10 +199,10 @@ class _Compiler:
         room = field.length if field else MAX_FRAME_BYTES
         if lines is None or not isinstance(value, str):
             kind = "a whole number" if lines is None else "text in quotes"
-            self.fail("B-FRAME-007", (*path, "value"), f"the type value {value!r} must be {kind}", "")
+            self.fail("B-FRAME-007", (*path, "value"), f"the type value {value!r} must be {kind}")
         elif len(value) > room or set(value) & set(lines.separator):
             text = f"the type value {value!r} is no value of {room} characters"
-            self.fail("B-FRAME-007", (*path, "value"), text, "")
+            self.fail("B-FRAME-007", (*path, "value"), text)
         return str(value)
 
     def _check_form(self, common: Placed) -> None:
@@ -226,15 +231,15 @@ class _Compiler:
         first, last = spec.crc.over or ("sync", "end")
         if first not in ("sync", common.fields[0].name) or last != "end":
             text = f"the check of a line covers it from 'sync' or from {common.fields[0].name!r} to 'end'"
-            self.fail("B-FRAME-008", ("crc", "over"), text, "")
+            self.fail("B-FRAME-008", ("crc", "over"), text)
         if not all(0x20 < byte < 0x7F for byte in spec.sync):
-            self.fail("B-FRAME-006", ("sync",), "a line begins with printable characters", "")
+            self.fail("B-FRAME-006", ("sync",), "a line begins with printable characters")
 
     def _check_form_of(self, fields: Sequence[AnyField], path: Path_) -> None:
         for index, field in enumerate(fields):
             if not isinstance(field, FieldSpec):
                 if self.spec.lines:
-                    self.fail("B-FRAME-015", (*path, index), "a line has no groups, optional parts or items", "")
+                    self.fail("B-FRAME-015", (*path, index), "a line has no groups, optional parts or items")
                 if isinstance(field, ItemsSpec):
                     for name, item in field.of.items():
                         self._check_form_of(item.fields, (*path, index, "of", name, "fields"))
@@ -279,11 +284,15 @@ class _Compiler:
         self._check_columns(name, placed.fields)
         start, stop = self._coverage(placed, name)
         varies = placed.parts or placed.fields[-1].rest or self.spec.lines
-        length = 0 if varies else placed.end + self._tail
+        parts, head = placed.parts, placed.head
+        if self.spec.length and self.spec.length.cut and not varies:
+            head = self._common_end
+            parts = (Part("cut", name, head, placed.end - head),)
+        length = 0 if varies or parts else placed.end + self._tail
         message = Message(name, placed.fields, placed.end, length, start, stop, type_value)
-        if not placed.parts:
+        if not parts:
             return message
-        message = replace(message, parts=placed.parts, head=placed.head)
+        message = replace(message, parts=parts, head=head)
         return replace(message, blank=blank_row(message))
 
     def _coverage(self, placed: Placed, message: str, whole: bool = True) -> tuple[int, int | None]:
@@ -309,7 +318,7 @@ class _Compiler:
                 bounds.append(field.offset if index == 0 else field.offset + field.length)
         start = bounds[0] or 0
         if bounds[1] is not None and bounds[1] <= start:
-            self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}", "")
+            self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}")
         return start, bounds[1]
 
     def _check_lengths(self, messages: list[Message]) -> None:
@@ -325,7 +334,7 @@ class _Compiler:
             limit = MAX_FRAME_BYTES if length is None else length.max
             if shortest > limit:
                 text = f"{message.name!r} is {shortest} bytes long, the limit is {limit}"
-                self.fail("B-FRAME-006", ("length", "max") if length else ("fields",), text, "")
+                self.fail("B-FRAME-006", ("length", "max") if length else ("fields",), text)
 
     def _needs_length(self, message: Message) -> bool:
         """Return whether neither delimiters nor counts and flags in front of all parts say how long a frame is."""
@@ -355,9 +364,9 @@ class _Compiler:
         width = spec.width or 1
         for key in ("poly", "init", "xorout"):
             if getattr(spec, key) >= 1 << width:
-                self.fail("B-FRAME-009", ("crc", key), f"{key} is wider than {width} bits", "")
+                self.fail("B-FRAME-009", ("crc", key), f"{key} is wider than {width} bits")
         if spec.poly == 0:
-            self.fail("B-FRAME-009", ("crc", "poly"), "the polynomial must not be 0", "")
+            self.fail("B-FRAME-009", ("crc", "poly"), "the polynomial must not be 0")
         mask = (1 << width) - 1
         poly, init, xorout = ((getattr(spec, key) or 0) & mask for key in ("poly", "init", "xorout"))
         return Crc(CrcModel("custom", width, poly, init, bool(spec.refin), bool(spec.refout), xorout))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, NamedTuple
 
-from bench.frame.explain.frames import LOOKED_AT_BYTES, Guess, small_checks
+from bench.frame.explain.frames import LEVEL, LOOKED_AT_BYTES, Guess, chance_of, small_checks
 
 _MARKS = "!#$%&'*+/:;<=>?@^_`|~"
 _CHECKED = re.compile(rb"([!-/:-@\[-`{-~])((?:[0-9A-Fa-f]{2}){1,4})$")
@@ -34,6 +34,7 @@ class LineGuess:
     """Lines that begin with ``sync``; ``mark``: the character before the check, "" without one.
 
     ``check`` is "none" without one; ``over_sync``: whether it covers the sync bytes. ``lines`` without their ends.
+    ``covered``, ``chance``: as in Guess.
     """
 
     sync: bytes
@@ -43,6 +44,7 @@ class LineGuess:
     over_sync: bool
     lines: tuple[bytes, ...]
     covered: float
+    chance: float = 0.0
 
     @property
     def body(self) -> list[bytes]:
@@ -54,7 +56,8 @@ class LineGuess:
 def line_guess(capture: bytes) -> LineGuess | None:
     """Return what the lines of a capture are: those with a check that is right in four of five, else all."""
     capture = capture[:LOOKED_AT_BYTES]
-    return _checked(capture) or _plain(capture)
+    guess = _checked(capture) or _plain(capture)
+    return guess if guess is not None and guess.chance <= LEVEL else None
 
 
 class _Line(NamedTuple):
@@ -102,8 +105,8 @@ def _with_check(capture: bytes, sync: bytes, found: list[_Line]) -> LineGuess | 
             if right >= _RIGHT * len(tried) and len(set(dues)) > 1:
                 lines = tuple(line.text + line.mark + line.digits for line in found)
                 share = sum(len(line) + 2 for line in lines) / len(capture)
-                mark = found[0].mark.decode()
-                return LineGuess(sync, _separator(lines), mark, check.name, over_sync, lines, min(1.0, share))
+                mark, chance = found[0].mark.decode(), chance_of(len(tried), right, 16.0**-width)
+                return LineGuess(sync, _separator(lines), mark, check.name, over_sync, lines, min(1.0, share), chance)
     return None
 
 
@@ -120,7 +123,8 @@ def _plain(capture: bytes) -> LineGuess | None:
     if not 2 <= values <= _MOST_VALUES or often < _RIGHT * len(printable):
         return None
     alike = tuple(line for line in printable if len(values_of(line, separator)) == values)
-    return LineGuess(b"", separator, "", "none", False, alike, share)
+    chance = chance_of(len(whole), int(share * len(whole)), len(_PRINTABLE) / 256)
+    return LineGuess(b"", separator, "", "none", False, alike, share, chance)
 
 
 def values_of(line: bytes, separator: str) -> list[str]:

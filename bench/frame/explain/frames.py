@@ -9,6 +9,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
+from math import log10
 from typing import Literal
 
 import numpy as np
@@ -31,6 +33,10 @@ _FIRST = 3
 _BETWEEN = 128  # bytes of no frame between two frames, at most
 _MANY = 200  # frames on which a check is judged
 _RIGHT = 0.8
+_COVERED_BY_A_BYTE = 0.5  # share that frames must explain whose check is one byte: regular data may fit it
+_USUAL = 8  # times the middle length: what is longer explains nothing without a check
+LEVEL = -6.0  # log10 of the chance in random bytes, below which a hypothesis is told
+_TRIES = 6.0  # log10 of what is tried: sync bytes, places of a length, checks with their places
 
 
 @dataclass(frozen=True)
@@ -63,13 +69,17 @@ class FoundCheck:
 
 @dataclass(frozen=True)
 class Guess:
-    """One hypothesis: frames begin with ``sync`` at ``starts`` and have ``lengths``; what says so, and the check."""
+    """One hypothesis: frames begin with ``sync`` at ``starts`` and have ``lengths``; what says so, and the check.
+
+    ``covered``: share of the capture. ``chance``: log10 of the chance of as much in random bytes.
+    """
 
     sync: bytes
     starts: tuple[int, ...]
     lengths: tuple[int, ...]
     length: LengthField | None
     covered: float
+    chance: float
     check: FoundCheck | None = None
 
     @property
@@ -110,12 +120,33 @@ def guesses(capture: bytes) -> list[Guess]:
     found = [guess for sync in _candidates(capture) if (guess := _framed(capture, sync)) is not None]
     found = [guess for guess in found if guess.covered >= _COVERED]
     found = [_with_check(capture, guess) for guess in sorted(found, key=lambda guess: -guess.covered)[:_LIKELY]]
-    found = [guess for guess in found if guess.check is not None or guess.covered >= _COVERED_WITHOUT_CHECK]
+    found = [guess for guess in found if guess.chance <= LEVEL and guess.covered >= _share_due(guess)]
     different = {(guess.sync, guess.starts): guess for guess in found if guess.has_body}.values()
     order = sorted(
         different, key=lambda guess: (guess.check is None, -round(guess.covered, 2), guess.starts[0], guess.trailer)
     )
     return [guess for place, guess in enumerate(order) if not any(_inside(guess, better) for better in order[:place])]
+
+
+def chance_of(tries: int, hits: int, each: float) -> float:
+    """Return log10 of the chance that as many of independent tries hit, and that any hypothesis does; a bound.
+
+    Source: W. Hoeffding, J. Am. Stat. Assoc. 58 (1963) 13, equation (2.1).
+    """
+    share = hits / max(1, tries)
+    if share <= each:
+        return 0.0
+    missed = (1 - share) * log10((1 - share) / (1 - each)) if share < 1 else 0.0
+    return min(0.0, _TRIES - tries * (share * log10(share / each) + missed))
+
+
+def _share_due(guess: Guess) -> float:
+    """Return the share of a capture that frames must explain; without a check, none of unusual length."""
+    if guess.check is not None:
+        return _COVERED if guess.check.size > 1 else _COVERED_BY_A_BYTE
+    lengths = np.array(guess.lengths)
+    usual = lengths[lengths <= _USUAL * np.median(lengths)].sum() / lengths.sum()
+    return _COVERED_WITHOUT_CHECK / float(usual)
 
 
 def _inside(guess: Guess, better: Guess) -> bool:
@@ -136,7 +167,8 @@ def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[F
     tried = _some(distinct, _TRIED)
     found: list[FoundCheck] = []
     for frame in tried[:_FIRST]:  # the first one may be damaged
-        found = found or [fit for fit in _right_in(frame) if _right(fit, tried) >= _RIGHT * len(tried)]
+        right = (fit for fit in _placements() if _right(fit, [frame]))
+        found = found or [fit for fit in right if _right(fit, tried) >= _RIGHT * len(tried)]
     # by chance: one of ten thousand tries is right in a frame with as many bits as the check has
     sure = [replace(fit, right=_right(fit, distinct)) for fit in found if 8 * fit.size * len(tried) >= least_bits]
     sure = [fit for fit in sure if fit.right >= _RIGHT * len(distinct) and _varies(fit, tried)]
@@ -214,7 +246,8 @@ def _chained(capture: bytes, sync: bytes, places: NDArray[np.int64], lengths: ND
             taken.append(index)
             free = start + size
     covered = sum(sizes[index] for index in taken) / len(capture)
-    return Guess(sync, tuple(starts[i] for i in taken), tuple(sizes[i] for i in taken), field, covered)
+    chance = chance_of(len(places), int(good.sum()), len(places) / len(capture))
+    return Guess(sync, tuple(starts[i] for i in taken), tuple(sizes[i] for i in taken), field, covered, chance)
 
 
 def _with_check(capture: bytes, guess: Guess) -> Guess:
@@ -225,10 +258,12 @@ def _with_check(capture: bytes, guess: Guess) -> Guess:
         guess = _shorter(guess, frames)
     elif check is not None:
         guess = replace(guess, check=check)
-    if guess.check is not None:
-        right = [index for index, frame in enumerate(guess.frames(capture)) if _right(guess.check, [frame])]
+    if (fit := guess.check) is not None:
+        chance = chance_of(len(_some(guess.frames(capture), _MANY)), fit.right, 256.0**-fit.size)
+        right = [index for index, frame in enumerate(guess.frames(capture)) if _right(fit, [frame])]
         starts, lengths = ([values[index] for index in right] for values in (guess.starts, guess.lengths))
-        guess = replace(guess, starts=tuple(starts), lengths=tuple(lengths))
+        covered = sum(lengths) / len(capture)
+        guess = replace(guess, starts=tuple(starts), lengths=tuple(lengths), covered=covered, chance=chance)
     sync, frames = guess.sync, guess.frames(capture)
     known = [guess.length.at] if guess.length else []
     known += [guess.check.at] if guess.check and guess.check.at is not None else []
@@ -251,26 +286,13 @@ def _shorter(guess: Guess, frames: Sequence[bytes]) -> Guess:
     whole = len(tried[0])
     for size in range(whole - _TRAILERS - 1, max(len(guess.sync) + 2, whole - _BETWEEN), -1):
         cut = [frame[:size] for frame in tried]
-        for check in _crcs():
-            for start in range(len(guess.sync) + 1):
-                if not _ends_in(check, cut[0], start) and not _ends_in(check, cut[-1], start):
-                    continue
-                orders = [order for frame in cut if (order := _ends_in(check, frame, start))]
-                if len(orders) >= _RIGHT * len(cut) and len({frame[-check.size :] for frame in cut}) > 1:
-                    fit = FoundCheck(check.name, check.size, orders[0] == "big", start, 0, len(orders))
-                    lengths = (size,) * len(guess.starts)
-                    fit = replace(fit, right=_right(fit, [frame[:size] for frame in _some(frames, _MANY)]))
-                    return replace(guess, lengths=lengths, covered=guess.covered * size / whole, check=fit)
+        for check, start, big in product(_crcs(), range(len(guess.sync) + 1), (True, False)):
+            fit = FoundCheck(check.name, check.size, big, start, 0, 1)
+            sure = _right(fit, [cut[0], cut[-1]]) and _right(fit, cut) >= _RIGHT * len(cut) and _varies(fit, cut)
+            if sure:
+                fit = replace(fit, right=_right(fit, [frame[:size] for frame in _some(frames, _MANY)]))
+                return replace(guess, lengths=(size,) * len(guess.starts), check=fit)
     return guess
-
-
-def _ends_in(check: Check, frame: bytes, start: int) -> str:
-    """Return the order of bytes in which a frame ends with its check, "" if it does not."""
-    value, stored = check.of(frame[start : -check.size]), frame[-check.size :]
-    for order in _ORDERS:
-        if int.from_bytes(stored, order) == value:
-            return order
-    return ""
 
 
 def _some(frames: Sequence[bytes], most: int) -> list[bytes]:
@@ -296,28 +318,17 @@ def small_checks(size: int) -> list[Check]:
     return [check for check in _by_name().values() if check.size == size]
 
 
-def _right_in(frame: bytes) -> Iterator[FoundCheck]:
-    """Give every check and place that is right in one frame."""
-    for check in _by_name().values():
-        size = check.size
-        for trailer in range(_TRAILERS + 1):
-            end = len(frame) - trailer - size
-            stored = frame[end : end + size] if end > 0 else b""
-            values = [int.from_bytes(stored, order) for order in _ORDERS]
-            for start in range(min(_STARTS, end)):
-                if check.of(frame[start:end]) in values:  # hardly ever: looked at closely only then
-                    yield from _stored(check, frame[start:end], stored, start, trailer, None)
-        for at in range(1, min(_STARTS, len(frame) - size - 1)):
-            yield from _stored(check, frame[at + size :], frame[at : at + size], at + size, 0, at)
-
-
-def _stored(
-    check: Check, covered: bytes, stored: bytes, start: int, trailer: int, at: int | None
-) -> Iterator[FoundCheck]:
-    value = check.of(covered)
-    for big in (True, False) if check.size > 1 else (True,):
-        if int.from_bytes(stored, "big" if big else "little") == value:
-            yield FoundCheck(check.name, check.size, big, start, trailer, 1, at)
+@cache
+def _placements() -> list[FoundCheck]:
+    """Return every check wherever it may stand in a frame: behind what it covers, or in front of that."""
+    found = []
+    for check, big, start in product(_by_name().values(), (True, False), range(_STARTS)):
+        fit = FoundCheck(check.name, check.size, big, start, 0, 1)
+        if check.size == 1 and not big:
+            continue
+        found += [replace(fit, trailer=trailer) for trailer in range(_TRAILERS + 1)]
+        found += [replace(fit, start=start + check.size, at=start)] if start else []
+    return found
 
 
 def _place(fit: FoundCheck, frame: bytes) -> slice:
@@ -337,5 +348,6 @@ def _right(fit: FoundCheck, frames: Sequence[bytes]) -> int:
     for frame in frames:
         place = _place(fit, frame)
         stop = place.start if fit.at is None else len(frame)
-        right += check.of(frame[fit.start : stop]) == int.from_bytes(frame[place], _ORDERS[not fit.big])
+        same = check.of(frame[fit.start : stop]) == int.from_bytes(frame[place], _ORDERS[not fit.big])
+        right += fit.start < stop and same
     return right

@@ -6,35 +6,40 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.frame.batch import Extract, FrameBatch
+from bench.frame.batch import FrameBatch
 from bench.frame.layout import Layout, Message
 from bench.frame.packets.escape import Packet
 from bench.frame.reference import ReferenceDecoder
+from bench.frame.refusal import Refusal, measured, why_none
 
 ROOM = 2  # bytes on the wire for one of a frame, at most
 
 
 class PacketDecoder(ReferenceDecoder):
-    """Decoder of packets that a search finds, each of at most so many bytes on the wire.
+    """Decoder of packets that a search finds, each of at most so many bytes on the wire; ``end``: what ends one.
 
-    A packet that is no frame is one rejected candidate. Offsets are those of the wire; delimiters belong to the packet
-    that they end; noise outside packets, and rejected ones, are skipped.
+    The last packet of a stream may lack its end if its check is right. A packet that is no frame is one rejected
+    candidate. Offsets are those of the wire; delimiters belong to the packet that they end; noise outside packets, and
+    rejected ones, are skipped.
     """
 
     def __init__(
-        self, layout: Layout, extract: Extract, search: Callable[[bytes, int, int], Packet | None], longest: int
+        self, layout: Layout, search: Callable[[bytes, int, int], Packet | None], longest: int, end: bytes
     ) -> None:
-        super().__init__(layout, extract)
+        super().__init__(layout)
         self._next = search
-        self._longest = longest
+        self._longest, self._end = longest, end
 
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
-        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
-        ends: dict[str, list[int]] = {message.name: [] for message in self._layout.messages}
+        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.kinds}
+        ends: dict[str, list[int]] = {message.name: [] for message in self._layout.told}
         bad: list[int] = []
         at = taken = 0
         while at < len(stream):
             packet = self._next(stream, at, self._longest)
+            if packet is None and final and self._layout.check.size:
+                packet = self._next(stream + self._end, at, self._longest)
+                packet = packet and packet._replace(end=len(stream))
             if packet is None:
                 if not final and self._position + at >= before:
                     break
@@ -50,10 +55,8 @@ class PacketDecoder(ReferenceDecoder):
             if read is None:
                 continue
             message, frame = read
-            if message is self._layout.unlisted:
-                self.counts.other += 1
-            else:
-                found[message.name].append((packet.begin, frame))
+            found[message.name].append((packet.begin, frame))
+            if message.name in ends:
                 ends[message.name].append(self._position + packet.end)
         self.counts.skipped_bytes += at - taken
         batch = self._batch(found, bad, at)
@@ -67,8 +70,7 @@ class PacketDecoder(ReferenceDecoder):
         frame, layout = packet.frame, self._layout
         if frame is None or not frame.startswith(layout.pattern, layout.sync_at) or len(frame) < layout.header:
             return None
-        length, message = self._measure(frame, 0)
-        if message is not None and layout.length_field is None and message.length == 0:
-            length = len(frame) if len(frame) >= message.least + layout.tail else 0
-        good = message is not None and length == len(frame) and self._passes(frame, message)
-        return (message, frame) if message is not None and good else None
+        read = measured(layout, frame)
+        if isinstance(read, Refusal) or read[1] != len(frame) or why_none(layout, read[0], frame):
+            return None
+        return read[0], frame

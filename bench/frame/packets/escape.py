@@ -1,19 +1,22 @@
-"""How frames are set apart on a wire whose bytes are escaped: SLIP, HDLC in bytes, COBS and DLE.
+"""How frames are set apart on a wire whose bytes are escaped: SLIP, HDLC in bytes, COBS, and DLE with STX or without.
 
 Sources: RFC 1055 (SLIP); RFC 1662, 4 (HDLC-like framing in octets); S. Cheshire, M. Baker, "Consistent overhead byte
-stuffing", IEEE/ACM Trans. Netw. 7 (1999) 159; ISO 1745 and ANSI X3.28 (DLE STX … DLE ETX, DLE doubled).
+stuffing", IEEE/ACM Trans. Netw. 7 (1999) 159; ISO 1745 and ANSI X3.28 (DLE STX … DLE ETX, DLE doubled); Trimble TSIP
+(DLE, a first byte that is neither DLE nor ETX, … DLE ETX, DLE doubled).
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 _SLIP_END, _SLIP_ESC = b"\xc0", b"\xdb"
 _FLAG, _CONTROL = b"\x7e", b"\x7d"
 _DLE_CONTENT = re.compile(rb"(?:[^\x10]|\x10\x10)*", re.DOTALL)
-_DLE_BEGIN = b"\x10\x02"
+_DLE_BEGIN, _DLE_ALONE = re.compile(rb"\x10\x02"), re.compile(rb"\x10(?=[^\x03\x10])", re.DOTALL)
+_DLE_END = b"\x10\x03"
 _COBS_LONGEST = 254
 
 
@@ -34,11 +37,12 @@ class Escape(NamedTuple):
     """One way of escaping.
 
     ``packed``: a frame to its bytes on the wire; ``next_packet``: of a stream the piece at an offset, None while its
-    end is not there; a packet of more than so many bytes is none.
+    end is not there; a packet of more than so many bytes is none; ``end``: the delimiter behind a packet.
     """
 
     packed: Callable[[bytes], bytes]
     next_packet: Callable[[bytes, int, int], Packet | None]
+    end: bytes
 
 
 def _between(delimiter: bytes, unescape: Callable[[bytes], bytes | None]) -> Callable[[bytes, int, int], Packet | None]:
@@ -97,27 +101,29 @@ def _cobs_unescaped(packet: bytes) -> bytes | None:
     return bytes(out)
 
 
-def _dle_packed(frame: bytes) -> bytes:
-    return _DLE_BEGIN + frame.replace(b"\x10", b"\x10\x10") + b"\x10\x03"
+def _dle_packed(begin: bytes, frame: bytes) -> bytes:
+    return begin + frame.replace(b"\x10", b"\x10\x10") + _DLE_END
 
 
-def _dle_next(stream: bytes, at: int, longest: int) -> Packet | None:
-    begin = stream.find(_DLE_BEGIN, at)
-    if begin != at:
+def _dle_next(beginning: re.Pattern[bytes], stream: bytes, at: int, longest: int) -> Packet | None:
+    first = beginning.search(stream, at)
+    begin = -1 if first is None else first.start()
+    if first is None or begin != at:
         end = begin if begin >= 0 else len(stream) - stream.endswith(b"\x10")
         return Packet(at, end, b"", noise=True) if end > at else None
-    match = _DLE_CONTENT.match(stream, at + 2, at + longest)
-    end = at + 2 if match is None else match.end()
-    if stream[end : end + 2] == b"\x10\x03":
-        return Packet(at, end + 2, stream[at + 2 : end].replace(b"\x10\x10", b"\x10"))
+    match = _DLE_CONTENT.match(stream, first.end(), at + longest)
+    end = first.end() if match is None else match.end()
+    if stream[end : end + 2] == _DLE_END:
+        return Packet(at, end + 2, stream[first.end() : end].replace(b"\x10\x10", b"\x10"))
     if end + 1 < len(stream) or len(stream) - at >= longest:
         return Packet(at, end, None)
     return None
 
 
 ESCAPES = {
-    "slip": Escape(_slip_packed, _between(_SLIP_END, _slip_unescaped)),
-    "hdlc": Escape(_hdlc_packed, _between(_FLAG, _hdlc_unescaped)),
-    "cobs": Escape(_cobs_packed, _between(b"\0", _cobs_unescaped)),
-    "dle": Escape(_dle_packed, _dle_next),
+    "slip": Escape(_slip_packed, _between(_SLIP_END, _slip_unescaped), _SLIP_END),
+    "hdlc": Escape(_hdlc_packed, _between(_FLAG, _hdlc_unescaped), _FLAG),
+    "cobs": Escape(_cobs_packed, _between(b"\0", _cobs_unescaped), b"\0"),
+    "dle": Escape(partial(_dle_packed, b"\x10\x02"), partial(_dle_next, _DLE_BEGIN), _DLE_END),
+    "dle_etx": Escape(partial(_dle_packed, b"\x10"), partial(_dle_next, _DLE_ALONE), _DLE_END),
 }

@@ -14,15 +14,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-
-from bench.frame.batch import Extract
-from bench.frame.layout import Field, Layout, Message, read_element
+from bench.frame.layout import Field, Layout, Message
 from bench.frame.packets.decoder import PacketDecoder
 from bench.frame.packets.escape import Packet
 from bench.frame.refusal import Refusal
 from bench.frame.spec import LinesSpec
-from bench.model.errors import InputError
 
 _FLOAT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _INTEGER = re.compile(r"[+-]?\d+", re.ASCII)
@@ -37,8 +33,8 @@ _CONTENT = re.compile(rb"[\t\x20-\x7e]*")
 class LineDecoder(PacketDecoder):
     """Decoder of lines: LF or CR LF ends one, its next sync bytes give up one that was begun."""
 
-    def __init__(self, layout: Layout, lines: LinesSpec, extract: Extract) -> None:
-        super().__init__(layout, extract, search_of(layout.sync), lines.max)
+    def __init__(self, layout: Layout, lines: LinesSpec) -> None:
+        super().__init__(layout, search_of(layout.sync), lines.max, b"\n")
         self._read = LineReader(layout, lines).read
 
     def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:
@@ -113,11 +109,10 @@ class LineReader:
         self._one_space = lines.separator == " "
         self._separators = re.compile(f"[{re.escape(lines.separator)}]")
         self._more = lines.more
-        common = layout.messages[0].fields
-        before = common[: 0 if layout.type_field is None else common.index(layout.type_field)]
-        self._type_at = sum(map(_taken, before))
         self._types = [(message, _like(message.type_text)) for message in layout.messages]
-        self._slots = {message.name: _slots(message) for message in layout.messages}
+        self._slots = {message.name: _slots(message) for message in layout.kinds}
+        common = self._slots[layout.messages[0].name]
+        self._type_at = next((slot.start for slot in common if slot.item is layout.type_field), 0)
 
     def read(self, line: bytes, due_message: Message | None = None) -> tuple[Message, bytes] | Refusal:
         """Return message and fields of a line without its sync bytes and end, or why it is none.
@@ -136,11 +131,12 @@ class LineReader:
             types = " or ".join(item.type_text for item in listed[:6]) + " …" * (len(listed) > 6)
             value = values[self._type_at] if self._type_at < len(values) else ""
             return Refusal("type", f"has the type {value!r}, due is {types}")
-        if message is self._layout.unlisted:
+        if message is self._layout.unlisted and message not in self._layout.told:
             return message, b""
         slots = self._slots[message.name]
         due_values = slots[-1].stop
-        if len(values) < due_values or (len(values) > due_values and not self._more):
+        more = self._more or message is self._layout.unlisted
+        if len(values) < due_values or (len(values) > due_values and not more):
             return Refusal("contents", f"has {len(values)} values, {message.name!r} has {due_values}")
         return self._packed(message, slots, values)
 
@@ -207,13 +203,6 @@ def _like(text: str) -> Callable[[str], object]:
     return re.compile("".join("." if char == "?" else re.escape(char) for char in text), re.DOTALL).fullmatch
 
 
-def _taken(item: Field) -> int:
-    """Return how many values a field takes."""
-    if item.kind == "b":
-        return 1
-    return (1 if item.count is None else item.count) * (2 if item.form in _LETTERS else 1)
-
-
 def _packer(item: Field) -> Callable[[str], bytes | None]:
     """Return what makes the bytes of a field of one value, None if it does not fit."""
     if item.kind == "b":
@@ -278,66 +267,3 @@ _READ: dict[str, Callable[[str], float | None]] = {
     "latitude": lambda value: _degrees(value, "N", "S", 90.0),
     "longitude": lambda value: _degrees(value, "E", "W", 180.0),
 }
-
-
-def written_line(layout: Layout, lines: LinesSpec, message: Message, row: bytes) -> bytes:
-    """Return the line of a frame: shortest digits that give the same number, nine decimals of seconds and minutes.
-
-    Raises: InputError B-FRAME-021 for bytes that cannot stand in a line, an angle out of range or a line too long.
-    """
-    values: list[str] = []
-    for item in message.fields:
-        for element in range(1 if item.kind == "b" else item.count or 1):
-            values += _written(row, item, element, lines, layout.sync)
-    if lines.separator == " " and "" in values:
-        raise _cannot_stand(message.name, "holds an empty value between spaces")
-    body = layout.sync + (" " if lines.separator == " " else lines.separator[0]).join(values).encode()
-    if lines.check is not None:
-        covered = body if message.cover_start == 0 else body[len(layout.sync) :]
-        body += f"{lines.check}{layout.check.of(covered):0{2 * layout.check.size}X}".encode()
-    if len(body) + len(_END) > lines.max:
-        raise _cannot_stand(message.name, f"would be a line of {len(body) + len(_END)} bytes, the limit is {lines.max}")
-    return body + _END
-
-
-def _written(row: bytes, item: Field, element: int, lines: LinesSpec, sync: bytes) -> list[str]:
-    if item.kind == "b":
-        raw = row[item.offset : item.offset + item.length].rstrip(b"\0")
-        text = raw.decode("ascii", "replace")
-        fits = text.isascii() and text.isprintable() and text == text.strip(" ")
-        if not fits or set(text) & set(lines.separator) or (sync and sync in raw):
-            raise _cannot_stand(item.name, f"is {raw!r}")
-        return [text]
-    value = read_element(row, item, element)
-    if item.kind != "f":
-        return [f"{value:0{2 * item.size}X}" if item.form == "hex" else str(value)]
-    if math.isnan(value):
-        return [""] * (2 if item.form in _LETTERS else 1)
-    if math.isinf(value):
-        raise _cannot_stand(item.name, "is infinite")
-    if item.form == "time":
-        return [_as_time(value, item)]
-    if item.form in _LETTERS:
-        return _as_angle(value, item)
-    return [str(np.float32(value)) if item.size == 4 else repr(value)]
-
-
-def _cannot_stand(name: str, why: str) -> InputError:
-    return InputError("B-FRAME-021", f"{name!r} {why}: this cannot stand in a line", where="frame encoder")
-
-
-def _as_time(value: float, item: Field) -> str:
-    if not 0 <= value < 86_400:
-        raise _cannot_stand(item.name, f"is {value}, no time of the day")
-    nanoseconds = min(round(value * 1e9), 86_400 * 10**9 - 1)
-    minutes, left = divmod(nanoseconds, 60 * 10**9)
-    return f"{minutes // 60:02}{minutes % 60:02}{left // 10**9:02}.{left % 10**9:09}"
-
-
-def _as_angle(value: float, item: Field) -> list[str]:
-    limit, digits = (90, 2) if item.form == "latitude" else (180, 3)
-    if abs(value) > limit:
-        raise _cannot_stand(item.name, f"is {value} deg, beyond {limit} deg")
-    degrees, left = divmod(round(abs(value) * 60e9), 60 * 10**9)
-    letter = _LETTERS[item.form][math.copysign(1.0, value) < 0]
-    return [f"{degrees:0{digits}}{left // 10**9:02}.{left % 10**9:09}", letter]

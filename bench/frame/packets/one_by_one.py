@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from bench.frame.batch import Extract
 from bench.frame.layout import Layout
 from bench.frame.packets.decoder import ROOM, PacketDecoder
 from bench.frame.packets.escape import ESCAPES
 from bench.frame.packets.lines import LineDecoder, LineReader, search_of
-from bench.frame.reference import ReferenceDecoder, read_column
+from bench.frame.reference import ReferenceDecoder
 from bench.frame.refusal import Refusal, why_refused
 from bench.frame.spec import LinesSpec
 
@@ -18,13 +17,14 @@ WhyBad = Callable[[bytes], Refusal | None]
 """Says why bytes are no frame, from the first one of a rejected candidate on; None if a frame begins there."""
 
 
-def one_by_one(layout: Layout, extract: Extract = read_column) -> ReferenceDecoder:
+def one_by_one(layout: Layout) -> ReferenceDecoder:
     """Return the decoder of lines, of escaped packets, or of frames byte by byte."""
     if layout.lines:
-        return LineDecoder(layout, layout.lines, extract)
+        return LineDecoder(layout, layout.lines)
     if layout.escape:
-        return PacketDecoder(layout, extract, ESCAPES[layout.escape].next_packet, ROOM * layout.max_length + 4)
-    return ReferenceDecoder(layout, extract)
+        escape = ESCAPES[layout.escape]
+        return PacketDecoder(layout, escape.next_packet, ROOM * layout.max_length + 4, escape.end)
+    return ReferenceDecoder(layout)
 
 
 def why_bad(layout: Layout) -> tuple[WhyBad, int]:

@@ -109,24 +109,27 @@ class _Slope:
 
 @dataclass
 class _Share:
-    """Shares of lost and bad frames of one link over the last ``SHARE_S`` in which frames were counted."""
+    """Shares of lost and bad frames of one link over the last ``SHARE_S`` in which frames were counted.
 
-    seen: deque[tuple[int, int, int, int]] = field(default_factory=deque)
+    All are lost, as far as anybody knows, where the counter jumped by more than it can tell.
+    """
+
+    seen: deque[tuple[int, int, int, int, int]] = field(default_factory=deque)
     lost: float = math.nan
     bad: float = math.nan
 
-    def add(self, t_ns: int, frames: int, lost: int, bad: int) -> None:
-        if self.seen and (frames, lost, bad) == self.seen[-1][1:]:
+    def add(self, t_ns: int, frames: int, lost: int, bad: int, jumps: int) -> None:
+        if self.seen and (frames, lost, bad, jumps) == self.seen[-1][1:]:
             return
         if self.seen and frames < self.seen[-1][1]:
             self.seen.clear()  # counted anew: the link was opened again
-        self.seen.append((t_ns, frames, lost, bad))
+        self.seen.append((t_ns, frames, lost, bad, jumps))
         while len(self.seen) > 2 and t_ns - self.seen[1][0] >= SHARE_S * NS:
             self.seen.popleft()
-        (_, frames_0, lost_0, bad_0) = self.seen[0]
+        (_, frames_0, lost_0, bad_0, jumps_0) = self.seen[0]
         due = frames - frames_0 + lost - lost_0
         if due > 0:
-            self.lost = (lost - lost_0) / due
+            self.lost = 1.0 if jumps > jumps_0 else (lost - lost_0) / due
             self.bad = (bad - bad_0) / (due + bad - bad_0)
 
 
@@ -231,7 +234,7 @@ class WatchedSignals:
     def _look_at(self, link: str, reader: LinkReader) -> None:
         now_ns, counts = self._context.clock.now_ns(), reader.decoder.counts
         share = self._shares[link]
-        share.add(now_ns, counts.frames, counts.lost, counts.bad)
+        share.add(now_ns, counts.frames, counts.lost, counts.bad, counts.jumps)
         self.put("link_loss", share.lost, link)
         self.put("link_bad", share.bad, link)
         if reader.last_frame_ns >= 0:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import gzip
 import io
 import json
 import struct
@@ -46,8 +48,8 @@ def test_counts_and_csv_of_a_capture_longer_than_a_block(tmp_path: Path, monkeyp
     capture.write_bytes(b"noise" + rows.tobytes() + b"\xeb\x90")
     assert captured(definition, capture)[0].summary() == {
         "frame": "ngu_a", "frame_sha256": definition.sha256, "check": "crc-16/ibm-3740", "good": 99, "bytes": 5707,
-        "bad": 1, "lost": 100, "duplicate": 0, "suspect": 0, "skipped_bytes": 64, "other": 0,
-        "messages": {"frame": 99}, "cut_off": True, "bad_because": [{
+        "bad": 1, "lost": 100, "duplicate": 0, "suspect": 0, "skipped_bytes": 64, "other": 0, "jumps": 0,
+        "messages": {"frame": 99}, "cut_off": True, "mangled": [], "bad_because": [{
             "cause": "check", "number": 1, "offset": 5 + 50 * 57,
             "text": "fails its check: crc-16/ibm-3740 over bytes 2 to 54 is 0xd68a, the frame holds 0x933e"}],
     }  # fmt: skip
@@ -225,6 +227,45 @@ def test_no_more_than_a_thousand_are_looked_at() -> None:
     assert (found.counts.bad, [kind.number for kind in found.bad]) == (1500, [1000])
 
 
+def sent(number: int) -> bytes:
+    """Frames of one channel set, each with other counts."""
+    counts = np.random.default_rng(5).integers(0, 1 << 16, (2, number, 10))
+    columns = {"counter": np.arange(number), "npp": counts[0], "ppp": counts[1], "af_clock": 3, "master_count": 4}
+    return frame("ngu_a").encode(columns | {"fg_count": 5, "status": 1 << 12}, number).tobytes()
+
+
+LOST = "what they were is lost: take the capture again in binary"
+CR = f"no byte of the first {{}} is 0D: CR became LF (0A stands there 218 times); {LOST}"
+XON = f"no byte of the first {{}} is 11 or 13: XON and XOFF were taken out; {LOST}"
+UNDONE = "undone, the first {} bytes hold 600 good frames, {} as"
+CUT = f"the highest bit of every byte is cut: the sync bytes stand there 600 times as 6b 10; {LOST}"
+AS_SENT = sent(600)
+
+
+@pytest.mark.parametrize(
+    ("capture", "said"),
+    [
+        (AS_SENT.replace(b"\n", b"\r\n"), f"every LF became CR LF; {UNDONE}"),
+        (AS_SENT.decode("latin-1").encode(), f"every byte above 7F became UTF-8 of Latin-1; {UNDONE}"),
+        (AS_SENT.hex(" ").upper().encode(), f"it is hex text; {UNDONE}"),
+        (base64.encodebytes(AS_SENT), f"it is base64 text; {UNDONE}"),
+        (gzip.compress(AS_SENT), f"it is compressed with gzip; {UNDONE}"),
+        (gzip.compress(AS_SENT.hex().encode()), f"it is compressed with gzip; then it is hex text; {UNDONE}"),
+        (AS_SENT.replace(b"\r", b"\n"), CR),
+        (AS_SENT.translate(None, b"\x11\x13"), XON),
+        (AS_SENT.decode(errors="replace").encode(), f" bytes that are no UTF-8 became EF BF BD; {LOST}"),
+        (bytes(byte & 127 for byte in AS_SENT), CUT),
+    ],
+)
+def test_what_mangled_a_capture_is_named(capture: bytes, said: str) -> None:
+    found = decode_capture(frame("ngu_a"), io.BytesIO(capture))
+    (text,) = found.mangled
+    assert said.format(len(capture), found.counts.frames) in text
+    assert found.counts.frames < 550
+    assert decode_capture(frame("ngu_a"), io.BytesIO(b"log\r\n" + AS_SENT)).mangled == ()
+    assert decode_capture(frame("ngu_a"), io.BytesIO(np.random.default_rng(1).bytes(50_000))).mangled == ()
+
+
 def test_lines_and_packets() -> None:
     def nmea(body: bytes) -> bytes:
         return b"$%b*%02X\r\n" % (body, reduce(xor, body))
@@ -308,8 +349,6 @@ def test_values_that_nobody_could_read_back_are_not_written() -> None:
     assert counted(json.dumps(TEXT), bytes.fromhex("a561620000")).counts.frames == 1
     with pytest.raises(InputError, match="B-FRAME-022"):
         parse_frame(json.dumps(DOT), "unit.yaml").encode_one({"u.": 1})
-    with pytest.raises(InputError, match="cannot stand in a line"):
-        parse_frame(json.dumps(LINE), "unit.yaml").encode_one({"t": b"a$b\0\0"})
 
 
 NUMBERS = {"frame": "numbers", "sync": [], "lines": {"separator": ",", "max": 14}, "crc": {"name": "none"},

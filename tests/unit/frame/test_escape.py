@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 
 import numpy as np
@@ -10,7 +11,7 @@ from crccheck.crc import Crc16Xmodem
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.frame import FrameDefinition, LinkDecoder, parse_frame
+from bench.frame import FrameDefinition, LinkDecoder, decode_capture, parse_frame
 from bench.frame.packets import ESCAPES
 from bench.model.errors import InputError, InputErrors
 
@@ -54,8 +55,12 @@ def on_the_wire(kind: str, frame: bytes) -> bytes:
         )
     if kind == "hdlc":
         return b"~" + b"".join(bytes([0x7D, byte ^ 0x20]) if byte in b"}~" else bytes([byte]) for byte in frame) + b"~"
-    if kind == "dle":
-        return b"\x10\x02" + b"".join(b"\x10\x10" if byte == 0x10 else bytes([byte]) for byte in frame) + b"\x10\x03"
+    if kind in ("dle", "dle_etx"):
+        return (
+            b"\x10\x02"[: 2 if kind == "dle" else 1]
+            + b"".join(b"\x10\x10" if byte == 0x10 else bytes([byte]) for byte in frame)
+            + b"\x10\x03"
+        )
     out, place = bytearray(b"\x01"), 0
     for number, byte in enumerate(frame):
         if byte:
@@ -91,6 +96,7 @@ def test_slip_and_hdlc_as_published() -> None:
 @settings(max_examples=200, deadline=None)
 @given(kind=st.sampled_from(KINDS), frame=st.binary(max_size=700) | st.binary(max_size=4).map(lambda few: few * 150))
 def test_two_ways_of_escaping_agree(kind: str, frame: bytes) -> None:
+    frame = b"\7" + frame
     wire = ESCAPES[kind].packed(frame)
     assert wire == on_the_wire(kind, frame)
     begin = 1 if kind in ("slip", "hdlc") else 0
@@ -123,6 +129,15 @@ def test_frames_of_a_link(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_the_last_packet_of_a_capture_may_lack_its_end(kind: str) -> None:
+    definition, wire = definition_of(kind), on_the_wire(kind, content(1, b"\x10y"))
+    end = len(ESCAPES[kind].end)
+    for cut, good in ((end, 2), (end + 1, 1)):
+        found = decode_capture(definition, io.BytesIO((wire * 2)[:-cut]))
+        assert (found.counts.frames, found.counts.bad, found.cut_off) == (good, 2 - good, good == 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_packet_without_an_end_does_not_grow_for_ever(kind: str) -> None:
     definition = definition_of(kind)
     decoder = definition.decoder()
@@ -144,5 +159,5 @@ def test_what_cannot_be_escaped_is_told() -> None:
     definition = definition_of("slip")
     with pytest.raises(InputError, match=r"B-FRAME-020: .*no fixed length"):
         definition.encode({"kind": 1, "counter": 1, "body": b""}, 2)
-    with pytest.raises(InputErrors, match="is no single slip packet"):
+    with pytest.raises(InputErrors, match="has wrong escapes, or no end"):
         parse_frame(definition.text.replace(' c0"', '"'), "escaped.yaml")

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import ast
+import base64
+import bisect
+import calendar
+import dis
 import io
+import marshal
 import struct
+import typing
+import zlib
 from functools import reduce
 from operator import xor
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -87,6 +95,30 @@ def test_nothing_is_read_from_noise_and_no_check_from_text(data: bytes) -> None:
         assert not guesses(data)
 
 
+@pytest.mark.parametrize("module", [ast, bisect, calendar, dis, io, typing])
+def test_what_is_regular_but_no_stream_of_frames_is_not_taken_for_one(module: ModuleType) -> None:
+    """Code of Python: short pieces that repeat, of which many a hypothesis holds."""
+    code = marshal.dumps(compile(Path(module.__file__ or "").read_bytes(), "module.py", "exec"))
+    assert not explain._hypotheses(code)
+    assert not explain._hypotheses(zlib.compress(code))
+
+
+def test_how_surely_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rng, source = np.random.default_rng(RNG_SEED), tmp_path / "capture.bin"
+    source.write_bytes(b"".join(fixed(rng) for _ in range(12)))
+    assert explain.new(source, "unit", None) == 0
+    assert capsys.readouterr().err == (
+        "sync eb 90, 12 frames of 44 (12) bytes, 100 % of the bytes; crc-16/ibm-3740 from byte 2 on, behind it, "
+        "0 bytes before the end, big-endian, right in 12 of those tried; "
+        "by chance in fewer than one of 10^51 captures of random bytes\n"
+    )
+    source.write_bytes(base64.encodebytes(source.read_bytes()))
+    assert explain.new(source, "unit", None) == 1
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "the capture is not as it was sent: it is base64 text; undone, its beginning shows sync eb 90" in told.err
+
+
 def test_frame_new_writes_a_file_once(
     capture: tuple[bytes, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,7 +165,7 @@ def test_every_draft_is_a_definition_whatever_the_capture() -> None:
     drafts = 0
     for _ in range(25):
         piece = rng.choice(np.frombuffer(b"\x00\x01\xeb\x90\x05\x07", np.uint8), int(rng.integers(0, 300))).tobytes()
-        capture = piece * int(rng.integers(1, 10))
+        capture = piece * int(rng.integers(1, 80))
         for guess in guesses(capture):
             parse_frame(draft(guess, capture, "unit"), "unit.yaml")
             drafts += 1

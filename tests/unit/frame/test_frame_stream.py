@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from crccheck.crc import Crc8Smbus
+from crccheck.crc import Crc8Smbus, Crc16Modbus
 from hypothesis import example, given, seed, settings
 from hypothesis import strategies as st
 from record_sample import frame
@@ -88,6 +89,45 @@ def test_a_restart_of_the_unit_goes_on_as_the_time_predicts() -> None:
     assert result.lost == result.counter[1] - 5001
 
 
+@pytest.mark.parametrize("cut", [1, 7, 40_000])
+@pytest.mark.parametrize(
+    ("wrap", "counters", "found"),  # lost, repeated, suspect, jumps
+    [
+        (256, [*range(400), *range(464, 500)], (64, 0, 0, 0)),
+        (256, [*range(400), *range(465, 900)], (0, 0, 1, 1)),
+        (256, [*range(400), *range(600, 900)], (0, 0, 1, 1)),  # 56 back, as it looks
+        (256, [*range(400), *range(380, 500)], (0, 0, 1, 1)),
+        (256, [7] * 400, (0, 0, 399, 0)),
+        (65536, [*range(9), *range(16_392, 17_000)], (16_383, 0, 0, 0)),
+        (65536, [*range(9), *range(60_009, 60_100)], (0, 0, 1, 1)),
+        (1 << 32, [*range(9), 12_345_678, *range(10, 20)], (1, 0, 1, 0)),
+        (1 << 32, [*range(9), *range(5)], (0, 0, 1, 1)),
+    ],
+)
+def test_what_a_counter_cannot_tell_is_a_jump_of_unknown_size(
+    wrap: int, counters: list[int], found: tuple[int, ...], cut: int
+) -> None:
+    """Without times, however the frames are cut into batches; no frame is the repetition of another one."""
+    raw, unwrapper = np.array(counters) % wrap, CounterUnwrapper(wrap, 100.0)
+    results = []
+    for at in range(0, len(raw), cut):
+        part = raw[at : at + cut]
+        frames = [bytes(f"{at + index}", "ascii") for index in range(len(part))]
+        results.append(unwrapper.feed(part, np.zeros(len(part), np.int64), lambda first, part=frames: part[first:]))
+    sums = [sum(one) for one in zip(*(result[2:] for result in results), strict=True)]
+    assert tuple(sums) == found
+
+
+def test_what_a_counter_cannot_tell_is_told_by_time() -> None:
+    """u8 at 100 Hz, read every two seconds: 70 frames are lost within a read; their first one behind is not trusted."""
+    unwrapper = CounterUnwrapper(256, 100.0)
+    true = np.setdiff1d(np.arange(1, 1001), np.arange(420, 490))
+    result = unwrapper.feed(
+        true % 256, (true + 199) // 200 * 2 * SECOND, lambda first: [b"%d" % at for at in true[first:]]
+    )
+    assert (result.counter[-1], result.lost, result.doubtful, result.jumps) == (1000, 71, 1, 0)
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_random_losses_repeats_and_batches(seed: int) -> None:
     """Against the known truth: the counters themselves, and losses and repeats counted with sets."""
@@ -163,7 +203,7 @@ def test_lost_bad_duplicate_and_their_stamps() -> None:
     assert (batch.bad_offset.tolist(), batch.bad_t_ns.tolist()) == ([3 * LENGTH], [6])
     counts = link.counts
     assert (counts.frames, counts.bad, counts.lost, counts.duplicate, counts.suspect) == (6, 1, 3, 1, 0)
-    assert (batch.lost, batch.duplicate, counts.skipped_bytes) == (3, 1, LENGTH)
+    assert counts.skipped_bytes == LENGTH
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -231,7 +271,20 @@ def test_a_counter_shared_by_all_messages() -> None:
     batch = link.flush()
     assert batch.messages["one"].counter.tolist() == [254, 258]  # type: ignore[union-attr]
     assert batch.messages["two"].counter.tolist() == [255, 256, 259]  # type: ignore[union-attr]
-    assert batch.lost == 1
+    assert link.counts.lost == 1
+
+
+@pytest.mark.parametrize("engine", ["numpy", "reference"])
+def test_frames_that_are_not_listed_count_with_the_others(engine: str) -> None:
+    link = LinkDecoder(load_frame(Path(__file__).with_name("shared_counter.yaml")), engine)  # type: ignore[arg-type]
+    for number in range(600):
+        if number not in (301, 302, 304):
+            body = struct.pack("<5BH", 0xAA, 0x55, 9, number % 256, 1 + number % 2, number)
+            link.push(0, body + struct.pack("<H", Crc16Modbus.calc(body)))
+    (batch,) = link.finish().messages.values()
+    counts = link.counts
+    assert batch.counter.tolist() == [number for number in range(0, 600, 2) if number not in (302, 304)]  # type: ignore[union-attr]
+    assert (counts.frames, counts.other, counts.lost, counts.suspect, counts.jumps) == (298, 299, 3, 0, 0)
 
 
 GNC = load_frame(Path(__file__).resolve().parents[3] / "frames" / "gnc_422.yaml")

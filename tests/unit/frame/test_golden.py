@@ -7,6 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
+import yaml
 from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc24LteA, Crc32Jamcrc, Crc32Mpeg2
 from record_sample import ROOT
 from record_sample import frame as frame_of
@@ -74,7 +75,9 @@ def kvh_1750() -> bytes:
 
 def novatel_inspvas() -> bytes:
     """A log of a receiver on the road, as an open driver keeps it for its tests; no initial value, no final one."""
-    body = struct.pack("<BHHI", 88, 508, 2088, 197594600) + struct.pack("<I10dI", 2088, 197594.6, *SOLUTION, 3)
+    body = struct.pack("<BHHI", 88, 508, 2088, 197594600) + struct.pack(
+        "<I10dI", 2088, 197594.6, *VALUES["SOLUTION"], 3
+    )
     crc = Crc32Jamcrc.calc(b"\xaa\x44\x13" + body, initvalue=0)
     return b"\xaa\x44\x13" + body + struct.pack("<I", crc)
 
@@ -147,7 +150,7 @@ def xbus(message: int, body: bytes) -> bytes:
 def xbus_data() -> bytes:
     """A measurement of an MTi-630 in the example of an open driver."""
     heads = [bytes.fromhex(head) for head in ("106004", "201010", "80200c", "40200c", "c0200c", "e02004")]
-    sizes, values, at = (1, 4, 3, 3, 3, 1), (39007691, *MTI, 3), 0
+    sizes, values, at = (1, 4, 3, 3, 3, 1), (39007691, *VALUES["MTI"], 3), 0
     body = b""
     for head, size in zip(heads, sizes, strict=True):
         kind = "I" if size == 1 else "f"
@@ -158,29 +161,14 @@ def xbus_data() -> bytes:
 
 def jpss_packet() -> bytes:
     """The first packet of a day of the satellite, with the values that an open decoder prints."""
-    body = struct.pack(">HIHBHIH6f", 23109, 7, 137, 159, 23109, 30, 941, *ORBIT) + struct.pack(
-        ">HIH4f", 23108, 86399930, 941, *TURNED
+    body = struct.pack(">HIHBHIH6f", 23109, 7, 137, 159, 23109, 30, 941, *VALUES["ORBIT"]) + struct.pack(
+        ">HIH4f", 23108, 86399930, 941, *VALUES["TURNED"]
     )
     return struct.pack(">HHH", 1 << 11 | 11, 3 << 14 | 2606, len(body) - 1) + body
 
 
+VALUES = yaml.safe_load((GOLDEN / "values.yaml").read_text(encoding="utf-8"))
 RTCM = {1005: "station", 1077: "gps", 1087: "glonass"}
-MTI = (
-    0.9999145269393921, -0.0029328297823667526, 0.012303871102631092, 0.003328294027596712, 0.0004874542646575719,
-    -0.0018071384401991963, -0.0010248273611068726, -0.22349394857883453, -0.028320079669356346, 9.860060691833496,
-    -0.2818031311035156, 0.9031069278717041, -0.8302156925201416,
-)  # fmt: skip
-ORBIT = (6389695.5, 2786021.5, 1825377.375, 2383.52880859375, -785.8864135742188, -7105.89892578125)
-TURNED = (-0.2163526564836502, 0.7624724507331848, 0.25699475407600403, 0.5529747009277344)
-GEODETIC = (
-    0, 516, 2187, 420009816, 2021, 12, 9, 20, 39, 56816, 33096, 372935988, -1219187615, 3040, 5617, 21, 5, 0, 0, 3, 0,
-    275, 562, 0, 0, 208358187, 0, 1894297, 0, 0, 0, 0, 4, 17, 106,
-)  # fmt: skip
-NAVIGATION = (-2686059, -4312187, 3843384, 0, 0, 0, 4, 17, 2, 139, 42000981, 4, 9, 16, 7, 4, 0, 0, 0, 0, 0, 0, 0, 0)
-SOLUTION = (
-    40.04083701098634, 116.50455756706515, 27.40395322162658, 0.06938133693149312, 9.64716338567833,
-    -0.0059339761715861625, 0.5971796342813211, 0.053063083220141735, 90.93423222654538,
-)  # fmt: skip
 PLACE, VELOCITY, ATTITUDE = (37.5000012345, 126.9512345678, 3001.25), (99.875, -0.015625, 0.25), (0.5, -1.25, 359.96875)
 ECHO = [(37 * gate - 1184) * (-1) ** gate for gate in range(128)]
 EVENTS = struct.pack("<3I", 1234 << 3 | 0b011, 5678 << 3, 999999 << 3 | 0b101)
@@ -210,9 +198,9 @@ INDEPENDENT = {
     "septentrio_sbf.pvt_geodetic": sbf(4007 | 2 << 13, golden_bytes("septentrio_sbf.pvt_geodetic")[8:]),
     "septentrio_sbf.pvt_cartesian": sbf(4006 | 2 << 13, golden_bytes("septentrio_sbf.pvt_cartesian")[8:]),
     "septentrio_sbf.attitude": sbf_attitude(),
-    "sirf_binary.navigation": sirf(2, struct.pack(">3i3h3BHI13B", *NAVIGATION)),
+    "sirf_binary.navigation": sirf(2, struct.pack(">3i3h3BHI13B", *VALUES["NAVIGATION"])),
     "sirf_binary.pulse_time": sirf(52, struct.pack(">5BHhIBI", 20, 42, 27, 9, 12, 2021, 0, 0, 1, 0)),
-    "sirf_binary.geodetic": sirf(41, struct.pack(">HHHIHBBBBHIiiiiBHHhhhIIIHiIiIIHHBBB", *GEODETIC)),
+    "sirf_binary.geodetic": sirf(41, struct.pack(">HHHIHBBBBHIiiiiBHHhhhIIIHiIiIIHHBBB", *VALUES["GEODETIC"])),
     **{f"rtcm3.{name}": rtcm(number) for number, name in RTCM.items()},
     "xsens_mtdata2.data": xbus_data(),
     "xsens_mtdata2.wake_up": xbus(0x3E, b""),
@@ -296,7 +284,8 @@ def test_encoder_of_single_frames_gives_the_golden_bytes() -> None:
     assert definition.encode_one({"command": 2, "payload": b"\x64"}, "command") == INDEPENDENT["ngu_b.command"]
     answer = definition.encode_one({"command": 1, "status": 0, "payload": b"NGU SIM-1 1.0"}, "answer")
     assert answer == INDEPENDENT["ngu_b.answer"]
-    columns = decode("ngu_b", INDEPENDENT["ngu_b.housekeeping"], "housekeeping").columns()
+    batch = decode("ngu_b", INDEPENDENT["ngu_b.housekeeping"], "housekeeping")
+    columns = {item.name: batch.raw(item.name) for item in batch.message.fields}
     del columns["length"], columns["kind"]
     assert definition.encode_one(columns, "housekeeping") == INDEPENDENT["ngu_b.housekeeping"]
     assert definition.encode(columns, 1, "housekeeping").tobytes() == INDEPENDENT["ngu_b.housekeeping"]

@@ -11,7 +11,7 @@ import pytest
 from record_sample import ROOT, captured
 from record_sample import frame as frame_of
 
-from bench.frame import LinkDecoder, parse_frame
+from bench.frame import LinkDecoder, load_frame, parse_frame
 from bench.model.errors import InputErrors
 
 # OEM7 documentation, "ASCII to binary log conversion example", and GPStation-6 manual, page 44: the same check covers
@@ -86,6 +86,25 @@ def test_a_wrap_that_no_counter_has_is_refused(field: str) -> None:
     with pytest.raises(InputErrors) as caught:
         parse_frame(f'{text}golden: "01 05 05"\nexpect: {{n: 5}}\n', "f.yaml")
     assert "B-FRAME-003" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "tests" / "golden" / "public").glob("*.yaml")), ids=lambda path: path.stem
+)
+def test_frames_that_others_published_are_decoded_and_written_again(path: Path) -> None:
+    definition = load_frame(path)
+    stream = b"\0" + b"".join(definition.golden) * 3
+    for engine in ("numpy", "reference"):
+        decoder = definition.decoder(engine)  # type: ignore[arg-type]
+        batch = decoder.feed(stream)
+        assert {name: len(batch.messages[name]) for name in definition.messages} == dict.fromkeys(
+            definition.messages, 3
+        )
+    if definition.name != "mip":  # its other items are not listed
+        for name, frame in zip(definition.messages, definition.golden, strict=True):
+            message = batch.messages[name]
+            values = {field.name: message.raw(field.name)[0] for field in message.message.fields}
+            assert definition.encode_one(values, name) == frame
 
 
 RECORDINGS = Path(os.environ.get("BENCH_REAL_DATA", ROOT.parent / "shared" / "data")) / "vn100"

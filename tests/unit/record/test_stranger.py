@@ -134,7 +134,7 @@ def test_a_strangers_session_is_replayed_and_fitted(tmp_path: Path, variant: str
     done = replay_rows(tmp_path, strict=True)
     assert (done.damage, done.unfinished, done.notes) == ((), (), ())
     assert len(done.rows) == len(points())
-    assert done.totals == {"frames": 1.1 * RECORD_FRAMES * len(points()), "frames_bad": 0, "frames_lost": 0}
+    assert done.totals == {"frames": 1.1 * RECORD_FRAMES * len(points()), "frames_bad": 0, "frames_lost": 0, "jumps": 0}
     for row, step in zip(done.rows, points(), strict=True):
         n, p = pulses(step["current_A"] * step["polarity"])
         assert row.sums["npp"].tolist() == n.sum(axis=0).tolist()
