@@ -112,11 +112,14 @@ def long_terms(blocks: Blocks, length_s: float, rng: np.random.Generator) -> Lon
         names.append(alike[0])
         ratios = log.fitted(names, [*ratios, stage.best_ratio(alike[0])])
     present = names[:-1] if len(alike) > 1 else names
+    oddness, odd_s, cycle = _oddest(log, names, ratios, blocks)
     return LongTerms(
         tuple(name for name in LONG_TERMS if name in present),
-        tuple(name for name in LONG_TERMS if name in alike[1:] or (alike[1:] and name == alike[0])),
+        tuple(name for name in LONG_TERMS if len(alike) > 1 and name in alike),
         *_worth(log, names, ratios),
-        *_oddest(log, names, ratios, blocks),
+        oddness,
+        odd_s,
+        cycle,
     )
 
 
@@ -239,14 +242,14 @@ class _Stage:
 
     @classmethod
     def of(cls, log: _Log, names: Sequence[str], ratios: Sequence[float]) -> _Stage:
-        factor = np.asarray(np.linalg.cholesky(log.total(names, ratios)), np.float64)
+        factor = np.linalg.cholesky(log.total(names, ratios))
         values, axes = {}, {}
         for name in LONG_TERMS:
             if name not in names:
                 half = np.linalg.solve(factor, log.shapes[name])
                 value, axes[name] = np.linalg.eigh(np.linalg.solve(factor, half.T))
                 values[name] = np.maximum(value, 0.0)
-        return cls(np.linalg.solve(factor, log.means), values, axes, factor)
+        return cls(np.linalg.solve(factor, log.means), values, axes, np.asarray(factor))
 
     def likelihoods(self, name: str, means: Floats, ratios: Floats = _RATIOS) -> Floats:
         """Return log-likelihood ratios by size of a further term over none, (..., r), of means (..., m)."""
