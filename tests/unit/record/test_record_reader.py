@@ -183,7 +183,7 @@ def test_the_results_know_of_a_last_segment_that_is_missing(tmp_path: Path) -> N
     whole = written(tmp_path, 3600, 2 * 3600).close("done")
     (tmp_path / "results.json").write_text(f'{{"provenance": {{"session_sha256": "{whole}"}}}}')
     assert SessionReader(tmp_path).damage == []
-    (tmp_path / "session.0002.mcap").unlink()
+    (tmp_path / "session.0003.mcap").unlink()
     assert [item.what for item in SessionReader(tmp_path).damage] == [SHORTER]
 
 
