@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta, timezone
 from decimal import Decimal, InvalidOperation
 
@@ -18,8 +19,12 @@ from bench.replay.wording import say
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
+CONTROL = re.compile(r"[\x00-\x08\n-\x1f]")  # no text holds them
 MAX_LINE_BYTES = 100_000
 SHOWN = 5
+ENOUGH = 100  # rows that show how short the text in the last column may be
+_TICKS = {"ns": 1, "us": 1000, "ms": 1_000_000}  # of counters of 32 bits, ns
+FEW, RARE = 5, 100  # usual steps from a counter's last value to its first one, and of its range at least
 _BLANK = "whitespace"
 
 
@@ -78,11 +83,16 @@ class LogRow:
 class LogCounts:
     """Counts of the lines after the header; ``bad`` holds line and reason of the first few.
 
-    ``rows``: read, with those that hold an overload; ``overloads``: values by quantity.
+    ``rows``: read, with those that hold an overload; ``overloads``: values by quantity; ``nul_lines``: those with
+    blocks of zero bytes; ``cut_line``: number of a last line that was not written to its end, 0 for none;
+    ``wraps``: how often a counter of time began anew, by its tick.
     """
 
     rows: int = 0
     bad_rows: int = 0
+    nul_lines: int = 0
+    cut_line: int = 0
+    wraps: dict[str, int] = field(default_factory=dict)
     overload_rows: int = 0
     overloads: dict[str, int] = field(default_factory=dict)
     bad: list[tuple[int, str]] = field(default_factory=list)
@@ -95,7 +105,11 @@ class LogCounts:
             texts.append(say("log.overload", rows=self.overload_rows, all=self.rows, cells=cells))
         if self.bad_rows:
             texts.append(say("log.bad", rows=self.bad_rows, reasons=listed(self.bad)))
-        return texts
+        if self.nul_lines:
+            texts.append(say("log.nul", lines=self.nul_lines))
+        if self.cut_line:
+            texts.append(say("log.cut", line=self.cut_line))
+        return [*texts, *(say("log.wrapped", tick=tick, times=times) for tick, times in self.wraps.items())]
 
 
 def listed(bad: Sequence[tuple[int, str]]) -> str:
@@ -113,13 +127,19 @@ class LogParser:
         self._columns = list(mapping.values.items())
         self._time_header, column = mapping.time
         self._counts_rows = column.format == ROWS
+        self._none_left_out = mapping.counts_rows
+        self._may_wrap = column.format == ELAPSED
         self._time = TimeReader(column, mapping.file.decimal)
         self._sentinels = _Sentinels(mapping.overload, mapping.file)
         self._readers: list[tuple[int, LogColumn, float]] = []
         self._time_at = 0
         self._width = 0
         self._line = 0
+        self._open = False  # the piece of a line that came last has no end
+        self._shortest = MAX_LINE_BYTES  # text in the last column
+        self._first_ns = 0
         self._last: LogRow | None = None
+        self._ahead_ns = 0  # of a counter that began anew
         if self._form.names is not None:
             self._take_header(self._form.names)
 
@@ -128,7 +148,14 @@ class LogParser:
 
         Raises: InputError B-IMP-002 (not text), B-IMP-003 (a column is missing), B-IMP-006 (time goes back).
         """
-        self._line += 1
+        begins, self._open = not self._open, not raw.endswith(b"\n")
+        self._line += begins
+        if b"\0" in raw or not begins:
+            if not self._none_left_out:
+                self.counts.nul_lines += begins
+            elif begins:
+                self._is_bad(say("bad.nul"))
+            return None
         text = self._text(raw)
         if self._width == 0:
             if self._is_header(text):
@@ -137,13 +164,18 @@ class LogParser:
         if self._passed_over(text):
             return None
         try:
-            row = self._read(self._fields(text))
+            return self._read(self._fields(text))
         except ValueError as error:
-            self.counts.bad_rows += 1
-            if len(self.counts.bad) < SHOWN:
-                self.counts.bad.append((self._line, error.args[0]))
+            if self._open:
+                self.counts.cut_line = self._line
+            else:
+                self._is_bad(error.args[0])
             return None
-        return self._in_order(row)
+
+    def _is_bad(self, why: str) -> None:
+        self.counts.bad_rows += 1
+        if len(self.counts.bad) < SHOWN:
+            self.counts.bad.append((self._line, why))
 
     def finish(self) -> None:
         """Say that the file has ended. Raises InputError B-IMP-004 if there was no header or no row."""
@@ -162,19 +194,24 @@ class LogParser:
         try:
             text = raw.decode(self._form.encoding).rstrip("\r\n")
         except UnicodeDecodeError as error:
-            raise self._not_text(f"byte {error.start + 1} is not {self._form.encoding}") from error
+            cure = (
+                ""
+                if CONTROL.search(raw.decode("latin-1").rstrip("\r\n"))
+                else "; 'file: {encoding: latin-1}' in the mapping if it is not UTF-8"
+            )
+            raise self._not_text(f"byte {error.start + 1} is not {self._form.encoding}", cure) from error
         if len(raw) > MAX_LINE_BYTES:
             raise self._not_text(f"longer than {MAX_LINE_BYTES} bytes")
-        if not text.isprintable() and (wrong := next((c for c in text if c < " " and c != "\t"), None)) is not None:
-            raise self._not_text(f"holds the control character U+{ord(wrong):04X}")
+        if not text.isprintable() and (wrong := CONTROL.search(text)) is not None:
+            raise self._not_text(f"holds the control character U+{ord(wrong[0]):04X}")
         return text.removeprefix("\ufeff") if self._line == 1 else text
 
-    def _not_text(self, why: str) -> InputError:
+    def _not_text(self, why: str, cure: str = "") -> InputError:
         return InputError(
             "B-IMP-002",
             f"is not the text of a delimited log: {why}",
             where=f"{self._name}:{self._line}",
-            next_step="name the exported text file; 'file: {encoding: latin-1}' in the mapping if it is not UTF-8",
+            next_step=f"name the exported text file{cure}",
         )
 
     def _passed_over(self, text: str) -> bool:
@@ -219,6 +256,9 @@ class LogParser:
         if len(fields) != self._width:
             raise ValueError(say("bad.fields", found=len(fields), due=self._width))
         t_ns = self._time.utc_ns(fields[self._time_at].strip())
+        last = len(fields[-1])
+        if self._open and self.counts.rows >= ENOUGH and last < self._shortest:
+            raise ValueError
         values, over = [], []
         for place, column, factor in self._readers:
             text = fields[place].strip()
@@ -230,8 +270,10 @@ class LogParser:
                 values.append(number * factor)
             else:
                 raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
+        row = self._in_order(LogRow(self._line, t_ns + self._ahead_ns, tuple(values)))
+        self._shortest = min(self._shortest, last)
         self._count(over)
-        return LogRow(self._line, t_ns, tuple(values))
+        return row
 
     def _count(self, over: list[str]) -> None:
         self.counts.rows += 1
@@ -240,12 +282,29 @@ class LogParser:
             self.counts.overloads[name] = self.counts.overloads.get(name, 0) + 1
 
     def _in_order(self, row: LogRow) -> LogRow:
-        last, self._last = self._last, row
-        if last is None or row.t_ns >= last.t_ns:
-            return row
+        last = self._last
+        if last is None:
+            self._first_ns = row.t_ns
+        elif row.t_ns < last.t_ns:
+            row = self._counted_on(row, last)
+        self._last = row
+        return row
+
+    def _counted_on(self, row: LogRow, last: LogRow) -> LogRow:
+        """Return a row at which a counter of 32 bits began anew, with its time as if it had more."""
+        back_ns = last.t_ns - row.t_ns
+        usual_ns = (last.t_ns - self._first_ns) / max(1, self.counts.rows - 1)
+        for tick, tick_ns in _TICKS.items():
+            whole_ns = tick_ns << 32
+            if self._may_wrap and 0 < whole_ns - back_ns <= FEW * usual_ns < whole_ns / RARE:
+                self._ahead_ns += whole_ns
+                self.counts.wraps[tick] = self.counts.wraps.get(tick, 0) + 1
+                return replace(row, t_ns=row.t_ns + whole_ns)
+        if self._open:
+            raise ValueError
         raise InputError(
             "B-IMP-006",
-            f"the time goes back by {(last.t_ns - row.t_ns) / 1e9:g} s after line {last.line}",
+            f"the time goes back by {back_ns / 1e9:g} s after line {last.line}",
             where=f"{self._name}:{row.line}",
             next_step="cut the file where the clock was set or the log began anew, and import the parts",
         )

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import re
+import zlib
 from array import array
+from codecs import getincrementaldecoder
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from gzip import GzipFile
+from io import BufferedReader
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +26,10 @@ from bench.replay.delimited import LogCounts, LogParser, lines_of, listed
 from bench.replay.wording import say
 
 READ_BYTES = 1 << 20
+_WIDE = {
+    "utf-16-le": re.compile(rb"\xff\xfe|([^\0]\0){8}"),
+    "utf-16-be": re.compile(rb"\xfe\xff|(\0[^\0]){8}"),
+}
 IMPORT = "import"  # ``kind`` in the manifest of an imported session
 LINK = "log"
 MAPPING = "mapping.yaml"
@@ -62,17 +72,44 @@ def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> Survey:
 
 
 def file_lines(path: Path, size: int | None = None) -> Iterator[bytes]:
-    """Yield lines of a file, or of its first ``size`` bytes: a log may grow while it is read. Raises B-IMP-001."""
+    """Yield lines of a text, or of its first ``size`` bytes: a log may grow while it is read. Raises B-IMP-001."""
     yield from lines_of(_chunks(path, size))
 
 
+def text_forms(path: Path) -> list[str]:
+    """Return by its first bytes what a text is freed of: gzip, utf-16-le or -be, CR; none if it is read as it is."""
+    with path.open("rb") as file:
+        return _plain(file)[0]
+
+
+def _plain(file: BufferedReader) -> tuple[list[str], Iterator[bytes]]:
+    """Return what a text is freed of, and its bytes; of a packed one that is cut, as many as there are."""
+    packed = file.peek(2).startswith(b"\x1f\x8b")
+    stream = GzipFile(fileobj=file) if packed else file
+    first = stream.read1(READ_BYTES)
+    wide = next((form for form, begin in _WIDE.items() if begin.match(first)), None)
+    decoder = getincrementaldecoder(wide or "latin-1")()
+    returns = b"\r" in first and b"\n" not in first
+
+    def chunks() -> Iterator[bytes]:
+        part = first
+        with suppress(EOFError, zlib.error):
+            while part:
+                text = decoder.decode(part).encode() if wide else part
+                yield text.replace(b"\r", b"\n") if returns else text
+                part = stream.read1(READ_BYTES)
+
+    return [*(["gzip"] if packed else []), *([wide] if wide else []), *(["CR"] if returns else [])], chunks()
+
+
 def _chunks(path: Path, size: int | None) -> Iterator[bytes]:
+    left = size
     try:
         with path.open("rb") as stream:
-            left = size
-            while chunk := stream.read(READ_BYTES if left is None else min(READ_BYTES, left)):
-                yield chunk
-                left = None if left is None else left - len(chunk)
+            for chunk in _plain(stream)[1]:
+                yield chunk[:left]
+                if left is not None and (left := left - len(chunk)) <= 0:
+                    return
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
@@ -86,12 +123,15 @@ def _chunks(path: Path, size: int | None) -> Iterator[bytes]:
 def _few_bad_rows(counts: LogCounts, mapping: LogMapping, name: str) -> None:
     lines = counts.rows + counts.bad_rows
     if counts.rows and counts.bad_rows > mapping.bad_rows * lines:
+        step = "correct the mapping, or allow more there with 'bad_rows: 1 %'; they are left out and counted"
+        if mapping.counts_rows:
+            step = "correct those lines, or cut the file in front of them: the mapping counts rows, so none is left out"
         raise InputError(
             "B-IMP-005",
             f"{counts.bad_rows} of {lines} rows cannot be read, {100 * mapping.bad_rows:g} % may be: "
             f"{listed(counts.bad)}",
             where=name,
-            next_step="correct the mapping, or allow more there with 'bad_rows: 1 %'; they are left out and counted",
+            next_step=step,
         )
 
 
@@ -148,7 +188,10 @@ def _payloads(reader: SessionReader) -> Iterator[bytes]:
 def _notes(manifest: Mapping[str, object], parser: LogParser, sha256: str) -> tuple[str, ...]:
     said = parser.counts.sentences()
     log = manifest.get("log")
-    recorded = log.get("sha256") if isinstance(log, Mapping) else None
+    log = log if isinstance(log, Mapping) else {}
+    if broken := log.get("origin", {}).get("broken"):
+        said.append(say("log.broken", parts=broken))
+    recorded = log.get("sha256")
     if recorded is not None and recorded != sha256:
         said.append(say("log.changed", then=recorded[:12], now=sha256[:12]))
     return tuple(said)
