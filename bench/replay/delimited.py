@@ -253,6 +253,8 @@ class LogParser:
         )
 
     def _read(self, fields: list[str]) -> LogRow:
+        if len(fields) == self._width + 1 and not fields[-1].strip():
+            fields = fields[:-1]  # behind a delimiter at the end
         if len(fields) != self._width:
             raise ValueError(say("bad.fields", found=len(fields), due=self._width))
         t_ns = self._time.utc_ns(fields[self._time_at].strip())

@@ -147,7 +147,7 @@ def _numbers(values: Sequence[str], odd: set[str]) -> Numbers | None:
 
 def _time(seen: Seen, numbers: Mapping[str, Numbers | None]) -> tuple[str | None, str]:
     """Return the column that says when a row was taken and its line, or a line that numbers the rows."""
-    found = list[tuple[bool, bool, int, str, str]]()
+    found = list[tuple[int, int, str, str]]()
     for name, values in numbers.items():
         told, entry = _TIME.search(name.lower()) is not None, None
         if values is None:
@@ -155,7 +155,8 @@ def _time(seen: Seen, numbers: Mapping[str, Numbers | None]) -> tuple[str | None
         elif _rises(values) and (told or np.all(np.diff(values) == 1.0) or _may_be_time(name, numbers)):
             entry = _counted(name, values, told)
         if entry is not None:
-            found.append((f"unit: {FILL_IN}" in entry, not told, len(found), name, entry))
+            rank = 3 if not told else 2 if f"unit: {FILL_IN}" in entry else 0
+            found.append((1 if "format: samples" in entry else rank, len(found), name, entry))
     if found:
         *_, name, entry = min(found)
         return name, f"  {quoted(name)}: {entry}"

@@ -79,7 +79,7 @@ def _of_text(path: Path) -> Seen:
     form = {} if delimiter == "," else {"delimiter": "whitespace" if delimiter is None else quoted(delimiter)}
     form |= {"encoding": encoding} if encoding != "utf-8" else {}
     form |= {"comment": quoted(comment)} if comment else {}
-    if named := not any(is_number(text) for text in rows[begin]):
+    if named := not any(is_number(text) or moment_of(text) for text in rows[begin]):
         names = [text.strip() for text in rows[begin]]
         if begin or kept[0] != lines[0]:
             form["header"] = str(lines.index(kept[begin]) + 1)

@@ -130,13 +130,13 @@ class SensorColumn(LogColumn):
 HINTS = (
     Hint(
         "gyro",
-        r"gyr|angular_velocity|omega|(^|_|\.)w_?[xyz](?![a-z])|(^|_)g[xyz]$|(^|\.)wb\[",
+        r"gyr|angular_velocity|omega|(^|_|\.)w_?(rs_s_)?[xyz](?![a-z])|(^|_)g[xyz]$|(^|\.)wb\[",
         by_axis=True,
         analysis="bias_log",
     ),
     Hint(
         "accelerometer",
-        r"acc|specific_force|(^|_|\.)a_?[xyz](?![a-z])|(^|\.)fb\[",
+        r"acc|specific_force|(^|_|\.)a_?(rs_s_)?[xyz](?![a-z])|(^|\.)fb\[",
         units=(("g", 0.5, 2.0), ("m/s2", 5.0, 20.0), ("mg", 500.0, 2000.0)),
         by_axis=True,
         analysis="bias_log",
