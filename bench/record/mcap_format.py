@@ -66,9 +66,9 @@ def header(profile: str, library: str) -> bytes:
     return record(HEADER, text(profile) + text(library))
 
 
-def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> bytes:
-    """Return channel record without a schema (schema 0)."""
-    content = struct.pack("<HH", number, 0) + text(topic) + text(encoding) + text_map(metadata)
+def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str], schema: int = 0) -> bytes:
+    """Return channel record; schema 0 is none."""
+    content = struct.pack("<HH", number, schema) + text(topic) + text(encoding) + text_map(metadata)
     return record(CHANNEL, content)
 
 
@@ -114,9 +114,21 @@ def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mappin
     return record(STATISTICS, head + per_channel)
 
 
-def summary_offset(opcode: int, start: int, length: int) -> bytes:
-    """Summary offset record of one group."""
-    return record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))
+def ending(crc: int, place: int, groups: Sequence[tuple[int, bytes]]) -> bytes:
+    """Return data end, summary and footer behind the ``place`` bytes of data, whose CRC is ``crc``.
+
+    ``groups``: records of the summary, by opcode.
+    """
+    data_end = record(DATA_END, crc.to_bytes(4, "little"))
+    start = at = place + len(data_end)
+    offsets = b""
+    for opcode, content in groups:
+        offsets += record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, at, len(content)))
+        at += len(content)
+    summary = b"".join([*(content for _, content in groups), offsets])
+    footer = FOOTER_RECORD.pack(FOOTER, 20, start, at, 0)[:-4]
+    checked = zlib.crc32(footer, zlib.crc32(summary)).to_bytes(4, "little")
+    return b"".join((data_end, summary, footer, checked, MAGIC))
 
 
 @dataclass(frozen=True)

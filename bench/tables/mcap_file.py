@@ -12,11 +12,11 @@ import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import lz4.frame
 import numpy as np
 
 from bench import __version__
 from bench.record import mcap_format as mcap
+from bench.record.segment import chunk_of
 from bench.tables.columns import UNITS
 from bench.tables.library import pandas
 from bench.tables.plain import flat, words_of
@@ -39,8 +39,7 @@ class _Channel:
         head = number.to_bytes(2, "little")
         described = head + mcap.text(name) + mcap.text("jsonschema") + len(schema).to_bytes(4, "little") + schema
         self.schema = mcap.record(_SCHEMA, described)
-        encoded = mcap.text(topic) + mcap.text("json") + mcap.text_map({"session": block.attrs["session"]})
-        self.channel = mcap.record(mcap.CHANNEL, head + head + encoded)
+        self.channel = mcap.channel(number, topic, "json", {"session": block.attrs["session"]}, number)
 
 
 def json_schema(topic: str, block: DataFrame) -> dict[str, Any]:
@@ -112,14 +111,10 @@ class McapFile:
             return
         records = b"".join(self._parts)
         times = [t_ns for entries in self._entries.values() for t_ns in entries[::2]]
-        span, packed, place = (min(times), max(times)), lz4.frame.compress(records), self._at
-        self._put(mcap.chunk_head(*span, len(records), zlib.crc32(records), len(packed)) + packed)
-        length, places = self._at - place, list[int]()
-        for number, entries in self._entries.items():
-            places += (number, self._at)
-            self._put(mcap.message_index(number, entries))
-        sizes = (len(packed), len(records))
-        self._indexes.append(mcap.chunk_index(span, (place, length), places, self._at - place - length, sizes))
+        span = min(times), max(times)
+        parts, _, index = chunk_of(records, span, self._entries, self._at)
+        self._put(b"".join(parts))
+        self._indexes.append(index)
         before = self._span or span
         self._span = (min(before[0], span[0]), max(before[1], span[1]))
         self._parts, self._size, self._entries = [], 0, {}
@@ -127,7 +122,6 @@ class McapFile:
     def close(self) -> None:
         """Write data end, summary and footer."""
         self._flush()
-        self._put(mcap.record(mcap.DATA_END, self._crc.to_bytes(4, "little")))
         channels = sorted(self._channels.values(), key=lambda channel: channel.number)
         counts = {channel.number: channel.messages for channel in channels}
         groups = [
@@ -136,15 +130,7 @@ class McapFile:
             (mcap.STATISTICS, self._statistics(counts)),
             (mcap.CHUNK_INDEX, b"".join(self._indexes)),
         ]
-        start = at = self._at
-        offsets = []
-        for opcode, content in groups:
-            offsets.append(mcap.summary_offset(opcode, at, len(content)))
-            at += len(content)
-        summary = b"".join([*(content for _, content in groups), *offsets])
-        footer = mcap.FOOTER_RECORD.pack(mcap.FOOTER, 20, start, at, 0)[:-4]
-        crc = zlib.crc32(footer, zlib.crc32(summary))
-        self._put(summary + footer + crc.to_bytes(4, "little") + mcap.MAGIC)
+        self._put(mcap.ending(self._crc, self._at, groups))
         self._stream.close()
 
     def abandon(self) -> None:

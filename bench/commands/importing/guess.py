@@ -6,7 +6,9 @@ import math
 import re
 import sys
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +25,9 @@ FILL_IN = "FILL_IN"
 _TIME = re.compile(r"(^|[^a-z])(t|ts|utc|tow|sec|secs|seconds|ms|us|ns)([^a-z]|$)|time|date|stamp|epoch")
 _EPOCHS = (("s", 5e8, 5e9), ("ms", 5e11, 5e12), ("us", 5e14, 5e15), ("ns", 5e17, 5e18))
 _NO_DATE = "1970-01-01T00:00:00Z"
-_DATE = re.compile(
-    r"(\d{1,4})([/.-])(\d{1,2})\2(\d{2,4})(\D+)\d{1,2}:\d{2}:\d{2}(\.\d{1,6})?(?:( ?)[AP]M)?", re.IGNORECASE
-)
+_DATES = ("%d/%m/%Y", "%m/%d/%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%Y", "%d.%m.%y", "%d-%m-%Y", "%Y/%m/%d", "%Y.%m.%d")
+_PATTERNS = [f"{date} %H:%M:%S{more}" for date in _DATES for more in ("", ".%f")]
+_PATTERNS += [f"{date} %I:%M:%S{more}%p" for date in ("%m/%d/%Y", "%m/%d/%y") for more in (" ", "", ".%f ")]
 _DAY_s = 86400.0
 _SERIAL_DAYS = (36526.0, 73051.0)  # of the years 2000 to 2099 in a spreadsheet
 _LONG_s = 120.0  # between rows whose times are such days
@@ -179,21 +181,16 @@ def _dated(values: Sequence[str]) -> str | None:
     first = moment_of(values[0])
     if first is not None:
         return f"{{role: time, format: iso, zone: {'UTC' if first.tzinfo else FILL_IN}}}  # {values[0]}"
-    dates = [date for date in map(_DATE.fullmatch, values) if date is not None]
-    if not dates:
-        return None
-    begin, mark, _, end, between, fraction, blank = dates[0].groups()
-    clock = f"{between}%H:%M:%S" if blank is None else f"{between}%I:%M:%S{'.%f' if fraction else ''}{blank}%p"
-    clock += ".%f" if fraction and blank is None else ""
-    year = "%Y" if len(end) == 4 else "%y"
-    days, months = (f"{mark.join((*order, year))}{clock}" for order in (("%d", "%m"), ("%m", "%d")))
-    large = [max(int(date[place]) for date in dates) > 12 for place in (1, 3)]
-    form, more = FILL_IN, f": {quoted(days)} or {quoted(months)}"
-    if len(begin) == 4:
-        form, more = quoted(f"%Y{mark}%m{mark}%d{clock}"), ""
-    elif any(large) or mark == "." or blank is not None:
-        form, more = quoted(days if large[0] or mark == "." else months), ""
-    return f"{{role: time, format: {form}, zone: {FILL_IN}}}  # {values[0]}{more}"
+    fitting = [pattern for pattern in _PATTERNS if all(_reads(text, pattern) for text in values)]
+    form = quoted(fitting[0]) if len(fitting) == 1 else FILL_IN
+    entry = f"{{role: time, format: {form}, zone: {FILL_IN}}}  # {values[0]}: {' or '.join(map(quoted, fitting))}"
+    return entry if fitting else None
+
+
+def _reads(text: str, pattern: str) -> bool:
+    with suppress(ValueError):
+        return bool(datetime.strptime(text, pattern))
+    return False
 
 
 def _counted(name: str, values: Numbers, told: bool) -> str:
