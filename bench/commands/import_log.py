@@ -18,7 +18,7 @@ from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
 from bench.plan import LogMapping, load_mapping, names_made_of_logs
 from bench.record import SessionWriter
-from bench.replay import IMPORT, LINK, MAPPING, LogParser, Survey, survey
+from bench.replay import IMPORT, LINK, MAPPING, LogParser, survey
 from bench.run.bench.transcript import new_folder
 from bench.run.provenance import software
 from bench.session.finish import finish
@@ -68,7 +68,7 @@ def _known_analysis(document: Document[LogMapping]) -> None:
         ) from error
 
 
-def _segments_inside(document: Document[LogMapping], surveyed: Survey) -> None:
+def _segments_inside(document: Document[LogMapping], surveyed: LogParser) -> None:
     outside = document.model.beyond(surveyed.counts.rows)
     if outside is not None:
         place, message, cure = outside
@@ -84,7 +84,7 @@ def _results(folder: Path, out: Path) -> int:
     return print_finished(finished, console())
 
 
-def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: Survey, out: Path) -> Path:
+def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: LogParser, out: Path) -> Path:
     """Return the session: every line of the file is a message, stamped with the time of its row."""
     mapping = document.model
     name = session_name(mapping, surveyed)
@@ -107,7 +107,7 @@ def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: 
     return folder
 
 
-def session_name(mapping: LogMapping, surveyed: Survey) -> str:
+def session_name(mapping: LogMapping, surveyed: LogParser) -> str:
     """Return ``<UTC of the first row>_<mapping>_<serial number>``."""
     start = datetime.fromtimestamp(surveyed.first_ns // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]", "-", mapping.uut.serial)
@@ -115,7 +115,7 @@ def session_name(mapping: LogMapping, surveyed: Survey) -> str:
 
 
 def _manifest(
-    document: Document[LogMapping], name: str, file: Path, surveyed: Survey, origin: Mapping[str, Any]
+    document: Document[LogMapping], name: str, file: Path, surveyed: LogParser, origin: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return manifest of an imported session (docs/session-format.md); the mapping stands where a plan would."""
     mapping = document.model
@@ -145,7 +145,7 @@ def _manifest(
         "log": {
             "file": file.name,
             "bytes": surveyed.size,
-            "sha256": surveyed.sha256,
+            "sha256": surveyed.digest.hexdigest(),
             "rows": counts.rows,
             "overload_rows": counts.overload_rows,
             "bad_rows": counts.bad_rows,

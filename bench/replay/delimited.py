@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -118,16 +119,20 @@ def listed(bad: Sequence[tuple[int, str]]) -> str:
 
 
 class LogParser:
-    """Takes the lines of one log in order and gives its rows. ``name`` is the file in messages."""
+    """Takes the lines of one log in order and gives its rows. ``name`` is the file in messages.
+
+    ``first_ns``, ``last_ns``: times of the first and last row, UTC since 1970; ``size``, ``digest``: of all lines.
+    """
 
     def __init__(self, mapping: LogMapping, name: str) -> None:
         self.counts = LogCounts()
+        self.size, self.digest = 0, hashlib.sha256()
         self._name = name
         self._form = mapping.file
         self._columns = list(mapping.values.items())
         self._time_header, column = mapping.time
         self._counts_rows = column.format == ROWS
-        self._none_left_out = mapping.counts_rows
+        self._none_left_out, self._bad_rows = mapping.counts_rows, mapping.bad_rows
         self._may_wrap = column.format == ELAPSED
         self._time = TimeReader(column, mapping.file.decimal)
         self._sentinels = _Sentinels(mapping.overload, mapping.file)
@@ -137,7 +142,7 @@ class LogParser:
         self._line = 0
         self._open = False  # the piece of a line that came last has no end
         self._shortest = MAX_LINE_BYTES  # text in the last column
-        self._first_ns = 0
+        self.first_ns = self.last_ns = 0
         self._last: LogRow | None = None
         self._ahead_ns = 0  # of a counter that began anew
         if self._form.names is not None:
@@ -148,6 +153,8 @@ class LogParser:
 
         Raises: InputError B-IMP-002 (not text), B-IMP-003 (a column is missing), B-IMP-006 (time goes back).
         """
+        self.size += len(raw)
+        self.digest.update(raw)
         begins, self._open = not self._open, not raw.endswith(b"\n")
         self._line += begins
         if b"\0" in raw or not begins:
@@ -178,16 +185,35 @@ class LogParser:
             self.counts.bad.append((self._line, why))
 
     def finish(self) -> None:
-        """Say that the file has ended. Raises InputError B-IMP-004 if there was no header or no row."""
-        what = "no row that can be read" if self._width else "no line of column names"
+        """Say that the file has ended.
+
+        Raises: InputError B-IMP-001 (empty), B-IMP-004 (no header, or no row), B-IMP-005 (too many bad rows).
+        """
+        if self.size == 0:
+            raise InputError("B-IMP-001", "is empty", where=self._name, next_step="name the file of the log")
         if self.counts.rows:
+            self._few_are_bad(self.counts.bad_rows, self.counts.rows + self.counts.bad_rows)
             return
+        what = "no row that can be read" if self._width else "no line of column names"
         why = f"; {listed(self.counts.bad)}" if self.counts.bad else ""
         raise InputError(
             "B-IMP-004",
             f"holds {what}{why}",
             where=self._name,
             next_step="compare delimiter, header and time format of the mapping with the first lines of the file",
+        )
+
+    def _few_are_bad(self, bad: int, lines: int) -> None:
+        if bad <= self._bad_rows * lines:
+            return
+        step = "correct the mapping, or allow more there with 'bad_rows: 1 %'; they are left out and counted"
+        if self._none_left_out:
+            step = "correct those lines, or cut the file in front of them: the mapping counts rows, so none is left out"
+        raise InputError(
+            "B-IMP-005",
+            f"{bad} of {lines} rows cannot be read, {100 * self._bad_rows:g} % may be: {listed(self.counts.bad)}",
+            where=self._name,
+            next_step=step,
         )
 
     def _text(self, raw: bytes) -> str:
@@ -286,16 +312,16 @@ class LogParser:
     def _in_order(self, row: LogRow) -> LogRow:
         last = self._last
         if last is None:
-            self._first_ns = row.t_ns
+            self.first_ns = row.t_ns
         elif row.t_ns < last.t_ns:
             row = self._counted_on(row, last)
-        self._last = row
+        self._last, self.last_ns = row, row.t_ns
         return row
 
     def _counted_on(self, row: LogRow, last: LogRow) -> LogRow:
         """Return a row at which a counter of 32 bits began anew, with its time as if it had more."""
         back_ns = last.t_ns - row.t_ns
-        usual_ns = (last.t_ns - self._first_ns) / max(1, self.counts.rows - 1)
+        usual_ns = (last.t_ns - self.first_ns) / max(1, self.counts.rows - 1)
         for tick, tick_ns in _TICKS.items():
             whole_ns = tick_ns << 32
             if self._may_wrap and 0 < whole_ns - back_ns <= FEW * usual_ns < whole_ns / RARE:

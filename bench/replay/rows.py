@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -132,11 +133,7 @@ def _notes(manifest: Mapping[str, Any], definitions: Mapping[str, FrameDefinitio
 
 
 def _added(before: LinkCounts, more: LinkCounts) -> LinkCounts:
-    return LinkCounts(
-        before.bytes + more.bytes, before.frames + more.frames, before.bad + more.bad, before.lost + more.lost,
-        before.duplicate + more.duplicate, before.skipped_bytes + more.skipped_bytes, before.suspect + more.suspect,
-        before.other + more.other,
-    )  # fmt: skip
+    return LinkCounts(*map(add, astuple(before), astuple(more)))
 
 
 def _inside(at: NDArray[np.intp], begin: int, stop: int) -> NDArray[np.intp]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import zlib
 from array import array
@@ -22,7 +21,7 @@ from bench.model.errors import InputError, SessionDamaged
 from bench.model.yamlio import parse_yaml
 from bench.plan import LogMapping, language_of_mapping
 from bench.record import SessionReader
-from bench.replay.delimited import LogCounts, LogParser, lines_of, listed
+from bench.replay.delimited import LogCounts, LogParser, lines_of
 from bench.replay.wording import say
 
 READ_BYTES = 1 << 20
@@ -36,39 +35,16 @@ MAPPING = "mapping.yaml"
 _TOPIC = f"/link/{LINK}/rx"
 
 
-@dataclass(frozen=True)
-class Survey:
-    """Times of the first and last row, UTC in ns since 1970; size and SHA-256 of the file as it was read."""
-
-    first_ns: int
-    last_ns: int
-    counts: LogCounts
-    size: int
-    sha256: str
-
-
-def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> Survey:
+def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> LogParser:
     """Read the lines of a log through a mapping; ``name`` is the file in messages.
 
-    Raises: InputError B-IMP-001 (empty), B-IMP-005 (too many rows cannot be read), and those of
-            bench.replay.delimited.LogParser.
+    Raises: InputError B-IMP-001 to B-IMP-006, as bench.replay.delimited.LogParser.
     """
-    parser, digest, size = LogParser(mapping, name), hashlib.sha256(), 0
-    first_ns = last_ns = None
+    parser = LogParser(mapping, name)
     for line in lines:
-        digest.update(line)
-        size += len(line)
-        row = parser.row(line)
-        if row is not None:
-            first_ns = row.t_ns if first_ns is None else first_ns
-            last_ns = row.t_ns
-    if size == 0:
-        raise InputError("B-IMP-001", "is empty", where=name, next_step="name the file of the log")
-    _few_bad_rows(parser.counts, mapping, name)
+        parser.row(line)
     parser.finish()
-    assert first_ns is not None
-    assert last_ns is not None
-    return Survey(first_ns, last_ns, parser.counts, size, digest.hexdigest())
+    return parser
 
 
 def file_lines(path: Path, size: int | None = None) -> Iterator[bytes]:
@@ -120,21 +96,6 @@ def _chunks(path: Path, size: int | None) -> Iterator[bytes]:
         ) from error
 
 
-def _few_bad_rows(counts: LogCounts, mapping: LogMapping, name: str) -> None:
-    lines = counts.rows + counts.bad_rows
-    if counts.rows and counts.bad_rows > mapping.bad_rows * lines:
-        step = "correct the mapping, or allow more there with 'bad_rows: 1 %'; they are left out and counted"
-        if mapping.counts_rows:
-            step = "correct those lines, or cut the file in front of them: the mapping counts rows, so none is left out"
-        raise InputError(
-            "B-IMP-005",
-            f"{counts.bad_rows} of {lines} rows cannot be read, {100 * mapping.bad_rows:g} % may be: "
-            f"{listed(counts.bad)}",
-            where=name,
-            next_step=step,
-        )
-
-
 @dataclass(frozen=True)
 class ImportedSeries:
     """Columns by quantity, (n,) each, base units, NaN where the instrument overloaded; "t_s" from the first row on.
@@ -165,33 +126,19 @@ def replay_series(folder: Path) -> ImportedSeries:
         )
     mapping = parse_yaml(texts[MAPPING], MAPPING, language_of_mapping).model
     names = [column.quantity for column in mapping.values.values()]
-    parser, digest = LogParser(mapping, str(manifest.get("log", {}).get("file", folder))), hashlib.sha256()
+    log = manifest.get("log", {})
+    parser = LogParser(mapping, str(log.get("file", folder)))
     held = [array("d") for _ in ("t_s", *names)]
-    first_ns = None
-    for line in lines_of(_payloads(reader)):
-        digest.update(line)
+    for line in lines_of(message.payload for message in reader.messages(frozenset({_TOPIC}))):
         row = parser.row(line)
         if row is not None:
-            first_ns = row.t_ns if first_ns is None else first_ns
-            for store, value in zip(held, ((row.t_ns - first_ns) / NS, *row.values), strict=True):
+            for store, value in zip(held, ((row.t_ns - parser.first_ns) / NS, *row.values), strict=True):
                 store.append(value)
     parser.finish()
     columns = {name: np.array(store) for name, store in zip(("t_s", *names), held, strict=True)}
-    return ImportedSeries(columns, parser.counts, digest.hexdigest(), _notes(manifest, parser, digest.hexdigest()))
-
-
-def _payloads(reader: SessionReader) -> Iterator[bytes]:
-    for message in reader.messages(frozenset({_TOPIC})):
-        yield message.payload
-
-
-def _notes(manifest: Mapping[str, object], parser: LogParser, sha256: str) -> tuple[str, ...]:
-    said = parser.counts.sentences()
-    log = manifest.get("log")
-    log = log if isinstance(log, Mapping) else {}
+    said, sha256, recorded = parser.counts.sentences(), parser.digest.hexdigest(), log.get("sha256")
     if broken := log.get("origin", {}).get("broken"):
         said.append(say("log.broken", parts=broken))
-    recorded = log.get("sha256")
-    if recorded is not None and recorded != sha256:
+    if recorded not in (None, sha256):
         said.append(say("log.changed", then=recorded[:12], now=sha256[:12]))
-    return tuple(said)
+    return ImportedSeries(columns, parser.counts, sha256, tuple(said))

@@ -28,7 +28,7 @@ from bench.record import RecordRow, SessionWriter
 from bench.replay import compare, moved_rows, replay_rows
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
 from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
-from bench.replay.series import Survey, file_lines, survey
+from bench.replay.series import file_lines, survey
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 from sim_instruments.faults.switchboard import LinkFaults
@@ -321,7 +321,7 @@ def read(content: bytes, mapping: LogMapping) -> tuple[list[LogRow], LogParser]:
     return rows, parser
 
 
-def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> Survey:
+def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> LogParser:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     return survey(file_lines(path), mapping or mapped(), str(path))
