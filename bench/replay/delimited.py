@@ -6,8 +6,9 @@ import csv
 import hashlib
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta, timezone
 from decimal import Decimal, InvalidOperation
 
@@ -93,9 +94,9 @@ class LogCounts:
     bad_rows: int = 0
     nul_lines: int = 0
     cut_line: int = 0
-    wraps: dict[str, int] = field(default_factory=dict)
+    wraps: Counter[str] = field(default_factory=Counter)
     overload_rows: int = 0
-    overloads: dict[str, int] = field(default_factory=dict)
+    overloads: Counter[str] = field(default_factory=Counter)
     bad: list[tuple[int, str]] = field(default_factory=list)
 
     def sentences(self) -> list[str]:
@@ -143,7 +144,7 @@ class LogParser:
         self._open = False  # the piece of a line that came last has no end
         self._shortest = MAX_LINE_BYTES  # text in the last column
         self.first_ns = self.last_ns = 0
-        self._last: LogRow | None = None
+        self._last_line = 0  # with a row
         self._ahead_ns = 0  # of a counter that began anew
         if self._form.names is not None:
             self._take_header(self._form.names)
@@ -263,7 +264,6 @@ class LogParser:
         numbered = self._counts_rows and self._time_header not in names  # nothing of the column is read
         self._time_at = 0 if numbered else self._place(names, self._time_header)
         self._readers = [(self._place(names, header), column, column.factor) for header, column in self._columns]
-        self.counts.overloads = {}
 
     def _place(self, names: list[str], header: str) -> int:
         if names.count(header) == 1:
@@ -298,42 +298,33 @@ class LogParser:
                 values.append(number * factor)
             else:
                 raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
-        row = self._in_order(LogRow(self._line, t_ns + self._ahead_ns, tuple(values)))
+        t_ns += self._ahead_ns
+        if self._last_line == 0:
+            self.first_ns = t_ns
+        elif t_ns < self.last_ns:
+            t_ns += self._further_ns(self.last_ns - t_ns)
+        self._last_line, self.last_ns = self._line, t_ns
         self._shortest = min(self._shortest, last)
-        self._count(over)
-        return row
-
-    def _count(self, over: list[str]) -> None:
         self.counts.rows += 1
         self.counts.overload_rows += bool(over)
-        for name in over:
-            self.counts.overloads[name] = self.counts.overloads.get(name, 0) + 1
+        self.counts.overloads.update(over)
+        return LogRow(self._line, t_ns, tuple(values))
 
-    def _in_order(self, row: LogRow) -> LogRow:
-        last = self._last
-        if last is None:
-            self.first_ns = row.t_ns
-        elif row.t_ns < last.t_ns:
-            row = self._counted_on(row, last)
-        self._last, self.last_ns = row, row.t_ns
-        return row
-
-    def _counted_on(self, row: LogRow, last: LogRow) -> LogRow:
-        """Return a row at which a counter of 32 bits began anew, with its time as if it had more."""
-        back_ns = last.t_ns - row.t_ns
-        usual_ns = (last.t_ns - self.first_ns) / max(1, self.counts.rows - 1)
+    def _further_ns(self, back_ns: int) -> int:
+        """Return what a counter of 32 bits lost when it began anew and went back by ``back_ns``."""
+        usual_ns = (self.last_ns - self.first_ns) / max(1, self.counts.rows - 1)
         for tick, tick_ns in _TICKS.items():
             whole_ns = tick_ns << 32
             if self._may_wrap and 0 < whole_ns - back_ns <= FEW * usual_ns < whole_ns / RARE:
                 self._ahead_ns += whole_ns
-                self.counts.wraps[tick] = self.counts.wraps.get(tick, 0) + 1
-                return replace(row, t_ns=row.t_ns + whole_ns)
+                self.counts.wraps[tick] += 1
+                return whole_ns
         if self._open:
             raise ValueError
         raise InputError(
             "B-IMP-006",
-            f"the time goes back by {back_ns / 1e9:g} s after line {last.line}",
-            where=f"{self._name}:{row.line}",
+            f"the time goes back by {back_ns / 1e9:g} s after line {self._last_line}",
+            where=f"{self._name}:{self._line}",
             next_step="cut the file where the clock was set or the log began anew, and import the parts",
         )
 
