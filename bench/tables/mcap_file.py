@@ -17,7 +17,7 @@ import numpy as np
 from bench import __version__
 from bench.record import mcap_format as mcap
 from bench.record.segment import chunk_of
-from bench.tables.columns import UNITS
+from bench.tables.columns import T_MONO, UNITS
 from bench.tables.library import pandas
 from bench.tables.plain import flat, words_of
 
@@ -33,13 +33,21 @@ _MESSAGE_FIXED = _MESSAGE.size - mcap.RECORD.size
 class _Channel:
     """A table: its records in the file, and how many of its messages are written."""
 
-    def __init__(self, number: int, topic: str, block: DataFrame) -> None:
-        self.number, self.messages = number, 0
+    def __init__(self, file: McapFile, topic: str, block: DataFrame) -> None:
+        self._file, self.messages = file, 0
+        self.number = number = len(file.channels) + 1
         name, schema = topic.strip("/").replace("/", "."), json.dumps(json_schema(topic, block)).encode()
         head = number.to_bytes(2, "little")
         described = head + mcap.text(name) + mcap.text("jsonschema") + len(schema).to_bytes(4, "little") + schema
         self.schema = mcap.record(_SCHEMA, described)
         self.channel = mcap.channel(number, topic, "json", {"session": block.attrs["session"]}, number)
+
+    def write(self, block: DataFrame) -> None:
+        """Append rows, each at its time."""
+        self._file.write(self, block)
+
+    def close(self) -> None:
+        """Nothing: the file is finished as a whole."""
 
 
 def json_schema(topic: str, block: DataFrame) -> dict[str, Any]:
@@ -68,11 +76,12 @@ def _holds_objects(column: Series) -> bool:
 
 
 class McapFile:
-    """Writes an MCAP file, lz4 chunks of about a megabyte; ``channel`` before the first row of a table."""
+    """Writes an MCAP file, lz4 chunks of about a megabyte. ``offset_ns``: UTC minus the monotonic time of rows."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, offset_ns: int) -> None:
         self._stream = path.open("wb")
-        self._channels: dict[str, _Channel] = {}
+        self._offset_ns, self._last_ns = offset_ns, 0
+        self.channels: list[_Channel] = []
         self._parts: list[bytes] = []
         self._size = 0
         self._entries: dict[int, list[int]] = {}
@@ -81,15 +90,18 @@ class McapFile:
         self._crc = self._at = 0
         self._put(mcap.MAGIC + mcap.header("", f"inertial-bench {__version__}"))
 
-    def channel(self, topic: str, block: DataFrame) -> None:
+    def channel(self, topic: str, block: DataFrame) -> _Channel:
         """Begin a table; ``block`` has its columns."""
-        made = _Channel(len(self._channels) + 1, topic, block)
-        self._channels[topic] = made
+        made = _Channel(self, topic, block)
+        self.channels.append(made)
         self._put(made.schema + made.channel)
+        return made
 
-    def write(self, topic: str, block: DataFrame, t_utc_ns: list[int]) -> None:
-        """Append rows, each at its time."""
-        channel = self._channels[topic]
+    def write(self, channel: _Channel, block: DataFrame) -> None:
+        """Append rows, each at its time; those that have none, such as estimates, at the last one before."""
+        timed = block[T_MONO].tolist() if T_MONO in block else [self._last_ns - self._offset_ns] * len(block)
+        t_utc_ns = [t_ns + self._offset_ns for t_ns in timed]
+        self._last_ns = max([self._last_ns, *t_utc_ns])
         pairs = zip(*(_pairs(name, block[column]) for column, name in words_of(block).items()), strict=True)
         for t_ns, row in zip(t_utc_ns, pairs, strict=True):
             text = "{" + ",".join(filter(None, row)) + "}"
@@ -122,11 +134,10 @@ class McapFile:
     def close(self) -> None:
         """Write data end, summary and footer."""
         self._flush()
-        channels = sorted(self._channels.values(), key=lambda channel: channel.number)
-        counts = {channel.number: channel.messages for channel in channels}
+        counts = {channel.number: channel.messages for channel in self.channels}
         groups = [
-            (_SCHEMA, b"".join(channel.schema for channel in channels)),
-            (mcap.CHANNEL, b"".join(channel.channel for channel in channels)),
+            (_SCHEMA, b"".join(channel.schema for channel in self.channels)),
+            (mcap.CHANNEL, b"".join(channel.channel for channel in self.channels)),
             (mcap.STATISTICS, self._statistics(counts)),
             (mcap.CHUNK_INDEX, b"".join(self._indexes)),
         ]
