@@ -8,7 +8,7 @@ from bench.replay.described import frames_of, session_frames
 from bench.replay.history import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.replay.parts import Splice, moved_rows
 from bench.replay.rows import Replayed, replay_rows
-from bench.replay.series import IMPORT, LINK, MAPPING, file_lines, replay_series, survey, text_forms
+from bench.replay.series import IMPORT, LINK, MAPPING, file_lines, first_bytes, replay_series, survey, text_forms
 
 __all__ = [
     "ABSENT",
@@ -27,6 +27,7 @@ __all__ = [
     "compare",
     "decoded_frames",
     "file_lines",
+    "first_bytes",
     "frames_of",
     "history",
     "moved_rows",

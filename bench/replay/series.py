@@ -49,7 +49,15 @@ def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> LogParser:
 
 def file_lines(path: Path, size: int | None = None) -> Iterator[bytes]:
     """Yield lines of a text, or of its first ``size`` bytes: a log may grow while it is read. Raises B-IMP-001."""
-    yield from lines_of(_chunks(path, size))
+    yield from lines_of(first_bytes(_chunks(path), size))
+
+
+def first_bytes(chunks: Iterable[bytes], size: int | None) -> Iterator[bytes]:
+    """Yield chunks of bytes up to so many in all; None: all."""
+    for chunk in chunks:
+        yield chunk[:size]
+        if size is not None and (size := size - len(chunk)) <= 0:
+            return
 
 
 def text_forms(path: Path) -> list[str]:
@@ -78,14 +86,10 @@ def _plain(file: BufferedReader) -> tuple[list[str], Iterator[bytes]]:
     return [*(["gzip"] if packed else []), *([wide] if wide else []), *(["CR"] if returns else [])], chunks()
 
 
-def _chunks(path: Path, size: int | None) -> Iterator[bytes]:
-    left = size
+def _chunks(path: Path) -> Iterator[bytes]:
     try:
         with path.open("rb") as stream:
-            for chunk in _plain(stream)[1]:
-                yield chunk[:left]
-                if left is not None and (left := left - len(chunk)) <= 0:
-                    return
+            yield from _plain(stream)[1]
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(

@@ -46,9 +46,8 @@ def mcap_table(path: Path, topic: str | None) -> MessageTable:
     Raises: InputError B-IMP-011 for the topic or another encoding, B-TAB-001 without the library mcap (or rosbags).
     """
     make_reader = library("mcap.reader").make_reader
-    whole = _Whole(path)
-    channels = {record.topic: record for record in whole.records() if hasattr(record, "topic")}
-    broken = whole.broken
+    broken: list[object] = []
+    channels = {record.topic: record for record in _records(path, broken) if hasattr(record, "topic")}
     if broken and not channels:
         raise ValueError("it is cut off or broken at its begin")
     chosen = _chosen(path, topic, channels)
@@ -60,48 +59,32 @@ def mcap_table(path: Path, topic: str | None) -> MessageTable:
 
     def read() -> Iterator[Fields]:
         with path.open("rb") as file:
-            messages = (message for _, _, message in make_reader(file).iter_messages(topics=[chosen]))
-            for message in whole.messages(chosen) if broken else messages:
+            messages: Iterator[Any] = (message for _, _, message in make_reader(file).iter_messages(topics=[chosen]))
+            if broken:
+                told = (record for record in _records(path, []) if type(record).__name__ == "Message")
+                mine = (message for message in told if message.channel_id == channels[chosen].id)
+                messages = iter(sorted(mine, key=lambda message: int(message.log_time)))
+            for message in messages:
                 yield {LOG_TIME: message.log_time} | dict(_flat("", json.loads(message.data)))
 
-    return _table(path, chosen, read, broken)
+    return _table(path, chosen, read, len(broken))
 
 
-@dataclass
-class _Whole:
-    """Records of an MCAP file in its order, without those in broken or missing parts, which are counted."""
-
-    path: Path
-    broken: int = 0
-
-    def records(self) -> Iterator[Any]:
-        self.broken, streams = 0, library("mcap.stream_reader")
-        with self.path.open("rb") as file:
-            try:
-                for record in streams.StreamReader(file, emit_chunks=True).records:
-                    yield from self._within(streams, record)
-            except Exception:  # whatever the library raises: nothing behind it can be told
-                self.broken += 1
-
-    def _within(self, streams: Any, record: Any) -> Sequence[Any]:
-        if not hasattr(record, "uncompressed_crc"):
-            return [record]
+def _records(path: Path, broken: list[object]) -> Iterator[Any]:
+    """Yield records of an MCAP file in its order, without those in broken or missing parts, which are noted."""
+    streams = library("mcap.stream_reader")
+    with path.open("rb") as file:
         try:
-            chunk: Sequence[Any] = streams.breakup_chunk(record, validate_crc=True)
-        except Exception:
-            self.broken += 1
-            return []
-        return chunk
-
-    def messages(self, topic: str) -> Iterator[Any]:
-        """Yield messages of a topic by their time."""
-        found, numbers = [], set()
-        for record in self.records():
-            if getattr(record, "topic", None) == topic:
-                numbers.add(record.id)
-            elif getattr(record, "channel_id", None) in numbers and hasattr(record, "log_time"):
-                found.append(record)
-        yield from sorted(found, key=lambda message: message.log_time)
+            for record in streams.StreamReader(file, emit_chunks=True).records:
+                try:
+                    is_chunk = hasattr(record, "uncompressed_crc")
+                    within = streams.breakup_chunk(record, validate_crc=True) if is_chunk else [record]
+                except Exception as error:  # whatever the library raises
+                    broken.append(error)
+                else:
+                    yield from within
+        except Exception as error:  # nothing behind it can be told
+            broken.append(error)
 
 
 def bag_table(path: Path, topic: str | None) -> MessageTable:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from bench.model.errors import InputError
 from bench.plan import ROWS, LogMapping, suggestion
-from bench.replay import file_lines, text_forms
+from bench.replay import file_lines, first_bytes, text_forms
 from bench.tables.foreign.opening import ForeignTable, kind_of, open_table
 
 
@@ -32,16 +32,10 @@ class OtherLog:
             self._table = open_table(path, self._kind, mapping.file.topic)
 
     def lines(self, size: int | None = None) -> Iterator[bytes]:
-        """Yield lines with their ends; ``size``: of a survey before, in bytes: what was added since is left out."""
+        """Return lines with their ends; ``size``: of a survey before, in bytes: what was added since is left out."""
         if self._table is None:
-            yield from file_lines(self._path, size)
-            return
-        left = size
-        for line in _lines(self._path, self._table, self._mapping):
-            if left is not None and len(line) > left:
-                return
-            left = None if left is None else left - len(line)
-            yield line
+            return file_lines(self._path, size)
+        return first_bytes(_lines(self._path, self._table, self._mapping), size)
 
     @property
     def origin(self) -> dict[str, str | int]:
