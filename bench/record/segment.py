@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import lz4.frame
 
 from bench.record import layout, mcap_format
-from bench.record.files import AppendFile
+from bench.record.files import AppendFile, write_all
 
 _HEAD_BYTES = mcap_format.ENVELOPED.size - mcap_format.RECORD.size
 
@@ -188,13 +188,8 @@ class SegmentWriter:
         self._write(mcap_format.ending(self._data_crc, self.offset, groups))
 
     def _write(self, block: bytes) -> None:
-        done = 0
         try:
-            while done < len(block):
-                count = self.file.write(block[done:] if done else block)
-                if count <= 0:
-                    raise OSError(28, "nothing could be written")
-                done += count
+            write_all(self.file, block)
         except OSError:
             self._cut_back()
             raise
