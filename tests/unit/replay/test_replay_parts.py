@@ -1,6 +1,4 @@
-"""Records as events tell them, parts on one axis, rows bit for bit as in the run; and delimited text as loggers of all
-kinds write it.
-"""
+"""Records as events tell them, parts on one axis, rows as in the run; and delimited text as loggers write it."""
 
 from __future__ import annotations
 
@@ -315,9 +313,10 @@ def mapped(*changes: tuple[str, str]) -> LogMapping:
     return parse_yaml(text, "m.yaml", mapping_model()).model
 
 
-def read(content: bytes, mapping: LogMapping) -> tuple[list[LogRow], LogParser]:
+def read(content: bytes, mapping: LogMapping, cut: int = 1 << 30) -> tuple[list[LogRow], LogParser]:
     parser = LogParser(mapping, "log.csv")
-    rows = [row for line in lines_of([content]) if (row := parser.row(line)) is not None]
+    chunks = (content[at : at + cut] for at in range(0, len(content), cut))
+    rows = [row for line in lines_of(chunks) if (row := parser.row(line)) is not None]
     return rows, parser
 
 
@@ -454,14 +453,13 @@ def test_blocks_of_zero_bytes_are_passed_over_and_counted(length: int) -> None:
     block = bytes(length)
     content = LOG.encode() + b"2024-01-" + block + b"2,30,7\n2024-01-01T00:00:20,21,1002\n" + block
     for cut in (len(content), 70_000):
-        parser = LogParser(mapped(), "log.csv")
-        chunks = [content[at : at + cut] for at in range(0, len(content), cut)]
-        rows = [row for line in lines_of(chunks) if (row := parser.row(line)) is not None]
+        rows, parser = read(content, mapped(), cut)
         assert [(row.line, row.values[0]) for row in rows] == [(2, 20.5), (3, 20.6), (5, 21.0)]
-        (said,) = parser.counts.sentences()
-        assert said.startswith("2 lines of the log hold blocks of zero bytes, ")
+        assert parser.counts.sentences()[0].startswith("2 lines of the log hold blocks of zero bytes, ")
     _, parser = read(content, mapped(BY_NUMBER))
     assert parser.counts.bad == [(4, "a block of zero bytes"), (6, "a block of zero bytes")]
+    with pytest.raises(InputError, match=r"B-IMP-005.*Next: correct those lines, or cut the file in front of them: .*"):
+        parser.finish()
 
 
 @pytest.mark.parametrize("tail", ["2024-01-01T00:03:20,20.0", "2024-01-01T00:0", "2024-01-01T00:03:20,20,1."])
@@ -487,11 +485,6 @@ def test_a_counter_of_32_bits_is_counted_on(tick: str, step: int) -> None:
     assert parser.counts.sentences() == [said]
     with pytest.raises(InputError, match="B-IMP-006"):
         read("\n".join(["time,T,U", *(f"{each},20,1" for each in (*ticks[:9], 0)), ""]).encode(), mapping)
-
-
-def test_where_rows_are_counted_none_is_left_out(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"B-IMP-005.*Next: correct those lines, or cut the file in front of them: .*"):
-        surveyed(tmp_path, LOG.encode() + b"x,y,2\n", mapped(BY_NUMBER))
 
 
 def test_declared_bad_rows_and_one_time_twice_are_taken(tmp_path: Path) -> None:
