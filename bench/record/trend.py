@@ -106,13 +106,11 @@ class _Level:
         self._source = source
         self._period_s = period_s
         self._open: TrendRows | None = None
-        self._size = path.stat().st_size if path.exists() else 0
+        size = path.stat().st_size if path.exists() else 0
         self._pending: list[bytes] = []
         self._file: AppendFile = files.append(path)
-        whole = self._size // source.row_type.itemsize * source.row_type.itemsize
-        if whole != self._size:
-            self._file.truncate(whole)
-            self._size = whole
+        if torn := size % source.row_type.itemsize:
+            self._file.truncate(size - torn)
 
     def last_s(self) -> int | None:
         """Start of the newest bucket in the file."""
@@ -148,7 +146,6 @@ class _Level:
     def write(self, block: bytes) -> None:
         """Hand rows to the operating system. Raises: OSError."""
         write_all(self._file, block)
-        self._size += len(block)
 
     def close(self) -> None:
         """Close the file."""
