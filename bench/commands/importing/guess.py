@@ -101,41 +101,42 @@ def _analysis(hints: Sequence[Hint]) -> tuple[str, str]:
 
 
 def _columns(numbers: Mapping[str, Numbers | None], stem: str) -> list[_Column]:
-    """Return the columns with what names tell; x, y and z, or the only one, may be of what the file is named by."""
+    """Return the columns with what names tell; those of one role that come by number as one, ``{0..423}`` in its name.
+
+    The name of the file tells what x, y and z are, or its only column.
+    """
     bare = ("x", "y", "z") if len(numbers) > 1 else ("x", "y", "z", "c0")
-    labels = {name: f"{stem}_{name}" if name in bare else name for name in numbers}
     columns = []
-    for name, values in _together(numbers).items():
-        label = labels.get(name, name)
-        hint = None if values is None else _hint(label)
-        columns.append(_Column(name, values, hint, _axis(label, list(numbers))))
-    taken: set[tuple[str, str]] = set()
-    for at, column in enumerate(columns):
-        if (hint := column.hint) is None or hint.numbered:
-            continue
-        place = hint.role, column.axis if hint.by_axis else ""
-        others = [other.axis for other in columns if other.hint is hint]
-        if place in taken or (hint.by_axis and column.axis == FILL_IN and set(others) != {FILL_IN}):
-            columns[at] = replace(column, hint=None)
-        taken.add(place)
-    return columns
-
-
-def _together(numbers: Mapping[str, Numbers | None]) -> dict[str, Numbers | None]:
-    """Return the columns with those of one role that come by number as one, ``{0..423}`` in its name."""
-    alone: dict[str, Numbers | None] = {}
-    groups: dict[tuple[str, str], dict[int, Numbers]] = {}
+    groups: dict[tuple[str, str], dict[int, _Column]] = {}
     for name, values in numbers.items():
-        hint, digits = _hint(name), list(re.finditer(r"\d+", name))
-        if values is None or hint is None or not hint.numbered or not digits:
-            alone[name] = values
-        else:
+        label = f"{stem}_{name}" if name in bare else name
+        hint, digits = None if values is None else _hint(label), list(re.finditer(r"\d+", name))
+        column = _Column(name, values, hint, _axis(label, list(numbers)))
+        if hint is not None and hint.numbered and digits:
             around = name[: digits[-1].start()], name[digits[-1].end() :]
-            groups.setdefault(around, {})[int(digits[-1][0])] = values
-    return alone | {
-        f"{before}{{{min(group)}..{max(group)}}}{behind}": np.concatenate(list(group.values()))
-        for (before, behind), group in groups.items()
-    }
+            groups.setdefault(around, {})[int(digits[-1][0])] = column
+        else:
+            columns.append(column)
+    for (before, behind), group in groups.items():
+        values = np.concatenate([column.values for column in group.values() if column.values is not None])
+        name = f"{before}{{{min(group)}..{max(group)}}}{behind}"
+        columns.append(replace(group[min(group)], name=name, values=values))
+    return _one_of_each(columns)
+
+
+def _one_of_each(columns: Sequence[_Column]) -> list[_Column]:
+    """Return the columns, those ignored that play a role which another one plays, or plays better."""
+    taken, kept = set[tuple[str, str]](), []
+    for column in columns:
+        hint = column.hint
+        if hint is not None and not hint.numbered:
+            place = hint.role, column.axis if hint.by_axis else ""
+            axes = {other.axis for other in columns if other.hint is hint}
+            if place in taken or (hint.by_axis and column.axis == FILL_IN and len(axes) > 1):
+                column = replace(column, hint=None)
+            taken.add(place)
+        kept.append(column)
+    return kept
 
 
 def _numbers(values: Sequence[str], odd: set[str]) -> Numbers | None:
