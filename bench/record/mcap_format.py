@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import lz4.frame
 import numpy as np
 from numpy.typing import NDArray
 
@@ -105,6 +106,28 @@ def chunk_index(
 @lru_cache(maxsize=64)
 def _listed_of(count: int) -> struct.Struct:
     return struct.Struct(f"<BQQQQQI{'HQ' * count}QI{len(_LZ4)}sQQ")
+
+
+def chunk_of(
+    records: bytes, span: tuple[int, int], entries: Mapping[int, list[int]], place: int
+) -> tuple[list[bytes], int, bytes]:
+    """Return messages as the chunk at ``place`` of a file.
+
+    That is: its parts with the message indexes behind it, their bytes, and its entry in the summary.
+    ``entries``: log time, offset, log time, offset ... by channel.   ``span``: times of the first and last message.
+    """
+    packed = lz4.frame.compress(records)
+    head = chunk_head(*span, len(records), zlib.crc32(records), len(packed))
+    parts = [head, packed]
+    length = at = len(head) + len(packed)
+    places: list[int] = []
+    for number, listed in entries.items():
+        index = message_index(number, listed)
+        parts.append(index)
+        places += (number, place + at)
+        at += len(index)
+    sizes = len(packed), len(records)
+    return parts, at, chunk_index(span, (place, length), places, at - length, sizes)
 
 
 def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mapping[int, int], schemas: int = 0) -> bytes:

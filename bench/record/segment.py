@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-
-import lz4.frame
 
 from bench.record import layout, mcap_format
 from bench.record.files import AppendFile, write_all
@@ -79,28 +77,6 @@ def _moved(entries: list[int], by: int) -> list[int]:
     return [value + by if place % 2 else value for place, value in enumerate(entries)]
 
 
-def chunk_of(
-    records: bytes, span: tuple[int, int], entries: Mapping[int, list[int]], place: int
-) -> tuple[list[bytes], int, bytes]:
-    """Return messages as the chunk at ``place`` of a file.
-
-    That is: its parts with the message indexes behind it, their bytes, and its entry in the summary.
-    ``entries``: log time, offset, log time, offset ... by channel.   ``span``: times of the first and last message.
-    """
-    packed = lz4.frame.compress(records)
-    head = mcap_format.chunk_head(*span, len(records), zlib.crc32(records), len(packed))
-    parts = [head, packed]
-    length = at = len(head) + len(packed)
-    places: list[int] = []
-    for number, listed in entries.items():
-        index = mcap_format.message_index(number, listed)
-        parts.append(index)
-        places += (number, place + at)
-        at += len(index)
-    sizes = len(packed), len(records)
-    return parts, at, mcap_format.chunk_index(span, (place, length), places, at - length, sizes)
-
-
 class SegmentWriter:
     """Writes one segment. ``chain`` is the chain value of the segment before (32 zero bytes for the first)."""
 
@@ -138,7 +114,7 @@ class SegmentWriter:
             if prefix:
                 entries = {number: _moved(entry, len(prefix)) for number, entry in entries.items()}
             records = b"".join((prefix, *buffer.parts))
-            chunk, size, listed = chunk_of(records, (buffer.start_ns, buffer.end_ns), entries, at)
+            chunk, size, listed = mcap_format.chunk_of(records, (buffer.start_ns, buffer.end_ns), entries, at)
             parts += chunk
             indexes.append(listed)
             at += size

@@ -16,7 +16,6 @@ import numpy as np
 
 from bench import __version__
 from bench.record import mcap_format as mcap
-from bench.record.segment import chunk_of
 from bench.tables.columns import T_MONO, UNITS
 from bench.tables.library import pandas
 from bench.tables.plain import flat, words_of
@@ -124,7 +123,7 @@ class McapFile:
         records = b"".join(self._parts)
         times = [t_ns for entries in self._entries.values() for t_ns in entries[::2]]
         span = min(times), max(times)
-        parts, _, index = chunk_of(records, span, self._entries, self._at)
+        parts, _, index = mcap.chunk_of(records, span, self._entries, self._at)
         self._put(b"".join(parts))
         self._indexes.append(index)
         before = self._span or span
