@@ -42,7 +42,7 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     folder = _write(document, file, log, surveyed, out)
     counts = surveyed.counts
     say(f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read")
-    for sentence in counts.sentences():
+    for sentence in counts.salvaged():
         say(sentence)
     if mapping.analysis == NO_ANALYSIS:
         say(f"session  {folder}")

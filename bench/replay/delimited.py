@@ -107,6 +107,11 @@ class LogCounts:
             texts.append(say("log.overload", rows=self.overload_rows, all=self.rows, cells=cells))
         if self.bad_rows:
             texts.append(say("log.bad", rows=self.bad_rows, reasons=listed(self.bad)))
+        return texts + self.salvaged()
+
+    def salvaged(self) -> list[str]:
+        """Return what was left out, or counted on, though no mapping says so."""
+        texts = []
         if self.nul_lines:
             texts.append(say("log.nul", lines=self.nul_lines))
         if self.cut_line:
