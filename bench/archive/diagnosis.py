@@ -11,7 +11,7 @@ from bench.archive.places import Kind, reason_of
 from bench.model.errors import BenchError, SessionDamaged
 from bench.model.events import End, Resume, event_of
 from bench.model.segments import OPEN_MARKER
-from bench.record import SessionReader
+from bench.record import SessionReader, damaged
 from bench.session.released import check_same_recording
 from bench.session.verification import RESULTS, released_results
 from bench.store import StoreError
@@ -76,9 +76,7 @@ def _ended(reader: SessionReader, is_shorter: bool) -> tuple[Kind, BenchError | 
         step = "copy it again from where it is whole"
         return Kind.DAMAGED, SessionDamaged(_OTHER, "shorter than what was archived", next_step=step)
     if damage:
-        more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
-        step = "'bench recover' lists what the session still holds"
-        return Kind.DAMAGED, SessionDamaged("B-REC-011", f"{damage[0]}{more}", where=reader.folder, next_step=step)
+        return Kind.DAMAGED, damaged(reader.folder, damage)
     if reader.unfinished:
         step = "'bench recover' lists what it holds; if it is a copy, make it again"
         return Kind.DAMAGED, _not_ended("the run did not finish", step)

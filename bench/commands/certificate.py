@@ -17,7 +17,6 @@ from bench.analysis import (
     is_sound,
     outlived,
     outlived_text,
-    results_json,
     validate_results,
     without_check_standard,
 )
@@ -28,7 +27,7 @@ from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamage
 from bench.model.events import Environment
 from bench.model.extras import missing_extra
 from bench.record import SessionReader, layout
-from bench.replay import ABSENT, Difference, compare
+from bench.replay import ABSENT, Difference
 from bench.report import (
     CERTIFICATE_FILE,
     LABORATORY_FILE,
@@ -48,10 +47,10 @@ from bench.report import (
 from bench.session.history import VARIABLE, chosen_url
 from bench.session.output import write_file
 from bench.session.service import read_view
+from bench.session.verification import value_differences
 from bench.session.view import SessionView, analyse_view
 
 NO_HISTORY = "B-STORE-007"
-SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers
 REL_TOL = 1e-9  # in another environment floats agree to this, and no better
 
 
@@ -199,12 +198,8 @@ def _refuse_other_numbers(folder: Path, stored: Mapping[str, Any], view: Session
         raise InputError("B-DCC-004", "the sequence of this session asks for no analysis", where=folder)
     if stored["provenance"]["session_sha256"] != view.session_sha256:
         raise _other("results.json is of another recording", folder)
-    now = json.loads(results_json(analyse_view(view)[0]))
-    differences = [
-        difference
-        for difference in compare(stored, now)
-        if difference.path != SOFTWARE_PATH and not _agrees(difference)
-    ]
+    found = value_differences(stored, analyse_view(view)[0])
+    differences = [difference for difference in found if not _agrees(difference)]
     if differences:
         raise _other(
             f"results.json differs in {len(differences)} values from what it gives today: {differences[0]}", folder

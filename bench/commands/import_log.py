@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,13 @@ from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
 from bench.plan import LogMapping, load_mapping, names_made_of_logs
 from bench.record import SessionWriter
-from bench.replay import IMPORT, LINK, MAPPING, LogParser, Survey, survey
+from bench.replay import IMPORT, LINK, MAPPING, LogParser, survey
 from bench.run.bench.transcript import new_folder
 from bench.run.provenance import software
 from bench.session.finish import finish
 from bench.session.history import chosen_url
 from bench.session.service import read_view
-from bench.tables import log_lines, origin_of
+from bench.tables import OtherLog
 
 NO_ANALYSIS = "none"
 ROTATE_BYTES = 32_000_000  # a reader holds one segment in memory
@@ -35,11 +36,14 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     mapping = document.model
     if mapping.analysis != NO_ANALYSIS:
         _known_analysis(document)
-    surveyed = survey(log_lines(file, mapping), mapping, str(file))
+    log = OtherLog(file, mapping)
+    surveyed = survey(log.lines(), mapping, str(file))
     _segments_inside(document, surveyed)
-    folder = _write(document, file, surveyed, out)
+    folder = _write(document, file, log, surveyed, out)
     counts = surveyed.counts
     say(f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read")
+    for sentence in counts.salvaged():
+        say(sentence)
     if mapping.analysis == NO_ANALYSIS:
         say(f"session  {folder}")
         return ExitStatus.PASS
@@ -64,7 +68,7 @@ def _known_analysis(document: Document[LogMapping]) -> None:
         ) from error
 
 
-def _segments_inside(document: Document[LogMapping], surveyed: Survey) -> None:
+def _segments_inside(document: Document[LogMapping], surveyed: LogParser) -> None:
     outside = document.model.beyond(surveyed.counts.rows)
     if outside is not None:
         place, message, cure = outside
@@ -80,17 +84,17 @@ def _results(folder: Path, out: Path) -> int:
     return print_finished(finished, console())
 
 
-def _write(document: Document[LogMapping], file: Path, surveyed: Survey, out: Path) -> Path:
+def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: LogParser, out: Path) -> Path:
     """Return the session: every line of the file is a message, stamped with the time of its row."""
     mapping = document.model
     name = session_name(mapping, surveyed)
     folder = new_folder(out, name)
     writer = SessionWriter.create(
-        folder, _manifest(document, name, file, surveyed), {MAPPING: document.text}, t_mono_ns=0
+        folder, _manifest(document, name, file, surveyed, log.origin), {MAPPING: document.text}, t_mono_ns=0
     )
     writer.clock_pair(0, surveyed.first_ns)
     parser, t_ns, since = LogParser(mapping, str(file)), 0, 0
-    for line in log_lines(file, mapping, surveyed.size):
+    for line in log.lines(surveyed.size):
         row = parser.row(line)
         t_ns = t_ns if row is None else row.t_ns - surveyed.first_ns
         writer.raw(LINK, "rx", t_ns, line)
@@ -103,14 +107,16 @@ def _write(document: Document[LogMapping], file: Path, surveyed: Survey, out: Pa
     return folder
 
 
-def session_name(mapping: LogMapping, surveyed: Survey) -> str:
+def session_name(mapping: LogMapping, surveyed: LogParser) -> str:
     """Return ``<UTC of the first row>_<mapping>_<serial number>``."""
     start = datetime.fromtimestamp(surveyed.first_ns // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]", "-", mapping.uut.serial)
     return f"{start}_{mapping.mapping}_{serial}"
 
 
-def _manifest(document: Document[LogMapping], name: str, file: Path, surveyed: Survey) -> dict[str, Any]:
+def _manifest(
+    document: Document[LogMapping], name: str, file: Path, surveyed: LogParser, origin: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return manifest of an imported session (docs/session-format.md); the mapping stands where a plan would."""
     mapping = document.model
     sha256 = hashlib.sha256(document.text.encode()).hexdigest()
@@ -139,11 +145,11 @@ def _manifest(document: Document[LogMapping], name: str, file: Path, surveyed: S
         "log": {
             "file": file.name,
             "bytes": surveyed.size,
-            "sha256": surveyed.sha256,
+            "sha256": surveyed.digest.hexdigest(),
             "rows": counts.rows,
             "overload_rows": counts.overload_rows,
             "bad_rows": counts.bad_rows,
-            **({"origin": origin} if (origin := origin_of(file)) else {}),
+            **({"origin": origin} if origin else {}),
         },
         "software": software(mapping.analysis),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,12 +12,12 @@ from bench.commands.console import console, say, warn
 from bench.commands.tables import print_results
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.record import SessionReader
-from bench.replay import ABSENT, Difference, compare
+from bench.replay import ABSENT
 from bench.session.coefficients import Coefficients, coefficients_of_session, merged_coefficients
 from bench.session.one_unit import serials_of
 from bench.session.service import analysed, read_view
 from bench.session.units import in_each_unit
-from bench.session.verification import SOFTWARE_PATH, no_results, released_results, software_of
+from bench.session.verification import no_results, released_results, software_of, value_differences
 from bench.session.view import analyse_view
 
 SHOWN_DIFFERENCES = 20
@@ -30,7 +29,8 @@ def replay(folder: Path, as_json: bool) -> int:
         return in_each_unit(folder, lambda home: replay(home, as_json))
     results, analysis, view = analysed(folder, None, strict=True)
     stored = _stored_results(folder)
-    differences, added = _differences(stored, json.loads(results_json(results)))
+    found = value_differences(stored, results)
+    differences = [difference for difference in found if difference.first != ABSENT]
     if as_json:
         sys.stdout.write(results_json({"identical": not differences, "results": results}))
     else:
@@ -46,17 +46,10 @@ def replay(folder: Path, as_json: bool) -> int:
             where=folder,
             next_step=_why(stored, results),
         )
-    if added:
+    if added := len(found) - len(differences):
         console(stderr=as_json).print(f"{added} values are new: the software of the run did not give them")
     console(stderr=as_json).print(f"replay of {folder}: every number is identical")
     return ExitStatus.PASS
-
-
-def _differences(stored: Any, now: Any) -> tuple[list[Difference], int]:
-    """Return what the run wrote and is not the same now, and how many values only today's software gives."""
-    differences = [difference for difference in compare(stored, now) if difference.path != SOFTWARE_PATH]
-    added = sum(difference.first == ABSENT for difference in differences)
-    return [difference for difference in differences if difference.first != ABSENT], added
 
 
 def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:

@@ -68,7 +68,7 @@ def verify(folder: Path, as_json: bool) -> int:
     except BenchError as error:
         if not verification.changes:
             raise
-        verification.add(RESULTS, f"cannot be derived from what is left: {error}")
+        verification.add(RESULTS, f"cannot be derived from what is left: {error.code}: {error.message}")
     check_trend(verification, folder)
     _tell(verification, folder, view, as_json)
     if verification.changes:

@@ -167,7 +167,6 @@ class Log(Protocol):
     """A mapping of a log, as far as the sections of a system look at it."""
 
     analysis: str
-    bad_rows: float
 
     @property
     def values(self) -> Mapping[str, LogColumn]:

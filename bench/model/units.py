@@ -25,6 +25,7 @@ _UNITS |= {base: (base, Decimal(1)) for base in _BASES}
 _UNITS |= {
     "min": ("s", Decimal(60)),
     "h": ("s", Decimal(3600)),
+    "d": ("s", Decimal(86400)),
     "ppm": ("1", Decimal("1e-6")),
     "%": ("1", Decimal("0.01")),
     "arcmin": ("deg", Decimal(1) / 60),

@@ -7,7 +7,7 @@ from bench.record.files import Files
 from bench.record.journal import Journal, JournalEntry, is_being_written, read_journal
 from bench.record.layout import Message, canonical_json
 from bench.record.packed import PackedList, PackedRows
-from bench.record.reader import ChunkPlace, SegmentChunks, SessionReader
+from bench.record.reader import SHORTER, ChunkPlace, SegmentChunks, SessionReader, damaged
 from bench.record.recover import Survey, recover_session, resume_session
 from bench.record.samples import Samples, SignalValues
 from bench.record.scan import Damage
@@ -35,6 +35,7 @@ __all__ = [
     "HELD_S",
     "LEVELS_S",
     "OPEN_MARKER",
+    "SHORTER",
     "UNIT_TEMPERATURE",
     "BenchRows",
     "Block",
@@ -66,6 +67,7 @@ __all__ = [
     "Walk",
     "canonical_json",
     "concatenated",
+    "damaged",
     "is_being_written",
     "is_off_target",
     "joined",

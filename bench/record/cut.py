@@ -13,8 +13,8 @@ from bench.frame import FrameDefinition, LinkBatch, MessageBatch, Signal
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from bench.record.samples import PER_SAMPLE, SampleKeeper, counting_message, sample_scales
-from bench.record.window import OpenWindow, RecordRow, Rows, beside_keeper, signal_keeper
+from bench.record.samples import PER_SAMPLE, BesideKeeper, SampleKeeper, SignalKeeper, counting_message, sample_scales
+from bench.record.window import OpenWindow, RecordRow, Rows, kept_ns
 
 OVER_RANGE_BITS = "over_range"
 
@@ -59,8 +59,9 @@ class RecordCutter:
         and those of other links.   ``chained``: it follows another record without a gap.   ``signals``: to be kept.
         """
         keeper = SampleKeeper(self._scales) if sampled and self._scales else None
-        beside = beside_keeper(window, chained) if keeper is not None else None
-        kept = signal_keeper(window, signals, chained)
+        span_ns = kept_ns(window, chained)
+        beside = BesideKeeper(*span_ns) if keeper is not None else None
+        kept = SignalKeeper(signals, *span_ns) if signals else None
         item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns, keeper, beside, kept)
         insort(self._open, item, key=lambda item: item.first)
 

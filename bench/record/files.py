@@ -75,3 +75,13 @@ class OsFiles:
 
     def sync_folder(self, folder: Path) -> None:
         sync_folder(folder)
+
+
+def write_all(file: AppendFile, block: bytes) -> None:
+    """Write every byte of a block. Raises: OSError."""
+    done = 0
+    while done < len(block):
+        count = file.write(block[done:] if done else block)
+        if count <= 0:
+            raise OSError(28, "nothing could be written")
+        done += count

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import lz4.frame
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,9 +67,9 @@ def header(profile: str, library: str) -> bytes:
     return record(HEADER, text(profile) + text(library))
 
 
-def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> bytes:
-    """Return channel record without a schema (schema 0)."""
-    content = struct.pack("<HH", number, 0) + text(topic) + text(encoding) + text_map(metadata)
+def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str], schema: int = 0) -> bytes:
+    """Return channel record; schema 0 is none."""
+    content = struct.pack("<HH", number, schema) + text(topic) + text(encoding) + text_map(metadata)
     return record(CHANNEL, content)
 
 
@@ -107,6 +108,28 @@ def _listed_of(count: int) -> struct.Struct:
     return struct.Struct(f"<BQQQQQI{'HQ' * count}QI{len(_LZ4)}sQQ")
 
 
+def chunk_of(
+    records: bytes, span: tuple[int, int], entries: Mapping[int, list[int]], place: int
+) -> tuple[list[bytes], int, bytes]:
+    """Return messages as the chunk at ``place`` of a file.
+
+    That is: its parts with the message indexes behind it, their bytes, and its entry in the summary.
+    ``entries``: log time, offset, log time, offset ... by channel.   ``span``: times of the first and last message.
+    """
+    packed = lz4.frame.compress(records)
+    head = chunk_head(*span, len(records), zlib.crc32(records), len(packed))
+    parts = [head, packed]
+    length = at = len(head) + len(packed)
+    places: list[int] = []
+    for number, listed in entries.items():
+        index = message_index(number, listed)
+        parts.append(index)
+        places += (number, place + at)
+        at += len(index)
+    sizes = len(packed), len(records)
+    return parts, at, chunk_index(span, (place, length), places, at - length, sizes)
+
+
 def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mapping[int, int]) -> bytes:
     """Statistics record; ``counts`` is messages by channel."""
     per_channel = b"".join(struct.pack("<HQ", number, counts[number]) for number in sorted(counts))
@@ -114,9 +137,21 @@ def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mappin
     return record(STATISTICS, head + per_channel)
 
 
-def summary_offset(opcode: int, start: int, length: int) -> bytes:
-    """Summary offset record of one group."""
-    return record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))
+def ending(crc: int, place: int, groups: Sequence[tuple[int, bytes]]) -> bytes:
+    """Return data end, summary and footer behind the ``place`` bytes of data, whose CRC is ``crc``.
+
+    ``groups``: records of the summary, by opcode.
+    """
+    data_end = record(DATA_END, crc.to_bytes(4, "little"))
+    start = at = place + len(data_end)
+    offsets = b""
+    for opcode, content in groups:
+        offsets += record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, at, len(content)))
+        at += len(content)
+    summary = b"".join([*(content for _, content in groups), offsets])
+    footer = FOOTER_RECORD.pack(FOOTER, 20, start, at, 0)[:-4]
+    checked = zlib.crc32(footer, zlib.crc32(summary)).to_bytes(4, "little")
+    return b"".join((data_end, summary, footer, checked, MAGIC))
 
 
 @dataclass(frozen=True)

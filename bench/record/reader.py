@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import SEEK_END
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.errors import SessionDamaged
+from bench.model.events import Closed
 from bench.model.segments import session_segments
 from bench.record import layout
 from bench.record import mcap_format as mcap
@@ -18,9 +20,11 @@ from bench.record.block import Block
 from bench.record.layout import Message
 from bench.record.mapped import segment_bytes
 from bench.record.mcap_format import Summary, channel_of, chunk_spans, chunks_with, read_summary
-from bench.record.scan import Damage, SegmentScan, Span
+from bench.record.scan import Damage, SegmentScan, Span, note
 from bench.record.walk import Walk
 
+RESULTS = "results.json"
+SHORTER = "ends here, shorter than the recording that results.json was computed from"
 _FIRST_BYTES = (16_384, 1_000_000)
 _TAIL = mcap.FOOTER_RECORD.size + len(mcap.MAGIC)
 
@@ -59,8 +63,10 @@ class SessionReader:
         self._missing_segments(walk)
         for path in self.segments:
             yield from walk.blocks(path.name, segment_bytes(path))
+            if path == self.segments[-1] and self._is_shorter(walk):
+                note(walk.damage, Damage(path.name, path.stat().st_size, SHORTER))
             if self._strict and walk.damage:
-                raise _damaged(self.folder, walk.damage)
+                raise damaged(self.folder, walk.damage)
         self._walk = walk
 
     def select(self, topics: frozenset[str]) -> Iterator[Message]:
@@ -159,12 +165,23 @@ class SessionReader:
         for number in sorted(set(range(1, max(present) + 1)) - present):
             walk.damage.append(Damage(layout.segment_name(number), 0, "segment is missing"))
 
+    def _is_shorter(self, walk: Walk) -> bool:
+        """Return whether results.json has the hash of a recording that goes on behind the end of this one."""
+        try:
+            whole = json.loads((self.folder / RESULTS).read_bytes())["provenance"]["session_sha256"]
+        except (OSError, ValueError, LookupError, TypeError):
+            return False
+        if whole in map(bytes.hex, walk.ends):  # a run that was gone on with
+            return False
+        return bool(walk.unfinished) or [kind for kind, _, _ in self.events()][-1:] != [Closed.kind]
 
-def _damaged(folder: Path, damage: list[Damage]) -> SessionDamaged:
-    more = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
+
+def damaged(folder: Path, damage: Sequence[Damage], more: str = "") -> SessionDamaged:
+    """Return the error of a session that is not as it was written; ``more``: what follows from that."""
+    others = f" and {len(damage) - 1} more" if len(damage) > 1 else ""
     return SessionDamaged(
         "B-REC-011",
-        f"{damage[0]}{more}",
+        f"{damage[0]}{others}{more}",
         where=str(folder),
         next_step="'bench recover' lists what the session still holds",
     )

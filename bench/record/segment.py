@@ -7,10 +7,8 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import lz4.frame
-
 from bench.record import layout, mcap_format
-from bench.record.files import AppendFile
+from bench.record.files import AppendFile, write_all
 
 _HEAD_BYTES = mcap_format.ENVELOPED.size - mcap_format.RECORD.size
 
@@ -79,26 +77,6 @@ def _moved(entries: list[int], by: int) -> list[int]:
     return [value + by if place % 2 else value for place, value in enumerate(entries)]
 
 
-def _chunk(buffer: ChunkBuffer, prefix: bytes, place: int) -> tuple[list[bytes], int, bytes]:
-    """Return the messages of a buffer, ``prefix`` in front of them, as the chunk at ``place`` of the file.
-
-    That is: its parts with the message indexes behind it, their bytes, and its entry in the summary.
-    """
-    records = b"".join((prefix, *buffer.parts))
-    packed = lz4.frame.compress(records)
-    head = mcap_format.chunk_head(buffer.start_ns, buffer.end_ns, len(records), zlib.crc32(records), len(packed))
-    parts = [head, packed]
-    length = at = len(head) + len(packed)
-    places: list[int] = []
-    for number, entries in buffer.entries.items():
-        index = mcap_format.message_index(number, _moved(entries, len(prefix)) if prefix else entries)
-        parts.append(index)
-        places += (number, place + at)
-        at += len(index)
-    span, sizes = (buffer.start_ns, buffer.end_ns), (len(packed), len(records))
-    return parts, at, mcap_format.chunk_index(span, (place, length), places, at - length, sizes)
-
-
 class SegmentWriter:
     """Writes one segment. ``chain`` is the chain value of the segment before (32 zero bytes for the first)."""
 
@@ -132,7 +110,11 @@ class SegmentWriter:
                 fresh = {number: channels[number - 1] for number in buffer.entries if number not in known}
                 prefix = b"".join([channel.record for channel in fresh.values()])
                 known = known | fresh
-            chunk, size, listed = _chunk(buffer, prefix, at)
+            entries = buffer.entries
+            if prefix:
+                entries = {number: _moved(entry, len(prefix)) for number, entry in entries.items()}
+            records = b"".join((prefix, *buffer.parts))
+            chunk, size, listed = mcap_format.chunk_of(records, (buffer.start_ns, buffer.end_ns), entries, at)
             parts += chunk
             indexes.append(listed)
             at += size
@@ -169,8 +151,6 @@ class SegmentWriter:
         The index is forgotten: a finished segment may wait long for its sync.
         """
         indexes, self._chunk_indexes = self._chunk_indexes, bytearray()
-        data_end = mcap_format.record(mcap_format.DATA_END, self._data_crc.to_bytes(4, "little"))
-        start = self.offset + len(data_end)
         groups = [
             (mcap_format.CHANNEL, b"".join(self._channels[number].record for number in sorted(self._channels))),
             (
@@ -181,25 +161,11 @@ class SegmentWriter:
             ),
             (mcap_format.CHUNK_INDEX, bytes(indexes)),
         ]
-        summary = b"".join(content for _, content in groups)
-        offsets = []
-        at = start
-        for opcode, content in groups:
-            offsets.append(mcap_format.summary_offset(opcode, at, len(content)))
-            at += len(content)
-        summary += b"".join(offsets)
-        footer = mcap_format.FOOTER_RECORD.pack(mcap_format.FOOTER, 20, start, at, 0)[:-4]
-        crc = zlib.crc32(footer, zlib.crc32(summary))
-        self._write(b"".join((data_end, summary, footer, crc.to_bytes(4, "little"), mcap_format.MAGIC)))
+        self._write(mcap_format.ending(self._data_crc, self.offset, groups))
 
     def _write(self, block: bytes) -> None:
-        done = 0
         try:
-            while done < len(block):
-                count = self.file.write(block[done:] if done else block)
-                if count <= 0:
-                    raise OSError(28, "nothing could be written")
-                done += count
+            write_all(self.file, block)
         except OSError:
             self._cut_back()
             raise

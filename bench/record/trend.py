@@ -16,7 +16,7 @@ import numpy as np
 from bench.frame import BENCH_FIELDS
 from bench.model.clock import NS
 from bench.model.events import Environment, Event, Reentry
-from bench.record.files import AppendFile, Files, OsFiles
+from bench.record.files import AppendFile, Files, OsFiles, write_all
 from bench.record.trend_rows import (
     FOLDER,
     HEAD,
@@ -27,6 +27,7 @@ from bench.record.trend_rows import (
     TrendSource,
     concatenated,
     read_head,
+    rows_of,
     write_head,
 )
 
@@ -96,17 +97,6 @@ def to_bytes(rows: TrendRows, source: TrendSource) -> bytes:
     return block.tobytes()
 
 
-def read_rows(path: Path, source: TrendSource, start: int = 0, stop: int | None = None) -> TrendRows:
-    """Whole rows of a file, some of them; a torn last one does not count. Raises: OSError."""
-    size = source.row_type.itemsize
-    with path.open("rb") as stream:
-        stream.seek(start * size)
-        content = stream.read() if stop is None else stream.read(max(0, stop - start) * size)
-    block = np.frombuffer(content, source.row_type, len(content) // size)
-    span = block["span"]
-    return TrendRows(block["t_utc_s"].astype(np.int64), span[:, :, 0].copy(), span[:, :, 1].copy())
-
-
 class _Level:
     """Rows of one length of bucket of one source; the newest stays open until a later one begins."""
 
@@ -116,23 +106,21 @@ class _Level:
         self._source = source
         self._period_s = period_s
         self._open: TrendRows | None = None
-        self._size = path.stat().st_size if path.exists() else 0
+        size = path.stat().st_size if path.exists() else 0
         self._pending: list[bytes] = []
         self._file: AppendFile = files.append(path)
-        whole = self._size // source.row_type.itemsize * source.row_type.itemsize
-        if whole != self._size:
-            self._file.truncate(whole)
-            self._size = whole
+        if torn := size % source.row_type.itemsize:
+            self._file.truncate(size - torn)
 
     def last_s(self) -> int | None:
         """Start of the newest bucket in the file."""
-        rows = self._size // self._source.row_type.itemsize
-        return int(read_rows(self._path, self._source, rows - 1).start_s[-1]) if rows else None
+        rows = self._source.stored(self._path)
+        return int(rows["t_utc_s"][-1]) if len(rows) else None
 
     def since(self, start_s: int) -> TrendRows:
         """Return rows of the file from a time on."""
-        rows = read_rows(self._path, self._source)
-        return rows.cut(int(np.searchsorted(rows.start_s, start_s)))
+        rows = self._source.stored(self._path)
+        return rows_of(rows[np.searchsorted(rows["t_utc_s"], start_s) :])
 
     def feed(self, rows: TrendRows) -> None:
         """Take rows of the level below; those of the newest bucket wait for more."""
@@ -157,13 +145,7 @@ class _Level:
 
     def write(self, block: bytes) -> None:
         """Hand rows to the operating system. Raises: OSError."""
-        done = 0
-        while done < len(block):
-            count = self._file.write(block[done:])
-            if count <= 0:
-                raise OSError(28, "nothing could be written")
-            done += count
-        self._size += len(block)
+        write_all(self._file, block)
 
     def close(self) -> None:
         """Close the file."""

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from bench.frame import Signal
 from bench.model.errors import InputError
-from bench.record.trend_rows import FOLDER, HEAD, LEVELS_S, TrendHead, TrendRows, TrendSource, concatenated, read_head
+from bench.record.trend_rows import (
+    FOLDER,
+    HEAD,
+    LEVELS_S,
+    TrendHead,
+    TrendRows,
+    TrendSource,
+    concatenated,
+    read_head,
+    rows_of,
+)
 
 _GAP = 1.5  # of the time between two points
 
@@ -106,40 +116,31 @@ class TrendReader:
         return self._place[name]
 
     def _rows(self, source: TrendSource, level_s: int) -> NDArray[np.void]:
-        """Whole rows of one file, as they are on the disk now."""
-        path = source.path(self._folder, level_s)
-        count = path.stat().st_size // source.row_type.itemsize if path.exists() else 0
-        return np.memmap(path, source.row_type, "r", shape=(count,)) if count else np.empty(0, source.row_type)
+        return source.stored(source.path(self._folder, level_s))
 
     def _most(self, sources: dict[TrendSource, list[tuple[int, int]]], level_s: int, t0: float, t1: float) -> int:
         """Points that the fullest source has in a window."""
         between = (_between(self._rows(source, level_s), level_s, t0, t1) for source in sources)
-        return max((stop - start for start, stop in between), default=0)
+        return max((each.stop - each.start for each in between), default=0)
 
     def _taken(self, source: TrendSource, columns: list[int], level_s: int, t0: float, t1: float) -> TrendRows:
         """Rows of one level; what it lacks at its end because a bucket is still open comes from the finest one."""
         block = self._rows(source, level_s)
-        rows = _cut(block, *_between(block, level_s, t0, t1), columns)
+        rows = rows_of(block[_between(block, level_s, t0, t1)], columns)
         if level_s == LEVELS_S[0]:
             return rows
         fine = self._rows(source, LEVELS_S[0])
         behind_s = float(block["t_utc_s"][-1]) + level_s if len(block) else t0
         if behind_s >= t1:
             return rows
-        tail = _cut(fine, *_between(fine, 0, max(behind_s, t0 // level_s * level_s), t1), columns)
+        tail = rows_of(fine[_between(fine, 0, max(behind_s, t0 // level_s * level_s), t1)], columns)
         return concatenated((rows, tail.merged(level_s)))
 
 
-def _between(rows: NDArray[np.void], level_s: float, t0: float, t1: float) -> tuple[int, int]:
-    """First and behind the last row that has something of the window; few rows are touched."""
+def _between(rows: NDArray[np.void], level_s: float, t0: float, t1: float) -> slice:
+    """Rows that have something of the window; few rows are touched."""
     start_s = rows["t_utc_s"]
-    return bisect_left(start_s, t0 - level_s + 1e-9), bisect_left(start_s, t1)
-
-
-def _cut(rows: NDArray[np.void], start: int, stop: int, columns: list[int]) -> TrendRows:
-    part = rows[start:stop]
-    span = part["span"][:, columns]
-    return TrendRows(part["t_utc_s"].astype(np.int64), span[:, :, 0], span[:, :, 1])
+    return slice(bisect_left(start_s, t0 - level_s + 1e-9), bisect_left(start_s, t1))
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,11 @@ class TrendSource:
         """File of one level in the folder of the trend."""
         return folder / f"{self.name}.{level_s:03d}s"
 
+    def stored(self, path: Path) -> NDArray[np.void]:
+        """Whole rows of one file, as they are on the disk now; a torn last one does not count. Raises: OSError."""
+        count = path.stat().st_size // self.row_type.itemsize if path.exists() else 0
+        return np.memmap(path, self.row_type, "r", shape=(count,)) if count else np.empty(0, self.row_type)
+
 
 @dataclass(frozen=True)
 class TrendHead:
@@ -126,6 +131,12 @@ class TrendRows:
     def cut(self, start: int, stop: int | None = None) -> TrendRows:
         """Some of the rows."""
         return TrendRows(self.start_s[start:stop], self.low[start:stop], self.high[start:stop])
+
+
+def rows_of(block: NDArray[np.void], columns: slice | list[int] = slice(None)) -> TrendRows:
+    """Return rows of a file with some of its columns."""
+    span = block["span"][:, columns]
+    return TrendRows(block["t_utc_s"].astype(np.int64), span[:, :, 0].copy(), span[:, :, 1].copy())
 
 
 def concatenated(parts: Sequence[TrendRows]) -> TrendRows:

@@ -46,6 +46,7 @@ class Walk:
         self.unfinished: list[str] = []
         self.chain = layout.CHAIN_START
         self.expected = 0
+        self.ends: list[bytes] = []  # chain values behind each segment
 
     @property
     def counts(self) -> dict[str, int]:
@@ -146,6 +147,7 @@ class Walk:
             scan.check_data_crc()
         if not self._sealed:
             self.chain = chain_value(self.chain, scan.content, scan.data_stop)
+        self.ends.append(self.chain)
 
     def _topic(self, name: str) -> _Topic:
         topic = self._known.get(name)

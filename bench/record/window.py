@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import Signal
 from bench.model.clock import NS
 from bench.model.events import Event, Reading
 from bench.model.ports import RecordWindow
@@ -29,18 +28,9 @@ OVERLAP_NS = NS // 5
 _LATE_NS = 10 * NS  # how much later than due the last frame of a record may come
 
 
-def beside_keeper(window: RecordWindow, chained: bool) -> BesideKeeper:
-    """Return what keeps the samples of other links for a record; ``chained``: it follows another one without a gap."""
-    begin_ns = window.t_start_ns - (OVERLAP_NS if chained else 0)
-    return BesideKeeper(begin_ns - 1, window.t_end_ns + _LATE_NS)
-
-
-def signal_keeper(window: RecordWindow, signals: Sequence[Signal], chained: bool) -> SignalKeeper | None:
-    """Return what keeps signals for a record, ``chained`` as above; None if it names none."""
-    if not signals:
-        return None
-    begin_ns = window.t_start_ns - (OVERLAP_NS if chained else 0)
-    return SignalKeeper(signals, begin_ns - 1, window.t_end_ns + _LATE_NS)
+def kept_ns(window: RecordWindow, chained: bool) -> tuple[int, int]:
+    """Return (begin, end] of what is kept beside a record; ``chained``: it follows another one without a gap."""
+    return window.t_start_ns - (OVERLAP_NS if chained else 0) - 1, window.t_end_ns + _LATE_NS
 
 
 def is_off_target(conditions: Mapping[str, Any], unit_degC: float) -> bool:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import math
+import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta, timezone
@@ -18,8 +21,12 @@ from bench.replay.wording import say
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
+CONTROL = re.compile(r"[\x00-\x08\n-\x1f]")  # no text holds them
 MAX_LINE_BYTES = 100_000
 SHOWN = 5
+ENOUGH = 100  # rows that show how short the text in the last column may be
+_TICKS = {"ns": 1, "us": 1000, "ms": 1_000_000}  # of counters of 32 bits, ns
+FEW, RARE = 5, 100  # usual steps from a counter's last value to its first one, and of its range at least
 _BLANK = "whitespace"
 
 
@@ -78,13 +85,18 @@ class LogRow:
 class LogCounts:
     """Counts of the lines after the header; ``bad`` holds line and reason of the first few.
 
-    ``rows``: read, with those that hold an overload; ``overloads``: values by quantity.
+    ``rows``: read, with those that hold an overload; ``overloads``: values by quantity; ``nul_lines``: those with
+    blocks of zero bytes; ``cut_line``: number of a last line that was not written to its end, 0 for none;
+    ``wraps``: how often a counter of time began anew, by its tick.
     """
 
     rows: int = 0
     bad_rows: int = 0
+    nul_lines: int = 0
+    cut_line: int = 0
+    wraps: Counter[str] = field(default_factory=Counter)
     overload_rows: int = 0
-    overloads: dict[str, int] = field(default_factory=dict)
+    overloads: Counter[str] = field(default_factory=Counter)
     bad: list[tuple[int, str]] = field(default_factory=list)
 
     def sentences(self) -> list[str]:
@@ -95,7 +107,16 @@ class LogCounts:
             texts.append(say("log.overload", rows=self.overload_rows, all=self.rows, cells=cells))
         if self.bad_rows:
             texts.append(say("log.bad", rows=self.bad_rows, reasons=listed(self.bad)))
-        return texts
+        return texts + self.salvaged()
+
+    def salvaged(self) -> list[str]:
+        """Return what was left out, or counted on, though no mapping says so."""
+        texts = []
+        if self.nul_lines:
+            texts.append(say("log.nul", lines=self.nul_lines))
+        if self.cut_line:
+            texts.append(say("log.cut", line=self.cut_line))
+        return [*texts, *(say("log.wrapped", tick=tick, times=times) for tick, times in self.wraps.items())]
 
 
 def listed(bad: Sequence[tuple[int, str]]) -> str:
@@ -104,22 +125,32 @@ def listed(bad: Sequence[tuple[int, str]]) -> str:
 
 
 class LogParser:
-    """Takes the lines of one log in order and gives its rows. ``name`` is the file in messages."""
+    """Takes the lines of one log in order and gives its rows. ``name`` is the file in messages.
+
+    ``first_ns``, ``last_ns``: times of the first and last row, UTC since 1970; ``size``, ``digest``: of all lines.
+    """
 
     def __init__(self, mapping: LogMapping, name: str) -> None:
         self.counts = LogCounts()
+        self.size, self.digest = 0, hashlib.sha256()
         self._name = name
         self._form = mapping.file
         self._columns = list(mapping.values.items())
         self._time_header, column = mapping.time
         self._counts_rows = column.format == ROWS
+        self._none_left_out, self._bad_rows = mapping.counts_rows, mapping.bad_rows
+        self._may_wrap = column.format == ELAPSED
         self._time = TimeReader(column, mapping.file.decimal)
         self._sentinels = _Sentinels(mapping.overload, mapping.file)
         self._readers: list[tuple[int, LogColumn, float]] = []
         self._time_at = 0
         self._width = 0
         self._line = 0
-        self._last: LogRow | None = None
+        self._open = False  # the piece of a line that came last has no end
+        self._shortest = MAX_LINE_BYTES  # text in the last column
+        self.first_ns = self.last_ns = 0
+        self._last_line = 0  # with a row
+        self._ahead_ns = 0  # of a counter that began anew
         if self._form.names is not None:
             self._take_header(self._form.names)
 
@@ -128,7 +159,16 @@ class LogParser:
 
         Raises: InputError B-IMP-002 (not text), B-IMP-003 (a column is missing), B-IMP-006 (time goes back).
         """
-        self._line += 1
+        self.size += len(raw)
+        self.digest.update(raw)
+        begins, self._open = not self._open, not raw.endswith(b"\n")
+        self._line += begins
+        if b"\0" in raw or not begins:
+            if not self._none_left_out:
+                self.counts.nul_lines += begins
+            elif begins:
+                self._is_bad(say("bad.nul"))
+            return None
         text = self._text(raw)
         if self._width == 0:
             if self._is_header(text):
@@ -137,19 +177,30 @@ class LogParser:
         if self._passed_over(text):
             return None
         try:
-            row = self._read(self._fields(text))
+            return self._read(self._fields(text))
         except ValueError as error:
-            self.counts.bad_rows += 1
-            if len(self.counts.bad) < SHOWN:
-                self.counts.bad.append((self._line, error.args[0]))
+            if self._open:
+                self.counts.cut_line = self._line
+            else:
+                self._is_bad(error.args[0])
             return None
-        return self._in_order(row)
+
+    def _is_bad(self, why: str) -> None:
+        self.counts.bad_rows += 1
+        if len(self.counts.bad) < SHOWN:
+            self.counts.bad.append((self._line, why))
 
     def finish(self) -> None:
-        """Say that the file has ended. Raises InputError B-IMP-004 if there was no header or no row."""
-        what = "no row that can be read" if self._width else "no line of column names"
+        """Say that the file has ended.
+
+        Raises: InputError B-IMP-001 (empty), B-IMP-004 (no header, or no row), B-IMP-005 (too many bad rows).
+        """
+        if self.size == 0:
+            raise InputError("B-IMP-001", "is empty", where=self._name, next_step="name the file of the log")
         if self.counts.rows:
+            self._few_are_bad(self.counts.bad_rows, self.counts.rows + self.counts.bad_rows)
             return
+        what = "no row that can be read" if self._width else "no line of column names"
         why = f"; {listed(self.counts.bad)}" if self.counts.bad else ""
         raise InputError(
             "B-IMP-004",
@@ -158,23 +209,41 @@ class LogParser:
             next_step="compare delimiter, header and time format of the mapping with the first lines of the file",
         )
 
+    def _few_are_bad(self, bad: int, lines: int) -> None:
+        if bad <= self._bad_rows * lines:
+            return
+        step = "correct the mapping, or allow more there with 'bad_rows: 1 %'; they are left out and counted"
+        if self._none_left_out:
+            step = "correct those lines, or cut the file in front of them: the mapping counts rows, so none is left out"
+        raise InputError(
+            "B-IMP-005",
+            f"{bad} of {lines} rows cannot be read, {100 * self._bad_rows:g} % may be: {listed(self.counts.bad)}",
+            where=self._name,
+            next_step=step,
+        )
+
     def _text(self, raw: bytes) -> str:
         try:
             text = raw.decode(self._form.encoding).rstrip("\r\n")
         except UnicodeDecodeError as error:
-            raise self._not_text(f"byte {error.start + 1} is not {self._form.encoding}") from error
+            cure = (
+                ""
+                if CONTROL.search(raw.decode("latin-1").rstrip("\r\n"))
+                else "; 'file: {encoding: latin-1}' in the mapping if it is not UTF-8"
+            )
+            raise self._not_text(f"byte {error.start + 1} is not {self._form.encoding}", cure) from error
         if len(raw) > MAX_LINE_BYTES:
             raise self._not_text(f"longer than {MAX_LINE_BYTES} bytes")
-        if not text.isprintable() and (wrong := next((c for c in text if c < " " and c != "\t"), None)) is not None:
-            raise self._not_text(f"holds the control character U+{ord(wrong):04X}")
+        if not text.isprintable() and (wrong := CONTROL.search(text)) is not None:
+            raise self._not_text(f"holds the control character U+{ord(wrong[0]):04X}")
         return text.removeprefix("\ufeff") if self._line == 1 else text
 
-    def _not_text(self, why: str) -> InputError:
+    def _not_text(self, why: str, cure: str = "") -> InputError:
         return InputError(
             "B-IMP-002",
             f"is not the text of a delimited log: {why}",
             where=f"{self._name}:{self._line}",
-            next_step="name the exported text file; 'file: {encoding: latin-1}' in the mapping if it is not UTF-8",
+            next_step=f"name the exported text file{cure}",
         )
 
     def _passed_over(self, text: str) -> bool:
@@ -200,7 +269,6 @@ class LogParser:
         numbered = self._counts_rows and self._time_header not in names  # nothing of the column is read
         self._time_at = 0 if numbered else self._place(names, self._time_header)
         self._readers = [(self._place(names, header), column, column.factor) for header, column in self._columns]
-        self.counts.overloads = {}
 
     def _place(self, names: list[str], header: str) -> int:
         if names.count(header) == 1:
@@ -216,9 +284,14 @@ class LogParser:
         )
 
     def _read(self, fields: list[str]) -> LogRow:
+        if len(fields) == self._width + 1 and not fields[-1].strip():
+            fields = fields[:-1]  # behind a delimiter at the end
         if len(fields) != self._width:
             raise ValueError(say("bad.fields", found=len(fields), due=self._width))
         t_ns = self._time.utc_ns(fields[self._time_at].strip())
+        last = len(fields[-1])
+        if self._open and self.counts.rows >= ENOUGH and last < self._shortest:
+            raise ValueError
         values, over = [], []
         for place, column, factor in self._readers:
             text = fields[place].strip()
@@ -230,23 +303,33 @@ class LogParser:
                 values.append(number * factor)
             else:
                 raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
-        self._count(over)
-        return LogRow(self._line, t_ns, tuple(values))
-
-    def _count(self, over: list[str]) -> None:
+        t_ns += self._ahead_ns
+        if self._last_line == 0:
+            self.first_ns = t_ns
+        elif t_ns < self.last_ns:
+            t_ns += self._further_ns(self.last_ns - t_ns)
+        self._last_line, self.last_ns = self._line, t_ns
+        self._shortest = min(self._shortest, last)
         self.counts.rows += 1
         self.counts.overload_rows += bool(over)
-        for name in over:
-            self.counts.overloads[name] = self.counts.overloads.get(name, 0) + 1
+        self.counts.overloads.update(over)
+        return LogRow(self._line, t_ns, tuple(values))
 
-    def _in_order(self, row: LogRow) -> LogRow:
-        last, self._last = self._last, row
-        if last is None or row.t_ns >= last.t_ns:
-            return row
+    def _further_ns(self, back_ns: int) -> int:
+        """Return what a counter of 32 bits lost when it began anew and went back by ``back_ns``."""
+        usual_ns = (self.last_ns - self.first_ns) / max(1, self.counts.rows - 1)
+        for tick, tick_ns in _TICKS.items():
+            whole_ns = tick_ns << 32
+            if self._may_wrap and 0 < whole_ns - back_ns <= FEW * usual_ns < whole_ns / RARE:
+                self._ahead_ns += whole_ns
+                self.counts.wraps[tick] += 1
+                return whole_ns
+        if self._open:
+            raise ValueError
         raise InputError(
             "B-IMP-006",
-            f"the time goes back by {(last.t_ns - row.t_ns) / 1e9:g} s after line {last.line}",
-            where=f"{self._name}:{row.line}",
+            f"the time goes back by {back_ns / 1e9:g} s after line {self._last_line}",
+            where=f"{self._name}:{self._line}",
             next_step="cut the file where the clock was set or the log began anew, and import the parts",
         )
 

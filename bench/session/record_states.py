@@ -12,7 +12,7 @@ from bench.analysis import count_problem, flag_problem
 from bench.model.events import Skip
 from bench.model.systems import analysis_declaration, named
 from bench.plan import MEASUREMENT, PlannedRecord, Step, left_out_by
-from bench.record import RecordRow
+from bench.record import SHORTER, RecordRow
 from bench.replay import Replayed
 
 VALID, MISSING, INVALID = "valid", "missing", "invalid"
@@ -40,7 +40,8 @@ def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState
     """
     rows = {row.window.step: row for row in replayed.rows}
     skips = [event for _, event in replayed.events if isinstance(event, Skip)]
-    reached = max(rows, default=-1)
+    is_shorter = any(place.what == SHORTER for place in replayed.damage)
+    reached = len(steps) if is_shorter else max(rows, default=-1)
     problems = {row.window.step: problem for row, problem in _problems(replayed)}
     left_out = {n for stretch in left_out_by(steps, (event for _, event in replayed.events)) for n in stretch}
     records = [record for record in measuring(steps) if record.number not in left_out]

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Analysis
-from bench.model.errors import InputError
+from bench.model.errors import FitError, InputError
 from bench.model.events import End, Resume, UnitLeftOut
 from bench.model.lab_code import differing, recorded_code
 from bench.plan import steps_of
-from bench.record import OPEN_MARKER, RecordRow
+from bench.record import OPEN_MARKER, RecordRow, damaged
 from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series
 from bench.session.acceptances import known_acceptances
 from bench.session.complete import check_complete
@@ -42,7 +42,7 @@ def analysed(
 
     ``register``: standards in place of recorded certificates.
     Raises: InputError B-CLI-008 if the sequence of the session asks for no analysis; those of ``read_view`` and
-            ``check_complete``.
+            ``check_complete``; SessionDamaged B-REC-011 if what is left of a damaged session gives no result.
     """
     view = with_register(read_view(folder, strict=strict), register or {})
     if make_up:
@@ -50,7 +50,12 @@ def analysed(
     if not view.has_analysis:
         raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=str(folder))
     check_complete(view.manifest, view.rows, view.events)
-    results, analysis = analyse_view(view, method)
+    try:
+        results, analysis = analyse_view(view, method)
+    except FitError as error:
+        if view.damaged:
+            raise damaged(folder, view.damage, f"; what is left gives no result: {error.message}") from error
+        raise
     return results, analysis, view
 
 

@@ -17,7 +17,6 @@ from bench.report import Laboratory, Report
 from bench.session.coefficients import all_files, coefficients_of_session, merged_coefficients
 from bench.session.view import SessionView, report_of
 
-SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers
 RESULTS, REPORT, PAPER = "results.json", "report.html", "report.pdf"
 PROVENANCE = "provenance"
 SMALLEST = 1e-300  # of two zeros that differ in their sign
@@ -96,7 +95,6 @@ def check_results(verification: Verification, folder: Path, results: Mapping[str
     content = verification.content(folder / RESULTS)
     if content is None:
         return None
-    now = results_json(results)
     try:
         stored = json.loads(content)
     except ValueError as error:
@@ -105,22 +103,26 @@ def check_results(verification: Verification, folder: Path, results: Mapping[str
     if not isinstance(stored, dict) or not isinstance(stored.get(PROVENANCE, {}), dict):
         verification.add(RESULTS, "is not a document of results")
         return None
-    differences = compare(stored, json.loads(now))
-    other_software = [difference for difference in differences if difference.path == SOFTWARE_PATH]
-    verification.notes += [
-        f"{RESULTS} was written by {difference.first}, this is {difference.second}" for difference in other_software
-    ]
-    values = [difference for difference in differences if difference.path != SOFTWARE_PATH]
+    written, now = software_of(stored), software_of(results)
+    if written != now:
+        verification.notes.append(f"{RESULTS} was written by {written}, this is {now}")
+    values = value_differences(stored, results)
     values.sort(
         key=lambda difference: not difference.path.startswith(PROVENANCE)
     )  # another recording explains all that follows
     verification.add(RESULTS, *(_said(difference) for difference in values[:NAMED]))
     if len(values) > NAMED:
         verification.add(RESULTS, f"{len(values) - NAMED} more values differ")
-    if not differences and content != now.encode():
+    if not values and written == now and content != results_json(results).encode():
         verification.add(RESULTS, "has the same values, but is not the text that the bench writes")
     verification.notes += _rounding(values)
     return stored
+
+
+def value_differences(stored: Mapping[str, Any], results: Mapping[str, Any]) -> list[Difference]:
+    """Return where results that were read from a file are not those computed now, but for the software."""
+    differences = compare(stored, json.loads(results_json(results)))
+    return [difference for difference in differences if difference.path != "provenance.software"]
 
 
 def _said(difference: Difference) -> str:

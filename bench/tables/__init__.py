@@ -3,18 +3,17 @@
 from bench.tables.columns import table_of_estimates
 from bench.tables.dataset import to_xarray
 from bench.tables.export import FORMATS, export_session
-from bench.tables.foreign import kind_of, log_lines, open_table, origin_of
+from bench.tables.foreign import OtherLog, kind_of, open_table
 from bench.tables.live import watch
 from bench.tables.session import Session
 
 __all__ = [
     "FORMATS",
+    "OtherLog",
     "Session",
     "export_session",
     "kind_of",
-    "log_lines",
     "open_table",
-    "origin_of",
     "table_of_estimates",
     "to_xarray",
     "watch",

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.model.errors import InputError
 from bench.session.output import writing
-from bench.tables.columns import T_MONO
 from bench.tables.files import CsvFile, Hdf5File, MatFile, ParquetFile, TableFile
 from bench.tables.library import library
 from bench.tables.mcap_file import McapFile
@@ -50,7 +49,11 @@ def export_session(session: Session, form: str, folder: Path) -> dict[str, int]:
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as room:
             place = Path(room) / "tables"
             place.mkdir()
-            rows = _write_mcap(session, place) if form == MCAP else _write_files(session, form, place)
+            if form == MCAP:
+                rows = _write_mcap(session, place)
+            else:
+                kind = _FILES[form]
+                rows = _write(session, lambda name, _: kind(place / f"{name}{kind.SUFFIX}"))
             place.replace(folder)
     return rows
 
@@ -64,23 +67,19 @@ def _tables(session: Session) -> Iterator[tuple[str, DataFrame]]:
         yield "estimates", session.estimates
 
 
-def _write_files(session: Session, form: str, place: Path) -> dict[str, int]:
-    kind = _FILES[form]
+def _write(session: Session, opened: Open) -> dict[str, int]:
     rows: dict[str, int] = {}
     for name, table in _tables(session):
-        with ExitStack() as stack:
-            file = kind(place / f"{name}{kind.SUFFIX}")
-            stack.callback(file.close)
+        with closing(opened(name, table)) as file:
             file.write(table)
         rows[name] = len(table)
     for link in session.links:
         with ExitStack() as stack:
             files: dict[str, TableFile] = {}
             for message in session.messages(link):
-                name = f"frames.{link}.{message}"
-                files[message] = file = kind(place / f"{name}{kind.SUFFIX}")
-                stack.callback(file.close)
-                file.write(session.empty_frames(link, message))
+                name, empty = f"frames.{link}.{message}", session.empty_frames(link, message)
+                files[message] = file = stack.enter_context(closing(opened(name, empty)))
+                file.write(empty)
                 rows[name] = 0
             for message, block in session.frame_blocks(link):
                 files[message].write(block)
@@ -89,36 +88,10 @@ def _write_files(session: Session, form: str, place: Path) -> dict[str, int]:
 
 
 def _write_mcap(session: Session, place: Path) -> dict[str, int]:
-    file = McapFile(place / f"{session.folder.name}.mcap")
+    file = McapFile(place / f"{session.folder.name}.mcap", session.utc_offset_ns)
     try:
-        rows = _fill(file, session)
+        rows = _write(session, lambda name, block: file.channel("/" + "/".join(name.split(".", 2)), block))
         file.close()
     finally:
         file.abandon()
     return rows
-
-
-def _fill(file: McapFile, session: Session) -> dict[str, int]:
-    rows: dict[str, int] = {}
-    last_ns = 0
-    for name, table in _tables(session):
-        t_utc_ns = _utc_ns(session, table) or [last_ns] * len(table)  # estimates are of the end
-        file.channel(f"/{name}", table)
-        file.write(f"/{name}", table, t_utc_ns)
-        rows[name], last_ns = len(table), max([last_ns, *t_utc_ns])
-    for link in session.links:
-        for message in session.messages(link):
-            file.channel(f"/frames/{link}/{message}", session.empty_frames(link, message))
-            rows[f"frames.{link}.{message}"] = 0
-        for message, block in session.frame_blocks(link):
-            file.write(f"/frames/{link}/{message}", block, _utc_ns(session, block))
-            rows[f"frames.{link}.{message}"] += len(block)
-    return rows
-
-
-def _utc_ns(session: Session, table: DataFrame) -> list[int]:
-    """Return UTC of the rows, ns; nothing for a table without times."""
-    if T_MONO not in table:
-        return []
-    offset_ns = session.utc_offset_ns
-    return [t_ns + offset_ns for t_ns in table[T_MONO].tolist()]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import __version__
-from bench.tables.columns import UNITS
+from bench.tables.columns import T_MONO, UNITS
 from bench.tables.library import library, pandas
 from bench.tables.plain import flat, words_of
 
@@ -48,31 +48,47 @@ def _holds_objects(column: Series) -> bool:
     return column.dtype == object and len(column) > 0 and all(isinstance(value, dict) for value in column)
 
 
-class McapFile:
-    """Writes an MCAP file, lz4 chunks of about a megabyte; ``channel`` before the first row of a table."""
+class _Channel:
+    """A table of the file."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, file: McapFile, number: int) -> None:
+        self._file, self._number = file, number
+
+    def write(self, block: DataFrame) -> None:
+        """Append rows, each at its time."""
+        self._file.write(self._number, block)
+
+    def close(self) -> None:
+        """Nothing: the file is finished as a whole."""
+
+
+class McapFile:
+    """Writes an MCAP file, lz4 chunks of about a megabyte. ``offset_ns``: UTC minus the monotonic time of rows."""
+
+    def __init__(self, path: Path, offset_ns: int) -> None:
         self._stream = path.open("wb")
+        self._offset_ns, self._last_ns = offset_ns, 0
         mcap = library("mcap.writer")
         self._writer = mcap.Writer(
             self._stream, chunk_size=CHUNK_BYTES, compression=mcap.CompressionType.LZ4, enable_data_crcs=True
         )
         self._writer.start(library=f"inertial-bench {__version__}")
-        self._channels: dict[str, int] = {}
 
-    def channel(self, topic: str, block: DataFrame) -> None:
+    def channel(self, topic: str, block: DataFrame) -> _Channel:
         """Begin a table; ``block`` has its columns."""
         name, schema = topic.strip("/").replace("/", "."), json.dumps(json_schema(topic, block)).encode()
         number = self._writer.register_schema(name, "jsonschema", schema)
-        about = {"session": block.attrs["session"]}
-        self._channels[topic] = self._writer.register_channel(topic, "json", number, about)
+        return _Channel(self, self._writer.register_channel(topic, "json", number, {"session": block.attrs["session"]}))
 
-    def write(self, topic: str, block: DataFrame, t_utc_ns: list[int]) -> None:
-        """Append rows, each at its time."""
+    def write(self, number: int, block: DataFrame) -> None:
+        """Append rows, each at its time; those that have none, such as estimates, at the last one before."""
+        timed = block[T_MONO].tolist() if T_MONO in block else [self._last_ns - self._offset_ns] * len(block)
+        t_utc_ns = [t_ns + self._offset_ns for t_ns in timed]
+        self._last_ns = max([self._last_ns, *t_utc_ns])
         pairs = zip(*(_pairs(name, block[column]) for column, name in words_of(block).items()), strict=True)
         for t_ns, row in zip(t_utc_ns, pairs, strict=True):
             text = "{" + ",".join(filter(None, row)) + "}"
-            self._writer.add_message(self._channels[topic], t_ns, text.encode(), t_ns)
+            self._writer.add_message(number, t_ns, text.encode(), t_ns)
 
     def close(self) -> None:
         """Write summary and footer."""

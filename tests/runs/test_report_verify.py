@@ -16,10 +16,13 @@ import pytest
 from rehearsal import ROOT, writable_copy
 
 from bench.commands.certificate import certificate
-from bench.commands.fit import report
+from bench.commands.fit import fit, report
+from bench.commands.recover import recover
 from bench.commands.requests import CertificateRequest
+from bench.commands.session import replay
 from bench.commands.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.record import SHORTER
 from bench.report import Report, ReportModel
 from bench.session import verification
 
@@ -149,6 +152,22 @@ def test_one_altered_byte_of_a_segment_is_named(session: Path, capsys: pytest.Ca
     document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
     assert SEGMENT in changed(document), place
     assert all("byte" in change["what"] for change in document["changes"] if change["file"] == SEGMENT)
+
+
+@pytest.mark.usefixtures("drawn")
+def test_a_copy_in_part_is_told_alike_by_every_command(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = session / SEGMENT
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 4 // 10])
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    cut = f"byte {path.stat().st_size}: {SHORTER}"
+    assert document["changes"][0] == {"file": SEGMENT, "what": cut}
+    assert recover(session, None, as_json=False) == ExitStatus.SESSION_DAMAGED
+    said = capsys.readouterr().out
+    assert f"damaged: {SEGMENT} {cut}" in said
+    assert "missing: its record is lost" in said
+    for work in (lambda: replay(session, as_json=False), lambda: fit(session, None, as_json=False)):
+        with pytest.raises(SessionDamaged, match=f"^error B-REC-011: {session}: {SEGMENT} {cut}"):
+            work()
 
 
 @pytest.mark.usefixtures("drawn")

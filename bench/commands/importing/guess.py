@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -12,19 +15,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.commands.console import warn
-from bench.commands.importing.sniff import Seen, sniff
+from bench.commands.importing.sniff import Seen, is_number, moment_of, quoted, sniff
 from bench.model.declaration import Hint
 from bench.model.errors import ExitStatus
 from bench.model.systems import system_refusals, systems
+from bench.model.units import likely, read_quantity
 
 FILL_IN = "FILL_IN"
 _TIME = re.compile(r"(^|[^a-z])(t|ts|utc|tow|sec|secs|seconds|ms|us|ns)([^a-z]|$)|time|date|stamp|epoch")
 _EPOCHS = (("s", 5e8, 5e9), ("ms", 5e11, 5e12), ("us", 5e14, 5e15), ("ns", 5e17, 5e18))
 _NO_DATE = "1970-01-01T00:00:00Z"
+_DATES = ("%d/%m/%Y", "%m/%d/%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%Y", "%d.%m.%y", "%d-%m-%Y", "%Y/%m/%d", "%Y.%m.%d")
+_PATTERNS = [f"{date} %H:%M:%S{more}" for date in _DATES for more in ("", ".%f")]
+_PATTERNS += [f"{date} %I:%M:%S{more}%p" for date in ("%m/%d/%Y", "%m/%d/%y") for more in (" ", "", ".%f ")]
+_DAY_s = 86400.0
+_SERIAL_DAYS = (36526.0, 73051.0)  # of the years 2000 to 2099 in a spreadsheet
+_LONG_s = 120.0  # between rows whose times are such days
+_OVERLOAD = 9.0e36  # what an instrument writes in place of a number is as large
+_ODD_TEXTS = 3  # among the numbers of a column
 _AXIS = re.compile(r"[xyz](?![a-z])")
-_UNIT = re.compile(r"[\[(]\s*([^\])\s]+)\s*[\])]\s*$")
-_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./]*")
+_UNIT = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
+_POWER = re.compile(r"[ *]([a-z]+)\^?-([12])$")
 Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column, or those that differ by a number; values are None for texts."""
+
+    name: str
+    values: Numbers | None
+    hint: Hint | None
+    axis: str
 
 
 def guess(path: Path) -> int:
@@ -37,21 +59,18 @@ def guess(path: Path) -> int:
 
 def proposal(seen: Seen, path: Path) -> str:
     """Return the text of a mapping."""
-    numbers = {name: _numbers(values) for name, values in seen.columns.items()}
+    odd: set[str] = set()
+    numbers = {name: _numbers(values, odd) for name, values in seen.columns.items()}
     time, time_line = _time(seen, numbers)
-    lines, hints, units = [], [], _units(numbers)
-    for name, values in _together(numbers).items():
-        if name == time:
-            continue
-        hint = None if values is None else _hint(name)
-        axis = _axis(name, [other for other in numbers if other != time])
-        lines.append(f"  {_key(name)}: {_column(name, hint, axis, units)}  # {_range(values)}")
-        hints += [hint] if hint is not None else []
-    analysis, others = _analysis(hints)
-    missing = any(values is not None and np.isnan(values).any() for values in numbers.values())
+    columns = _columns({name: values for name, values in numbers.items() if name != time}, path.stem)
+    units = _units(columns)
+    analysis, others = _analysis([column.hint for column in columns if column.hint is not None])
     slug = re.sub(r"[^a-z0-9]+", "_", path.stem.lower()).strip("_")
     name = slug if slug[:1].isalpha() else f"log_{slug}"
     form = ", ".join(f"{key}: {value}" for key, value in seen.form.items())
+    peaks = [np.nanmax(np.abs(column.values)) for column in columns if column.values is not None]
+    overload = [f"at_least: {_OVERLOAD:.1e}"] if max(peaks, default=0.0) >= _OVERLOAD else []
+    overload += [f"values: [{', '.join(map(quoted, sorted(odd)))}]"] if odd else []
     head = [
         f"# Proposed for {path.name} ({seen.kind}) by its first {max(map(len, seen.columns.values()))} rows.",
         f"# Replace each {FILL_IN}, look at roles and units, and name an analysis (docs/importing.md).",
@@ -59,10 +78,11 @@ def proposal(seen: Seen, path: Path) -> str:
         f"uut: {{model: {FILL_IN}, serial: {FILL_IN}}}",
         f"analysis: {analysis}{others}",
         *([f"file: {{{form}}}"] if form else []),
-        *(["overload: {values: [nan, '']}  # numbers are missing"] if missing else []),
+        *([f"overload: {{{', '.join(overload)}}}  # what stands for no number"] if overload else []),
         "columns:",
         time_line,
     ]
+    lines = [f"  {quoted(column.name)}: {_entry(column, units)}  # {_range(column.values)}" for column in columns]
     return "\n".join([*head, *lines]) + "\n"
 
 
@@ -80,41 +100,69 @@ def _analysis(hints: Sequence[Hint]) -> tuple[str, str]:
     return proposed, f"  # or: {', '.join(others)}" if others else ""
 
 
-def _together(numbers: Mapping[str, Numbers | None]) -> dict[str, Numbers | None]:
-    """Return the columns with those of one role that come by number as one, ``{0..423}`` in its name."""
-    alone: dict[str, Numbers | None] = {}
-    groups: dict[tuple[str, str], dict[int, Numbers]] = {}
+def _columns(numbers: Mapping[str, Numbers | None], stem: str) -> list[_Column]:
+    """Return the columns with what names tell; those of one role that come by number as one, ``{0..423}`` in its name.
+
+    The name of the file tells what x, y and z are, or its only column.
+    """
+    bare = ("x", "y", "z") if len(numbers) > 1 else ("x", "y", "z", "c0")
+    columns = []
+    groups: dict[tuple[str, str], dict[int, _Column]] = {}
     for name, values in numbers.items():
-        hint, digits = _hint(name), list(re.finditer(r"\d+", name))
-        if values is None or hint is None or not hint.numbered or not digits:
-            alone[name] = values
-        else:
+        label = f"{stem}_{name}" if name in bare else name
+        hint, digits = None if values is None else _hint(label), list(re.finditer(r"\d+", name))
+        column = _Column(name, values, hint, _axis(label, list(numbers)))
+        if hint is not None and hint.numbered and digits:
             around = name[: digits[-1].start()], name[digits[-1].end() :]
-            groups.setdefault(around, {})[int(digits[-1][0])] = values
-    return alone | {
-        f"{before}{{{min(group)}..{max(group)}}}{behind}": np.concatenate(list(group.values()))
-        for (before, behind), group in groups.items()
-    }
+            groups.setdefault(around, {})[int(digits[-1][0])] = column
+        else:
+            columns.append(column)
+    for (before, behind), group in groups.items():
+        values = np.concatenate([column.values for column in group.values() if column.values is not None])
+        name = f"{before}{{{min(group)}..{max(group)}}}{behind}"
+        columns.append(replace(group[min(group)], name=name, values=values))
+    return _one_of_each(columns)
 
 
-def _numbers(values: Sequence[str]) -> Numbers | None:
-    """Return a column as numbers, NaN where one is missing; None if it holds other texts."""
-    try:
-        return np.array([float(text) if text else np.nan for text in values])
-    except ValueError:
+def _one_of_each(columns: Sequence[_Column]) -> list[_Column]:
+    """Return the columns, those ignored that play a role which another one plays, or plays better."""
+    taken, kept = set[tuple[str, str]](), []
+    for column in columns:
+        hint = column.hint
+        if hint is not None and not hint.numbered:
+            place = hint.role, column.axis if hint.by_axis else ""
+            axes = {other.axis for other in columns if other.hint is hint}
+            if place in taken or (hint.by_axis and column.axis == FILL_IN and len(axes) > 1):
+                column = replace(column, hint=None)
+            taken.add(place)
+        kept.append(column)
+    return kept
+
+
+def _numbers(values: Sequence[str], odd: set[str]) -> Numbers | None:
+    """Return a column as numbers, NaN for the texts that stand for none, which are noted; None if it holds others."""
+    texts = {text for text in values if not is_number(text) or math.isnan(float(text))}
+    if len(texts) > _ODD_TEXTS or sum(text in texts for text in values) > len(values) / 2:
         return None
+    odd |= texts
+    return np.array([np.nan if text in texts else float(text) for text in values])
 
 
 def _time(seen: Seen, numbers: Mapping[str, Numbers | None]) -> tuple[str | None, str]:
     """Return the column that says when a row was taken and its line, or a line that numbers the rows."""
-    for name in sorted(numbers, key=lambda name: not _TIME.search(name.lower())):
-        values = numbers[name]
-        told = _TIME.search(name.lower()) is not None
+    found = list[tuple[int, int, str, str]]()
+    for name, values in numbers.items():
+        told, entry = _TIME.search(name.lower()) is not None, None
         if values is None:
-            if (entry := _dated(seen.columns[name])) is not None:
-                return name, f"  {_key(name)}: {entry}  # {seen.columns[name][0]}"
-        elif (told or _may_be_time(name, numbers)) and _rises(values):
-            return name, f"  {_key(name)}: {_counted(values)}"
+            entry = _dated(seen.columns[name])
+        elif _rises(values) and (told or np.all(np.diff(values) == 1.0) or _may_be_time(name, numbers)):
+            entry = _counted(name, values, told)
+        if entry is not None:
+            rank = 3 if not told else 2 if f"unit: {FILL_IN}" in entry else 0
+            found.append((1 if "format: samples" in entry else rank, len(found), name, entry))
+    if found:
+        *_, name, entry = min(found)
+        return name, f"  {quoted(name)}: {entry}"
     return None, f"  row: {{role: time, format: rows, rate: {FILL_IN}, start: {_NO_DATE}}}  # no column tells the time"
 
 
@@ -130,22 +178,39 @@ def _rises(values: Numbers) -> bool:
 
 
 def _dated(values: Sequence[str]) -> str | None:
-    try:
-        first = datetime.fromisoformat(values[0])
-    except (ValueError, IndexError):
-        return None
-    return f"{{role: time, format: iso, zone: {'UTC' if first.tzinfo else FILL_IN}}}"
+    """Return the entry of a column of dates; its format is to be filled in where day and month look alike."""
+    first = moment_of(values[0])
+    if first is not None:
+        return f"{{role: time, format: iso, zone: {'UTC' if first.tzinfo else FILL_IN}}}  # {values[0]}"
+    fitting = [pattern for pattern in _PATTERNS if all(_reads(text, pattern) for text in values)]
+    form = quoted(fitting[0]) if len(fitting) == 1 else FILL_IN
+    entry = f"{{role: time, format: {form}, zone: {FILL_IN}}}  # {values[0]}: {' or '.join(map(quoted, fitting))}"
+    return entry if fitting else None
 
 
-def _counted(values: Numbers) -> str:
-    """Return the entry of a column of time in numbers, with the rate that it means."""
+def _reads(text: str, pattern: str) -> bool:
+    with suppress(ValueError):
+        return bool(datetime.strptime(text, pattern))
+    return False
+
+
+def _counted(name: str, values: Numbers, told: bool) -> str:
+    """Return the entry of a column of time in numbers, with the step that it means."""
     step = float(values[-1] - values[0]) / (values.size - 1)
     for unit, low, high in _EPOCHS:
         if low < values[0] < high:
             return f"{{role: time, format: unix, unit: {unit}}}  # a step of {step:.6g} {unit}"
-    if step == 1.0 and np.all(values == np.round(values)):
+    words = [_known_unit(word) for word in re.split(r"[^a-z]+", name.lower())] if told else []
+    unit = next((word for word in words if (read_quantity(f"1 {word}") or (0, ""))[1] == "s"), "")
+    step_s, (low, high) = step * _DAY_s, _SERIAL_DAYS
+    if told and not unit and low <= values[0] < high and round(step_s, 1) in range(1, int(_LONG_s)):
+        return (
+            "{role: time, format: elapsed, unit: d, start: 1899-12-30T00:00:00Z}"
+            f"  # days of a spreadsheet, a step of {step_s:.6g} s; its zone in place of Z"
+        )
+    if not unit and step == 1.0 and np.all(values == np.round(values)):
         return f"{{role: time, format: samples, rate: {FILL_IN}, start: {_NO_DATE}}}  # numbers of samples"
-    unit = "s" if 0.0 < step < 1.0 else FILL_IN
+    unit = unit or ("s" if 0.0 < step < 1.0 else FILL_IN)
     return f"{{role: time, format: elapsed, unit: {unit}, start: {_NO_DATE}}}  # a step of {step:.6g}"
 
 
@@ -155,16 +220,24 @@ def _hints() -> list[Hint]:
 
 def _hint(name: str) -> Hint | None:
     plain = re.sub(r"[\[(][^\])0-9]*[\])]", "", name).lower()
+    if "timestamp" in plain:
+        return None
     return next((hint for hint in _hints() if re.search(hint.pattern, plain)), None)
 
 
-def _units(numbers: Mapping[str, Numbers | None]) -> dict[str, str]:
+def _known_unit(text: str) -> str:
+    """Return a unit as the bench writes it, "" if it knows none such."""
+    plain = _POWER.sub(lambda power: f"/{power[1]}{power[2].replace('1', '')}", text)
+    return plain if read_quantity(f"1 {plain}") else likely(f"1 {plain}").partition("'1 ")[2].rstrip("'?")
+
+
+def _units(columns: Sequence[_Column]) -> dict[str, str]:
     """Return the unit of each role by the largest magnitude of its columns, where ranges tell."""
     largest: dict[str, float] = {}
-    for name, values in numbers.items():
-        hint = None if values is None else _hint(name)
-        if hint is not None and values is not None and np.isfinite(values).any():
-            largest[hint.role] = max(largest.get(hint.role, 0.0), float(np.nanmedian(np.abs(values))))
+    for column in columns:
+        if column.hint is not None and column.values is not None and np.isfinite(column.values).any():
+            role = column.hint.role
+            largest[role] = max(largest.get(role, 0.0), float(np.nanmedian(np.abs(column.values))))
     found = {}
     for hint in _hints():
         fitting = [unit for unit, low, high in hint.units or () if low <= largest.get(hint.role, -1.0) < high]
@@ -173,16 +246,16 @@ def _units(numbers: Mapping[str, Numbers | None]) -> dict[str, str]:
     return found
 
 
-def _column(name: str, hint: Hint | None, axis: str, units: Mapping[str, str]) -> str:
+def _entry(column: _Column, units: Mapping[str, str]) -> str:
+    hint = column.hint
     if hint is None:
         return "{role: ignore}"
-    written = _UNIT.search(name)
-    unit = written[1] if written and not written[1].isdigit() else units.get(hint.role, FILL_IN)
-    entries, behind = [f"role: {hint.role}"], [] if hint.units is None else [f"unit: {unit}"]
-    if hint.by_axis:
-        entries.append(f"axis: {axis}")
+    written = _UNIT.search(column.name)
+    unit = _known_unit(written[1]) if written and not written[1].isdigit() else ""
+    entries = [f"role: {hint.role}", *([f"axis: {column.axis}"] if hint.by_axis else [])]
     entries += [f"{key}: {value}" for key, value in hint.more.items()]
-    return f"{{{', '.join([*entries, *behind])}}}"
+    entries += [] if hint.units is None else [f"unit: {unit or units.get(hint.role, FILL_IN)}"]
+    return f"{{{', '.join(entries)}}}"
 
 
 def _axis(name: str, names: Sequence[str]) -> str:
@@ -199,7 +272,3 @@ def _range(values: Numbers | None) -> str:
     if values is None or not np.isfinite(values).any():
         return "texts" if values is None else "no numbers"
     return f"{np.nanmin(values):.4g} to {np.nanmax(values):.4g}, median {np.nanmedian(values):.4g}"
-
-
-def _key(name: str) -> str:
-    return name if _PLAIN.fullmatch(name) else "'" + name.replace("'", "''") + "'"

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import csv
+import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 
 from bench.model.errors import InputError
-from bench.replay import file_lines
+from bench.replay import CONTROL, file_lines, text_forms
 from bench.tables import kind_of, open_table
 
 ROWS = 2000  # that are looked at
 _DELIMITERS = (";", "\t", ",", "|")
+_PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./]*")
 _COMMENTS = ("#", "%", "//")
 
 
@@ -37,15 +41,14 @@ def sniff(path: Path) -> Seen:
 
 
 def _of_table(path: Path, kind: str) -> Seen:
-    """Return the columns of the commonest length: those of other lengths belong to other tables."""
+    """Return the columns of the length that holds most values: those of other lengths belong to other tables."""
     table = open_table(path, kind, None)
-    columns: dict[str, list[str]] = {}
-    lengths: Counter[int] = Counter()
-    for name in table.names:
-        columns[name] = [str(row[0]) for row in islice(table.rows([name]), ROWS)]
-        lengths[len(columns[name])] += 1
-    longest = max(lengths, key=lambda length: (lengths[length], length))
-    return Seen({name: values for name, values in columns.items() if len(values) == longest}, kind)
+    columns = {name: [str(row[0]) for row in islice(table.rows([name]), ROWS)] for name in table.names}
+    values: Counter[int] = Counter()
+    for column in columns.values():
+        values[len(column)] += len(column)
+    most = max(values, key=lambda length: (values[length], length))
+    return Seen({name: column for name, column in columns.items() if len(column) == most}, kind)
 
 
 def _of_text(path: Path) -> Seen:
@@ -58,34 +61,48 @@ def _of_text(path: Path) -> Seen:
         lines, encoding = [line.decode("latin-1") for line in raw], "latin-1"
     lines = [line.strip("\r\n") for line in lines]
     comment = next((mark for mark in _COMMENTS if lines[0].startswith(mark)), None)
-    kept = [line for line in lines if line.strip() and not (comment and line.startswith(comment))]
+    texts = [line for line in lines if line.strip() and not CONTROL.search(line)]
+    kept = [line for line in texts if not (comment and line.startswith(comment))]
     delimiter = _delimiter(kept)
     rows = [_fields(line, delimiter) for line in kept]
+    if sum(row[-1:] == [""] for row in rows) > len(rows) / 2:
+        rows = [row[:-1] if row[-1] == "" else row for row in rows]
     width = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
     begin = next((place for place, row in enumerate(rows) if len(row) == width), 0)
-    if width < 1 or len(rows) - begin < 2:
+    if width < 1 or len(rows) - begin < 2 or len(texts) < len(lines) / 2:
         raise InputError(
             "B-IMP-004",
             "holds no table that can be told",
             where=path,
             next_step="write the mapping by hand (docs/importing.md), or name another file",
         )
-    named = not any(_is_number(text) for text in rows[begin])
-    names = [text.strip() for text in rows[begin]] if named else [f"c{place}" for place in range(width)]
-    body = [row for row in rows[begin + named :] if len(row) == width]
-    comma = delimiter != "," and any("," in text and _is_number(text.replace(",", ".")) for row in body for text in row)
-    columns = {name: [row[place].strip() for row in body] for place, name in enumerate(names) if name}
-    if comma:
-        columns = {name: [text.replace(",", ".") for text in values] for name, values in columns.items()}
-    form = {} if delimiter == "," else {"delimiter": "whitespace" if delimiter is None else repr(delimiter)}
-    form |= {"decimal": "','"} if comma else {}
+    form = {} if delimiter == "," else {"delimiter": "whitespace" if delimiter is None else quoted(delimiter)}
     form |= {"encoding": encoding} if encoding != "utf-8" else {}
-    form |= {"comment": repr(comment)} if comment else {}
-    if not named:
-        form["names"] = f"[{', '.join(names)}]"
-    elif begin:
-        form["header"] = str(lines.index(kept[begin]) + 1)
-    return Seen(columns, "text", form)
+    form |= {"comment": quoted(comment)} if comment else {}
+    if named := not any(is_number(text) or moment_of(text) for text in rows[begin]):
+        names = [text.strip() for text in rows[begin]]
+        if begin or kept[0] != lines[0]:
+            form["header"] = str(lines.index(kept[begin]) + 1)
+    else:
+        above = [line for line in texts[: texts.index(kept[0])] if comment and line.startswith(comment)]
+        told = (_fields(line.lstrip(f"{comment} "), delimiter) for line in reversed(above))
+        names = next(([text.strip() for text in row] for row in told if len(row) == width), [])
+        if len({name for name in names if name}) < width:
+            names = [f"c{place}" for place in range(width)]
+        form["names"] = f"[{', '.join(map(quoted, names))}]"
+    body = [row for row in rows[begin + named :] if len(row) == width]
+    columns = {name: [row[place].strip() for row in body] for place, name in enumerate(names) if name}
+    if delimiter != "," and any("," in text and is_number(text.replace(",", ".")) for row in body for text in row):
+        columns = {name: [text.replace(",", ".") for text in values] for name, values in columns.items()}
+        form["decimal"] = "','"
+    return Seen(columns, " ".join(["text", *text_forms(path)]), form)
+
+
+def quoted(text: str) -> str:
+    """Return a text as YAML has it."""
+    if not text.isprintable():
+        return json.dumps(text)
+    return text if _PLAIN.fullmatch(text) else "'" + text.replace("'", "''") + "'"
 
 
 def _delimiter(lines: Sequence[str]) -> str | None:
@@ -95,14 +112,23 @@ def _delimiter(lines: Sequence[str]) -> str | None:
         often, times = counts.most_common(1)[0] if counts else (0, 0)
         if often > 0 and times > 0.5 * len(lines[:200]):
             return mark
-    return None
+    return "," if lines and moment_of(lines[0]) else None
+
+
+def moment_of(text: str) -> datetime | None:
+    """Return the time that a text of the ISO form is."""
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return None
 
 
 def _fields(line: str, delimiter: str | None) -> list[str]:
     return line.split() if delimiter is None else next(csv.reader([line], delimiter=delimiter))
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Return whether a text is a number."""
     try:
         float(text)
     except ValueError:

@@ -215,8 +215,8 @@ class LogMapping(StrictModel):
         if len(times) != 1:
             raise ValueError(f"{len(times)} columns have the role time, one is due")
         header, time = self.time
-        if time.format == ROWS and self.bad_rows:
-            raise ValueError("the time format 'rows' counts rows, so no row may be left out; remove 'bad_rows'")
+        if self.counts_rows and self.bad_rows:
+            raise ValueError("'rows' and segments count rows, so no row may be left out; remove 'bad_rows'")
         others = [name for name in self.columns if name not in self._stated]
         due = [name for name in (*others, *self.values) if name != header or time.format != ROWS]
         if self.file.names is not None and (absent := [name for name in due if name not in self.file.names]):
@@ -264,6 +264,11 @@ class LogMapping(StrictModel):
     def rate_Hz(self) -> float | None:
         """Rate of samples that are numbered."""
         return self.time[1].rate
+
+    @property
+    def counts_rows(self) -> bool:
+        """Whether the number of a row says what it is, by the time format or by segments: none may be left out."""
+        return self.time[1].format == ROWS or self.beyond(0) is not None
 
     def campaign(self) -> dict[str, Any]:
         """Return the section ``campaign`` of the manifest of an imported session."""

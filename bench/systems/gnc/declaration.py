@@ -130,13 +130,13 @@ class SensorColumn(LogColumn):
 HINTS = (
     Hint(
         "gyro",
-        r"gyr|angular_velocity|omega|(^|_|\.)w_?[xyz](?![a-z])|(^|_)g[xyz]$|(^|\.)wb\[",
+        r"gyr|angular_velocity|omega|(^|_|\.)w_?(rs_s_)?[xyz](?![a-z])|(^|_)g[xyz]$|(^|\.)wb\[",
         by_axis=True,
         analysis="bias_log",
     ),
     Hint(
         "accelerometer",
-        r"acc|specific_force|(^|_|\.)a_?[xyz](?![a-z])|(^|\.)fb\[",
+        r"acc|specific_force|(^|_|\.)a_?(rs_s_)?[xyz](?![a-z])|(^|\.)fb\[",
         units=(("g", 0.5, 2.0), ("m/s2", 5.0, 20.0), ("mg", 500.0, 2000.0)),
         by_axis=True,
         analysis="bias_log",
@@ -197,7 +197,7 @@ class SensorLog(LogSections):
         """Check that sensors and segments fit together, and that the analysis has what it needs. Raises: ValueError."""
         sensors = _sensors(log)
         _check_sensors(sensors)
-        _check_segments(self.segments, sensors.values(), log.bad_rows)
+        _check_segments(self.segments, sensors.values())
         if log.analysis in ANALYSES:
             _check_needs(self, log.analysis, sensors.values())
 
@@ -236,7 +236,7 @@ def _check_sensors(sensors: Mapping[str, SensorColumn]) -> None:
             raise ValueError(f"the columns of the role {role} have different units: {', '.join(sorted(units))}")
 
 
-def _check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorColumn], bad_rows: float) -> None:
+def _check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorColumn]) -> None:
     for label, segment in segments.items():
         first, last = segment.rows
         if last < first:
@@ -246,8 +246,6 @@ def _check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorC
             raise ValueError(f"segment {label!r} needs either 'up', or 'axis' and a 'turn' other than 0 deg")
     if segments and not sensors:
         raise ValueError("segments need columns of the role gyro or accelerometer")
-    if segments and bad_rows:
-        raise ValueError("segments count rows, so no row may be left out; remove 'bad_rows'")
 
 
 def _check_needs(log: SensorLog, name: str, sensors: Collection[SensorColumn]) -> None:

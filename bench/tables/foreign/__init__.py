@@ -1,6 +1,6 @@
 """Logs of other systems in binary form (NumPy, MATLAB, HDF5, MCAP, ROS bags), read as the rows of one table."""
 
 from bench.tables.foreign.opening import ForeignTable, kind_of, open_table
-from bench.tables.foreign.text import log_lines, origin_of
+from bench.tables.foreign.text import OtherLog
 
-__all__ = ["ForeignTable", "kind_of", "log_lines", "open_table", "origin_of"]
+__all__ = ["ForeignTable", "OtherLog", "kind_of", "open_table"]

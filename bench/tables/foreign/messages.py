@@ -24,10 +24,14 @@ Fields = dict[str, object]
 
 @dataclass(frozen=True)
 class MessageTable:
-    """Messages of one topic. ``names``: fields of the first one.   ``read``: opens the file and yields the fields."""
+    """Messages of one topic. ``names``: fields of the first one.   ``read``: opens the file and yields the fields.
+
+    ``broken``: parts of the file that cannot be read.
+    """
 
     names: Sequence[str]
     read: Callable[[], Iterator[Fields]]
+    broken: int = 0
 
     def rows(self, names: Sequence[str]) -> Iterator[Sequence[object]]:
         """Yield values of some fields, message by message; one that a message lacks is an empty text."""
@@ -38,12 +42,14 @@ class MessageTable:
 def mcap_table(path: Path, topic: str | None) -> MessageTable:
     """Return the messages of a topic of an MCAP file whose encoding is JSON or that of ROS 2.
 
+    Of a file that is cut, or has broken chunks, what is whole; then all messages of the topic are held in memory.
     Raises: InputError B-IMP-011 for the topic or another encoding, B-TAB-001 without the library mcap (or rosbags).
     """
     make_reader = library("mcap.reader").make_reader
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    channels = {} if summary is None else {channel.topic: channel for channel in summary.channels.values()}
+    broken: list[object] = []
+    channels = {record.topic: record for record in _records(path, broken) if hasattr(record, "topic")}
+    if broken and not channels:
+        raise ValueError("it is cut off or broken at its begin")
     chosen = _chosen(path, topic, channels)
     encoding = channels[chosen].message_encoding
     if encoding == "cdr":
@@ -53,10 +59,32 @@ def mcap_table(path: Path, topic: str | None) -> MessageTable:
 
     def read() -> Iterator[Fields]:
         with path.open("rb") as file:
-            for _, _, message in make_reader(file).iter_messages(topics=[chosen]):
+            messages: Iterator[Any] = (message for _, _, message in make_reader(file).iter_messages(topics=[chosen]))
+            if broken:
+                told = (record for record in _records(path, []) if type(record).__name__ == "Message")
+                mine = (message for message in told if message.channel_id == channels[chosen].id)
+                messages = iter(sorted(mine, key=lambda message: int(message.log_time)))
+            for message in messages:
                 yield {LOG_TIME: message.log_time} | dict(_flat("", json.loads(message.data)))
 
-    return _table(path, chosen, read)
+    return _table(path, chosen, read, len(broken))
+
+
+def _records(path: Path, broken: list[object]) -> Iterator[Any]:
+    """Yield records of an MCAP file in its order, without those in broken or missing parts, which are noted."""
+    streams = library("mcap.stream_reader")
+    with path.open("rb") as file:
+        try:
+            for record in streams.StreamReader(file, emit_chunks=True).records:
+                try:
+                    is_chunk = hasattr(record, "uncompressed_crc")
+                    within = streams.breakup_chunk(record, validate_crc=True) if is_chunk else [record]
+                except Exception as error:  # whatever the library raises
+                    broken.append(error)
+                else:
+                    yield from within
+        except Exception as error:  # nothing behind it can be told
+            broken.append(error)
 
 
 def bag_table(path: Path, topic: str | None) -> MessageTable:
@@ -80,11 +108,11 @@ def bag_table(path: Path, topic: str | None) -> MessageTable:
     return _table(path, chosen, read)
 
 
-def _table(path: Path, topic: str, read: Callable[[], Iterator[Fields]]) -> MessageTable:
+def _table(path: Path, topic: str, read: Callable[[], Iterator[Fields]], broken: int = 0) -> MessageTable:
     first = next(read(), None)
     if first is None:
         raise _wrong_topic(path, f"the topic {topic!r} holds no message")
-    return MessageTable(tuple(first), read)
+    return MessageTable(tuple(first), read, broken)
 
 
 def _chosen(path: Path, topic: str | None, known: Iterable[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
@@ -9,19 +10,23 @@ from typing import Protocol
 from bench.model.errors import BenchError, InputError
 from bench.tables.foreign import arrays, messages
 
-NPY, NPZ, MAT, HDF5, MCAP, BAG = "npy", "npz", "mat", "hdf5", "mcap", "rosbag"
-_BEGINNINGS = (
-    (b"\x93NUMPY", NPY),
-    (b"PK\x03\x04", NPZ),
-    (b"MATLAB 5.0 MAT-file", MAT),
-    (b"MATLAB 7.3 MAT-file", HDF5),  # MATLAB's own form of HDF5
-    (b"\x89HDF\r\n\x1a\n", HDF5),
-    (b"\x89MCAP0\r\n", MCAP),
-    (b"#ROSBAG V2.0", BAG),
-    (b"SQLite format 3\x00", BAG),
+_NPZ, _MCAP, _BAG = "npz", "mcap", "rosbag"
+_KINDS = (  # first bytes as a pattern; the first that fits counts
+    (rb"\x93NUMPY", "npy"),
+    (rb"PK\x03\x04(?s:.{26}).{1,200}?\.npy", _NPZ),
+    (rb"PK\x03\x04|\xd0\xcf\x11\xe0", "a workbook, or an archive"),
+    (rb"ULog\x01\x12\x35", "a log of PX4"),
+    (rb"MATLAB 5\.0 MAT-file", "mat"),
+    (rb"MATLAB 7\.3 MAT-file|\x89HDF\r\n\x1a\n", "hdf5"),  # the former is MATLAB's own form of it
+    (rb"\x89MCAP0\r\n", _MCAP),
+    (rb"#ROSBAG V2\.0|SQLite format 3\x00", _BAG),
 )
-_TABLES = {NPY: arrays.npy_table, NPZ: arrays.npz_table, MAT: arrays.mat_table, HDF5: arrays.hdf5_table}
-_LONGEST = max(len(begin) for begin, _ in _BEGINNINGS)
+_ARRAYS = {"npy": arrays.npy_table, _NPZ: arrays.npz_table, "mat": arrays.mat_table, "hdf5": arrays.hdf5_table}
+_INSTEAD = {
+    "a workbook, or an archive": "save the sheet as CSV, or unpack the archive, and import that",
+    "a log of PX4": "write its topics as CSV with 'ulog2csv FILE' (pyulog) and import the one of the sensor",
+}
+_HEAD_BYTES = 256
 
 
 class ForeignTable(Protocol):
@@ -38,13 +43,13 @@ class ForeignTable(Protocol):
 def kind_of(path: Path) -> str | None:
     """Return which binary form a file has, None for text; a folder with a ``metadata.yaml`` is a bag of ROS 2."""
     if path.is_dir():
-        return BAG if (path / "metadata.yaml").is_file() else None
+        return _BAG if (path / "metadata.yaml").is_file() else None
     try:
         with path.open("rb") as stream:
-            begin = stream.read(_LONGEST)
+            begin = stream.read(_HEAD_BYTES)
     except (OSError, ValueError):  # whoever reads the file as text says why it cannot be read
         return None
-    return next((kind for known, kind in _BEGINNINGS if begin.startswith(known)), None)
+    return next((kind for known, kind in _KINDS if re.match(known, begin)), None)
 
 
 def open_table(path: Path, kind: str, topic: str | None) -> ForeignTable:
@@ -54,12 +59,14 @@ def open_table(path: Path, kind: str, topic: str | None) -> ForeignTable:
     Raises:  InputError B-IMP-009 if the file cannot be read or holds no column, B-IMP-011 for a topic that is not
              there or not one, B-TAB-001 if the library for it is not installed.
     """
+    if kind in _INSTEAD:
+        raise InputError("B-IMP-009", f"is {kind}, which is not read", where=str(path), next_step=_INSTEAD[kind])
     try:
         table: ForeignTable
-        if kind in (MCAP, BAG):
-            table = messages.bag_table(path, topic) if kind == BAG else messages.mcap_table(path, topic)
+        if kind in _ARRAYS:
+            table = _ARRAYS[kind](path)
         else:
-            table = _TABLES[kind](path)
+            table = messages.bag_table(path, topic) if kind == _BAG else messages.mcap_table(path, topic)
     except BenchError:
         raise
     except Exception as error:  # the libraries raise what they like for a damaged file

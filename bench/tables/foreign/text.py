@@ -13,43 +13,43 @@ from pathlib import Path
 
 from bench.model.errors import InputError
 from bench.plan import ROWS, LogMapping, suggestion
-from bench.replay import file_lines
+from bench.replay import file_lines, first_bytes, text_forms
 from bench.tables.foreign.opening import ForeignTable, kind_of, open_table
 
-_HASHED_BYTES = 1 << 20
 
+class OtherLog:
+    """A log of another system: text as it is, or a table in binary form whose rows become text.
 
-def log_lines(path: Path, mapping: LogMapping, size: int | None = None) -> Iterator[bytes]:
-    """Yield lines of a log, with their ends: those of a text file as they are, those of a binary one made of its rows.
-
-    Args:    size: of the lines in bytes where the log was surveyed before: what was added since is left out.
-    Raises:  InputError B-IMP-001 (cannot be read), B-IMP-003 (no such column), B-IMP-009 to -011, B-TAB-001.
+    Raises: InputError B-IMP-009 to -011, B-TAB-001; when its lines are read, B-IMP-001 and B-IMP-003.
     """
-    kind = kind_of(path)
-    if kind is None:
-        yield from file_lines(path, size)
-        return
-    _plain_form(path, kind, mapping)
-    left = size
-    for line in _lines(path, open_table(path, kind, mapping.file.topic), mapping):
-        if left is not None and len(line) > left:
-            return
-        left = None if left is None else left - len(line)
-        yield line
 
+    def __init__(self, path: Path, mapping: LogMapping) -> None:
+        self._path, self._mapping = path, mapping
+        self._kind = kind_of(path)
+        self._table = None
+        if self._kind is not None:
+            _plain_form(path, self._kind, mapping)
+            self._table = open_table(path, self._kind, mapping.file.topic)
 
-def origin_of(path: Path) -> dict[str, str | int]:
-    """Return kind, size and SHA-256 of a binary log for the manifest; empty for text, whose bytes the session holds."""
-    kind = kind_of(path)
-    if kind is None:
-        return {}
-    if path.is_dir():
-        return {"kind": kind}
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while part := stream.read(_HASHED_BYTES):
-            digest.update(part)
-    return {"kind": kind, "bytes": path.stat().st_size, "sha256": digest.hexdigest()}
+    def lines(self, size: int | None = None) -> Iterator[bytes]:
+        """Return lines with their ends; ``size``: of a survey before, in bytes: what was added since is left out."""
+        if self._table is None:
+            return file_lines(self._path, size)
+        return first_bytes(_lines(self._path, self._table, self._mapping), size)
+
+    @property
+    def origin(self) -> dict[str, str | int]:
+        """Kind, size and SHA-256 of the file for the manifest; empty if the session holds its bytes."""
+        kind = self._kind or " ".join(text_forms(self._path))
+        if not kind:
+            return {}
+        broken = getattr(self._table, "broken", 0)
+        told: dict[str, str | int] = {"kind": kind, **({"broken": broken} if broken else {})}
+        if self._path.is_dir():
+            return told
+        with self._path.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256")
+        return {**told, "bytes": self._path.stat().st_size, "sha256": digest.hexdigest()}
 
 
 def _plain_form(path: Path, kind: str, mapping: LogMapping) -> None:

@@ -18,6 +18,7 @@ from record_sample import MANIFEST, NS, ROOT, TEXTS, write_sample
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Resume
 from bench.record import (
+    SHORTER,
     Message,
     SessionReader,
     SessionWriter,
@@ -176,6 +177,14 @@ def test_a_missing_segment_is_damage(tmp_path: Path) -> None:
     damage = SessionReader(tmp_path).damage
     assert (damage[0].segment, damage[0].what) == ("session.0002.mcap", "segment is missing")
     assert sum(item.lost or 0 for item in damage) == 1
+
+
+def test_the_results_know_of_a_last_segment_that_is_missing(tmp_path: Path) -> None:
+    whole = written(tmp_path, 3600, 2 * 3600).close("done")
+    (tmp_path / "results.json").write_text(f'{{"provenance": {{"session_sha256": "{whole}"}}}}')
+    assert SessionReader(tmp_path).damage == []
+    (tmp_path / "session.0003.mcap").unlink()
+    assert [item.what for item in SessionReader(tmp_path).damage] == [SHORTER]
 
 
 def test_a_folder_without_a_session(tmp_path: Path) -> None:

@@ -1,11 +1,10 @@
-"""Records as events tell them, parts on one axis, rows bit for bit as in the run; and delimited text as loggers of all
-kinds write it.
-"""
+"""Records as events tell them, parts on one axis, rows as in the run; and delimited text as loggers write it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +26,7 @@ from bench.record import RecordRow, SessionWriter
 from bench.replay import compare, moved_rows, replay_rows
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
 from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
-from bench.replay.series import Survey, file_lines, survey
+from bench.replay.series import file_lines, survey
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 from sim_instruments.faults.switchboard import LinkFaults
@@ -314,13 +313,14 @@ def mapped(*changes: tuple[str, str]) -> LogMapping:
     return parse_yaml(text, "m.yaml", mapping_model()).model
 
 
-def read(content: bytes, mapping: LogMapping) -> tuple[list[LogRow], LogParser]:
+def read(content: bytes, mapping: LogMapping, cut: int = 1 << 30) -> tuple[list[LogRow], LogParser]:
     parser = LogParser(mapping, "log.csv")
-    rows = [row for line in lines_of([content]) if (row := parser.row(line)) is not None]
+    chunks = (content[at : at + cut] for at in range(0, len(content), cut))
+    rows = [row for line in lines_of(chunks) if (row := parser.row(line)) is not None]
     return rows, parser
 
 
-def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> Survey:
+def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> LogParser:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     return survey(file_lines(path), mapping or mapped(), str(path))
@@ -427,7 +427,8 @@ def test_what_a_survey_says_of_a_file_and_without_one(tmp_path: Path) -> None:
     ("content", "refusal"),
     [
         (LOG.encode() + b"\xff\xfe\n", r"B-IMP-002.*log.csv:4: .*byte 1 is not utf-8"),
-        (LOG.encode() + b"a\x00b,1,2\n", r"B-IMP-002.*log.csv:4: .*control character U\+0000"),
+        (LOG.encode() + b"a\x01b,1,2\n", r"B-IMP-002.*log.csv:4: .*control character U\+0001"),
+        (LOG.encode() + b"\x01\xff\n", r"B-IMP-002.*byte 2 is not utf-8. Next: name the exported text file$"),
         (LOG.encode() + b"x" * (MAX_LINE_BYTES + 10), r"B-IMP-002.*log.csv:4: .*longer than"),
         (LOG.replace("time,T,U", "time,t,U").encode(), r"B-IMP-003.*log.csv:1: .*no column 'T'"),
         (LOG.replace("time,T,U", "time,T,T,U").encode(), r"B-IMP-003.*log.csv:1: .*the column 'T' 2 times"),
@@ -441,6 +442,49 @@ def test_what_a_survey_says_of_a_file_and_without_one(tmp_path: Path) -> None:
 def test_what_cannot_be_read_is_refused_with_its_line(tmp_path: Path, content: bytes, refusal: str) -> None:
     with pytest.raises(InputError, match=refusal):
         surveyed(tmp_path, content)
+
+
+BY_NUMBER = ("format: iso, zone: UTC", "format: rows, rate: 1 Hz, start: 2024-01-01T00:00:00Z")
+COUNTER = ("format: iso, zone: UTC", "format: elapsed, unit: us, start: 2024-01-01T00:00:00Z")
+
+
+@pytest.mark.parametrize("length", [1, 5000, 3 * MAX_LINE_BYTES])
+def test_blocks_of_zero_bytes_are_passed_over_and_counted(length: int) -> None:
+    block = bytes(length)
+    content = LOG.encode() + b"2024-01-" + block + b"2,30,7\n2024-01-01T00:00:20,21,1002\n" + block
+    for cut in (len(content), 70_000):
+        rows, parser = read(content, mapped(), cut)
+        assert [(row.line, row.values[0]) for row in rows] == [(2, 20.5), (3, 20.6), (5, 21.0)]
+        assert parser.counts.sentences()[0].startswith("2 lines of the log hold blocks of zero bytes, ")
+    _, parser = read(content, mapped(BY_NUMBER))
+    assert parser.counts.bad == [(4, "a block of zero bytes"), (6, "a block of zero bytes")]
+    with pytest.raises(InputError, match=r"B-IMP-005.*Next: correct those lines, or cut the file in front of them: .*"):
+        parser.finish()
+
+
+@pytest.mark.parametrize("tail", ["2024-01-01T00:03:20,20.0", "2024-01-01T00:0", "2024-01-01T00:03:20,20,1."])
+def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tail: str) -> None:
+    lines = [f"2024-01-01T00:0{k // 60}:{k % 60:02},20,1.25" for k in range(120)]
+    content = "\n".join(["time,T,U", *lines, tail]).encode()
+    for mapping in (mapped(), mapped(BY_NUMBER)):
+        rows, parser = read(content, mapping)
+        assert len(rows) == 120
+        assert parser.counts.sentences() == [
+            "Line 122, the last one of the log, was not written to its end and is left out."
+        ]
+    assert len(read("\n".join(["time,T,U", *lines]).encode(), mapped())[0]) == 120
+
+
+@pytest.mark.parametrize(("tick", "step"), [("us", 10_000), ("ms", 10)])
+def test_a_counter_of_32_bits_is_counted_on(tick: str, step: int) -> None:
+    ticks = [(2**32 - 20 * step + k * step) % 2**32 for k in range(40)]
+    mapping = mapped((COUNTER[0], COUNTER[1].replace("us", tick)))
+    rows, parser = read("\n".join(["time,T,U", *(f"{each},20,1" for each in ticks), ""]).encode(), mapping)
+    assert {later.t_ns - row.t_ns for row, later in pairwise(rows)} == {10_000_000}
+    said = f"The time column is a counter of 32 bits in {tick} that began anew 1 times; it is counted on."
+    assert parser.counts.sentences() == [said]
+    with pytest.raises(InputError, match="B-IMP-006"):
+        read("\n".join(["time,T,U", *(f"{each},20,1" for each in (*ticks[:9], 0)), ""]).encode(), mapping)
 
 
 def test_declared_bad_rows_and_one_time_twice_are_taken(tmp_path: Path) -> None:

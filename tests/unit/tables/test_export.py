@@ -282,7 +282,7 @@ def records(path: Path) -> None:
 
 def mcap(path: Path) -> None:
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, chunk_size=4000)
         writer.start()
         schema = writer.register_schema("imu", "jsonschema", b"{}")
         for topic in ("/imu", "/other"):
@@ -340,6 +340,33 @@ def test_messages_of_a_topic_of_an_mcap_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.columns["t_s"], np.arange(300.0))
 
 
+def spoiled(change: Callable[[bytes], bytes]) -> Callable[[Path], None]:
+    def write(path: Path) -> None:
+        mcap(path)
+        path.write_bytes(change(path.read_bytes()))
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("change", "broken"),
+    [
+        (lambda raw: raw[: len(raw) * 4 // 10], 1),
+        (lambda raw: raw[:2000] + bytes(40) + raw[2040:], 1),
+        (lambda raw: raw[:2000] + bytes(40) + raw[2040 : len(raw) * 4 // 10], 2),
+    ],
+)
+def test_of_a_spoiled_mcap_file_what_is_whole_is_taken(
+    change: Callable[[bytes], bytes], broken: int, tmp_path: Path
+) -> None:
+    text = STAMPED.format(time="log_time", x="w.x", z="w.z").replace("columns:", "file: {topic: /imu}\ncolumns:")
+    series = imported(tmp_path, text, spoiled(change))
+    rows = series.columns["t_s"].astype(int)
+    assert 150 < len(rows) < 300
+    np.testing.assert_array_equal(series.columns["gyro_x_deg_s"], RATE[rows, 0])
+    assert series.notes == (f"{broken} parts of the file are broken or cut off: what they held is not in the log.",)
+
+
 def test_a_missing_number_is_named_in_the_mapping(tmp_path: Path) -> None:
     def holes(path: Path) -> None:
         with path.open("wb") as stream:
@@ -372,7 +399,8 @@ def test_rows_need_no_column_of_time(tmp_path: Path) -> None:
         (mcap, ("columns:", "file: {topic: /imi}\ncolumns:"), "B-IMP-011: .*did you mean '/imu'"),
         (lambda path: path.write_bytes(b"\x93NUMPY\x01\x00"), ("x", "x"), "B-IMP-009: .*cannot be read as npy"),
         (lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n"), ("x", "x"), "B-IMP-009: .*cannot be read as hdf5"),
-        (lambda path: path.write_bytes(b"PK\x03\x04"), ("x", "x"), "B-IMP-009: .*cannot be read as npz"),
+        (lambda path: path.write_bytes(b"PK\x03\x04"), ("x", "x"), "B-IMP-009: .*a workbook.*save the sheet as CSV"),
+        (lambda path: path.write_bytes(b"ULog\x01\x12\x35\x01"), ("x", "x"), "B-IMP-009: .*a log of PX4.*ulog2csv"),
         (lambda path: path.write_bytes(b"\x89MCAP0\r\n"), ("x", "x"), "B-IMP-009: .*cannot be read as mcap"),
     ],
 )

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import re
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 from typer.testing import CliRunner
 
 from bench.cli import app
@@ -46,10 +50,6 @@ def test_a_text_log_is_proposed_and_runs(tmp_path: Path, capsys: pytest.CaptureF
     (tmp_path / "m.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(InputErrors, match="'FILL_IN' is no unit"):
         load_mapping(tmp_path / "m.yaml")
-    (tmp_path / "m.yaml").write_text(filled(text, model="M", serial="S-1", unit="deg/s"), encoding="utf-8")
-    import_log(tmp_path / "m.yaml", log, tmp_path / "out")
-    series = replay_series(next((tmp_path / "out").iterdir()))
-    np.testing.assert_allclose(series.columns["gyro_y_deg_s"], RATE[:, 1])
 
 
 def test_a_matrix_of_hdf5_with_the_time_in_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,7 +75,7 @@ def test_a_matrix_of_hdf5_with_the_time_in_it(tmp_path: Path, capsys: pytest.Cap
         ("x;T\n1;20,5\n1;20,75\n", "file: {delimiter: ';', decimal: ','}"),
         ("% made by X\n1 2\n3 1\n", "file: {delimiter: whitespace, comment: '%', names: [c0, c1]}"),
         ("a report\n\nu,temp\n3,20\n1,21\n4,22\n", "file: {header: 3}"),
-        ("u,v\n3,\n1,5\n", "overload: {values: [nan, '']}"),
+        ("u,v\n3,\n1,5\n", "overload: {values: ['']}"),
         ("u,count\n3,5\n1,9\n2,17\n", "analysis: rlg_count_log"),
         ("u,v\n3,5\n1,4\n", "row: {role: time, format: rows, rate: FILL_IN"),
     ],
@@ -83,6 +83,83 @@ def test_a_matrix_of_hdf5_with_the_time_in_it(tmp_path: Path, capsys: pytest.Cap
 def test_what_it_sees(content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "log").write_text(content, encoding="utf-8")
     assert said in proposed(tmp_path / "log", capsys)
+
+
+def text(names: str, *columns: np.ndarray, separator: str = ",", end: str = "\n", above: str = "") -> bytes:
+    """Return a table; of its columns texts stay as they are, numbers have nine digits."""
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    lines = [separator.join(each if isinstance(each, str) else f"{each:.9g}" for each in row) for row in rows]
+    return (above + end.join([*([names] if names else []), *lines, ""])).encode()
+
+
+def moments(form: str) -> np.ndarray:
+    """Return local times, a second apart."""
+    start = datetime(2024, 10, 27, 11, 59, 0)
+    return np.array([(start + timedelta(seconds=k)).strftime(form) for k in range(ROWS)])
+
+
+def stamps(first: int, step: int) -> np.ndarray:
+    return np.array([str(first + step * k) for k in range(ROWS)])
+
+
+def mat(**variables: object) -> bytes:
+    savemat(stream := io.BytesIO(), {"imu": variables})
+    return stream.getvalue()
+
+
+SIX = (*RATE.T, *FORCE.T)
+XYZ = "gyro_x,gyro_y,gyro_z"
+UNITS = (("w", "rad s^-1"), ("a", "m s^-2"))
+EUROC = ",".join(["#timestamp [ns]", *(f"{word}_RS_S_{axis} [{unit}]" for word, unit in UNITS for axis in "xyz")])
+PX4 = "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt,accelerometer_timestamp_relative"
+PX4 += ",accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2]"
+XSENS = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z"
+DAYS = np.array([f"{45592 + 10 * k / 86400:.6f}" for k in range(ROWS)])
+NANOSECONDS = stamps(1_730_000_000_000_000_000, 10_000_000)
+GYRO, ACCEL = ({f"{word}_{axis}_{unit}" for axis in "xyz"} for word, unit in (("gyro", "deg_s"), ("accel", "m_s2")))
+GYRO_X = {"gyro_x_deg_s"}
+PLAIN = text(f"t,{XYZ}", T_s, *RATE.T)
+FORMS: dict[str, tuple[bytes, set[str], float]] = {  # by name of the file: its bytes, what is read of it, its step
+    "EuRoC.csv": (text(EUROC, NANOSECONDS, *SIX), GYRO | ACCEL, 0.01),
+    "tum.txt": (text("# timestamp ax ay az", T_s + 1.3e9, *FORCE.T, separator=" ", above="# made\n"), ACCEL, 0.01),
+    "kitti oxts.txt": (text("", *[T_s] * 30, separator=" "), set(), 0.01),
+    "kitti stamps.txt": (text("", moments("%Y-%m-%d %H:%M:%S.964389445")), set(), 1.0),
+    "MT.txt": (text(XSENS, stamps(7626, 1), stamps(0, 100), *FORCE.T, separator="\t", above="// made\n"), ACCEL, 0.01),
+    "sensor.csv": (text(PX4, stamps(26_000_000, 4000), *RATE.T, T_s * 0, T_s * 0, *FORCE.T), GYRO | ACCEL, 0.004),
+    "phyphox.csv": (text('"Time (s)","Gyroscope x (rad/s)","Absolute (rad/s)"', T_s, *RATE.T[:2]), GYRO_X, 0.01),
+    "Gyroscope.csv": (text("time,seconds_elapsed,z,y,x", NANOSECONDS, T_s, *RATE.T), GYRO, 0.01),
+    "navego.mat": (mat(t=T_s, wb=RATE, fb=FORCE, **{f"v{k}": np.arange(3.0) for k in range(13)}), GYRO | ACCEL, 0.01),
+    "data_imu_acc_z.txt": (text("", FORCE[:, 2]), {"accel_z_m_s2"}, 0.01),
+    "trailing.csv": (PLAIN.replace(b",", b";").replace(b"\n", b";\n").replace(b"_z;", b"_z"), GYRO, 0.01),
+    "us.csv": (text(f"date,{XYZ}", moments("%m/%d/%Y %I:%M:%S %p"), *RATE.T), GYRO, 1.0),
+    "day first.csv": (text(f"date,{XYZ}", moments("%d/%m/%y %H:%M:%S"), *RATE.T), GYRO, 1.0),
+    "sheet.csv": (text(f"time,{XYZ}", DAYS, *RATE.T), GYRO, 10.0),
+    "lost.tsv": (text(f"time,{XYZ}", np.full(ROWS, "1.73E+12"), *RATE.T).replace(b",", b"\t"), GYRO, 0.01),
+    "mac.csv": (PLAIN.replace(b"\n", b"\r"), GYRO, 0.01),
+    "wide.csv": (PLAIN.decode().encode("utf-16-be"), GYRO, 0.01),
+    "packed.csv": (gzip.compress(PLAIN.decode().encode("utf-16")), GYRO, 0.01),
+    "meter.csv": (PLAIN.replace(b"\n0.01,", b"\n0.01,9.9E+37,OL,0\n0.01,"), GYRO, 0.01),
+}  # fmt: skip
+FILLED = {"model": "M", "serial": "S-1", "unit": "rad/s", "zone": "UTC", "rate": "100 Hz"}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_what_it_prints_is_what_an_import_takes(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content, quantities, step_s = FORMS[name]
+    (tmp_path / name).write_bytes(content)
+    mapping = proposed(tmp_path / name, capsys).replace("elapsed, unit: FILL_IN", "elapsed, unit: us")
+    mapping = filled(mapping, **FILLED)
+    (tmp_path / "m.yaml").write_text(mapping, encoding="utf-8")
+    load_mapping(tmp_path / "m.yaml")
+    (tmp_path / "m.yaml").write_text(re.sub("analysis: .*", "analysis: none", mapping), encoding="utf-8")
+    import_log(tmp_path / "m.yaml", tmp_path / name, tmp_path / "out")
+    columns = replay_series(next((tmp_path / "out").iterdir())).columns
+    assert (set(columns) - {"t_s"}, columns["t_s"].size) == (quantities, ROWS + (name == "meter.csv"))
+    assert columns["t_s"][1] == pytest.approx(step_s, rel=0.05)
+    if quantities >= GYRO and name != "meter.csv":
+        order = "zyx" if name == "Gyroscope.csv" else "xyz"
+        turned = np.column_stack([columns[f"gyro_{axis}_deg_s"] for axis in order])
+        np.testing.assert_allclose(turned, np.degrees(RATE), rtol=1e-8)
 
 
 @pytest.mark.parametrize(("content", "code"), [(b"", "B-IMP-001"), (b"only one line\n", "B-IMP-004")])
