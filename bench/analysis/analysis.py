@@ -19,7 +19,6 @@ from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Table
 from bench.analysis.form import Document
 from bench.analysis.material import Material
-from bench.analysis.survey import surveyed
 from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
 from bench.model.declaration import AnalysisDeclaration
@@ -109,6 +108,10 @@ def analyse(material: Material, method: str | None = None) -> Analysis:
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
     module, chosen = analysis_module(declared.name), method or declared.methods[0]
     check_method(chosen, declared.methods)
+    if not material.series:
+        return with_expected(_analysed(declared.name, module, material, chosen), material)
+    from bench.analysis.survey import surveyed  # of logs alone
+
     survey = surveyed(material)
     analysis = with_expected(_analysed(declared.name, module, survey.material, chosen), material)
     return replace(analysis, notes=[*survey.notes, *analysis.notes], evidence=[*survey.evidence, *analysis.evidence])

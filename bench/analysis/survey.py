@@ -22,6 +22,7 @@ from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.model.errors import FitError
 
 _SENSORS = ("gyro", "accelerometer", "magnetometer")
+_MOVING = ("temperature", "reading", "magnetometer")  # a fit of one that stands still would be one of rounding
 _OF_ROWS = ("temperature", "set_point")  # move on by themselves, whatever the recorder's clock says
 _PAUSE = 20.0  # usual steps: a shorter gap is one of rows
 _BESIDE = 20  # rows on either side of a pause that tell how a column moves
@@ -43,8 +44,8 @@ class Surveyed:
 def surveyed(material: Material) -> Surveyed:
     """Look at the columns of an imported log; what is no log comes back as it is.
 
-    Raises: FitError B-FIT-144 if its clock jumps forward while the unit goes on unbroken, B-FIT-145 for a temperature
-            or a reading that never moves.
+    Raises: FitError B-FIT-144 if its clock jumps forward while the unit goes on unbroken, B-FIT-145 for a column
+            that never moves and must.
     """
     columns = [column for column in material.campaign.get("columns", ()) if column.get("name") in material.series]
     t_s = material.series.get("t_s", np.empty(0))
@@ -90,12 +91,12 @@ def _pauses(t_s: Floats, stamps: SampleStamps) -> list[str]:
 
 
 def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> None:
-    """Refuse a temperature or a reading that is the same in all rows. Raises: FitError B-FIT-145."""
+    """Refuse a column that is the same in all rows and must move. Raises: FitError B-FIT-145."""
     for column in columns:
-        if column.get("role") in ("temperature", "reading") and is_silent(series[str(column["name"])]):
+        if column.get("role") in _MOVING and is_silent(series[str(column["name"])]):
             raise FitError(
                 "B-FIT-145",
-                f"the column {column['name']} has one and the same value in all rows",
+                f"the column {column['header']} has one and the same value in all rows",
                 next_step="map the column that moves, or leave this one out of the mapping ('role: ignore')",
             )
 
@@ -114,7 +115,7 @@ def _refuse_set_clock(t_s: Floats, stamps: SampleStamps, columns: list[Document]
             if _unbroken(values, at, steps_s[at] * stamps.rate_Hz):
                 raise FitError(
                     "B-FIT-144",
-                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {at + 1}, while {column['name']} goes "
+                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {at + 1}, while {column['header']} goes "
                     "on as from one row to the next",
                     where=f"row {at + 2}",
                     next_step="the clock was set (summer time?): take the offset off these stamps, or map "
@@ -145,7 +146,7 @@ def _no_readings(column: Document, values: Floats) -> Iterator[Evidence]:
     if found is None:
         return
     rows = np.flatnonzero(values == found)
-    sentence = say("survey.sentinel", name=column["name"], value=found, count=rows.size, row=int(rows[0]) + 1)
+    sentence = say("survey.sentinel", name=column["header"], value=found, count=rows.size, row=int(rows[0]) + 1)
     yield Evidence("no_reading", sentence, float(rows.size), 0.0, conditions=_place(column))
 
 

@@ -1,4 +1,4 @@
-"""Overlapping and modified Allan deviation of rate samples, with gaps and confidence intervals.
+"""Overlapping Allan deviation of rate samples, with gaps and confidence intervals.
 
 A gap is a sample that is NaN. Every difference of averages that touches one is left out; nothing is filled in, so a
 gap costs differences and widens the interval but shifts nothing. The equivalent degrees of freedom are those of an
@@ -34,7 +34,7 @@ class AllanDeviation:
     """Deviation over averaging time.
 
     Attributes:
-        interval_s: time between samples.   samples: of the record, gaps included.   modified: which deviation.
+        interval_s: time between samples.   samples: of the record, gaps included.
         factors: samples in an average, (k,).   tau_s: averaging times, (k,).
         deviation: (k,), unit of the rate.   low, high: confidence limits, (k,).
         differences: that the deviation is made of, (k,).   dof: equivalent degrees of freedom, (k,).
@@ -45,7 +45,6 @@ class AllanDeviation:
 
     interval_s: float
     samples: int
-    modified: bool
     factors: Integers
     tau_s: Floats
     deviation: Floats
@@ -68,22 +67,20 @@ def allan_deviation(
     rate: Floats,
     interval_s: float,
     *,
-    modified: bool = False,
     factors: Sequence[int] | None = None,
     probability: float = 0.95,
 ) -> AllanDeviation:
-    """Return overlapping (or modified) Allan deviation with chi-squared confidence limits.
+    """Return overlapping Allan deviation with chi-squared confidence limits.
 
     Args:    rate: mean rates over successive intervals, (n,), any unit; NaN marks a gap.   interval_s: of one sample.
-             modified: the modified deviation, which tells white from flicker noise of the angle.
-             factors: samples per average; by default powers of two as far as two averages fit (modified: three).
+             factors: samples per average; by default powers of two as far as two averages fit.
              probability: of the two-sided interval.
     Returns: AllanDeviation; averaging times that gaps leave without a difference are dropped.
     Raises:  FitError B-FIT-031 if no averaging time is left.
     Source:  NIST SP 1065 equations (10), (14) and (45); Greenhall and Riley (2003) for the degrees of freedom.
     """
     rate = np.asarray(rate, np.float64)
-    points = _variances(rate, factors, modified)
+    points = _variances(rate, factors)
     if not points:
         raise FitError(
             "B-FIT-031",
@@ -93,17 +90,15 @@ def allan_deviation(
     used, variance, differences = (np.array(column) for column in zip(*points, strict=True))
     exponents = noise_exponents(rate, used)
     dof = np.array([
-        degrees_of_freedom(int(m), int(count), int(alpha), modified=modified)
+        degrees_of_freedom(int(m), int(count), int(alpha))
         for m, count, alpha in zip(used, differences, exponents, strict=True)
     ])  # fmt: skip
-    if not modified:
-        exponents, dof = _at_few_averages(rate.size, used, variance, differences, exponents, dof)
+    exponents, dof = _at_few_averages(rate.size, used, variance, differences, exponents, dof)
     deviation = np.sqrt(variance)
     low, high = confidence_limits(deviation, dof, probability)
     return AllanDeviation(
         interval_s=interval_s,
         samples=rate.size,
-        modified=modified,
         factors=used,
         tau_s=used * interval_s,
         deviation=deviation,
@@ -128,28 +123,24 @@ def confidence_limits(deviation: Floats, dof: Floats, probability: float) -> tup
     )
 
 
-def _variances(rate: Floats, factors: Sequence[int] | None, modified: bool) -> list[tuple[int, float, int]]:
+def _variances(rate: Floats, factors: Sequence[int] | None) -> list[tuple[int, float, int]]:
     """Return factor, variance and differences of every factor that leaves a difference."""
     wanted = [2**k for k in range(rate.size.bit_length())] if factors is None else sorted(set(factors))
-    fitting = [factor for factor in wanted if factor >= 1 and (3 if modified else 2) * factor <= rate.size]
-    points = [(factor, *_variance(rate, factor, modified)) for factor in fitting]
+    fitting = [factor for factor in wanted if factor >= 1 and 2 * factor <= rate.size]
+    points = [(factor, *_variance(rate, factor)) for factor in fitting]
     return [point for point in points if point[2] > 0]
 
 
-def _variance(rate: Floats, factor: int, modified: bool) -> tuple[float, int]:
+def _variance(rate: Floats, factor: int) -> tuple[float, int]:
     """Return Allan variance and the number of differences in it; intervals cancel, so they are counted as one."""
     good = np.isfinite(rate)
     mean = rate[good].mean() if good.any() else 0.0
     angle = np.concatenate(([0.0], np.cumsum(np.where(good, rate - mean, 0.0))))
     gaps = np.concatenate(([0], np.cumsum(~good)))
     difference = angle[2 * factor :] - 2.0 * angle[factor:-factor] + angle[: -2 * factor]
-    span, scale = 2 * factor, 2.0 * float(factor) ** 2
-    if modified:
-        summed = np.concatenate(([0.0], np.cumsum(difference)))
-        difference = summed[factor:] - summed[:-factor]
-        span, scale = 3 * factor - 1, scale * float(factor) ** 2
-    whole = gaps[span:] == gaps[: gaps.size - span]
-    return (float(np.square(difference[whole]).mean()) / scale if whole.any() else 0.0), int(whole.sum())
+    whole = gaps[2 * factor :] == gaps[: gaps.size - 2 * factor]
+    squared = float(np.square(difference[whole]).mean()) if whole.any() else 0.0
+    return squared / (2.0 * float(factor) ** 2), int(whole.sum())
 
 
 def noise_exponents(rate: Floats, factors: Integers) -> Integers:
@@ -236,25 +227,21 @@ def _mixed_dof(factor: int, differences: int, share: Floats) -> float:
     return _equivalent(covariance, differences)
 
 
-def degrees_of_freedom(factor: int, differences: int, exponent: int, *, modified: bool = False) -> float:
-    """Return equivalent chi-squared degrees of freedom of an overlapping (or modified) Allan variance.
+def degrees_of_freedom(factor: int, differences: int, exponent: int) -> float:
+    """Return equivalent chi-squared degrees of freedom of an overlapping Allan variance.
 
     The angle is known at the ends of the samples and the rates are its true means, so noise of the rate has the
     covariances of the continuous angle from the first factor on; noise of the angle is that of its samples.
 
     Args:    factor: samples per average.   differences: overlapping differences in the variance.
-             exponent: power of frequency in the rate's spectrum, 2 to -2.   modified: the modified variance.
+             exponent: power of frequency in the rate's spectrum, 2 to -2.
     Returns: degrees of freedom, >= 1.
     Source:  Greenhall and Riley (2003), the sum taken term by term up to the length of the correlation.
     """
     length = min(differences, _CORRELATED * factor)
     lags = np.arange(-factor, length + factor + 1)
     covariance = _difference_covariance(lags, factor, exponent)
-    if modified:
-        covariance = _moving_sum(_moving_sum(covariance, factor), factor)[1 : length + 2]
-    else:
-        covariance = covariance[factor : factor + length + 1]
-    return _equivalent(covariance, differences)
+    return _equivalent(covariance[factor : factor + length + 1], differences)
 
 
 def _equivalent(covariance: Floats, differences: int) -> float:
@@ -289,8 +276,3 @@ def _angle_covariance(lags: Integers, exponent: int) -> Floats:
 def _flicker(t: Floats) -> Floats:
     size = np.abs(t)
     return np.asarray(np.square(size) * np.log(np.where(size > 0.0, size, 1.0)))
-
-
-def _moving_sum(values: Floats, length: int) -> Floats:
-    total = np.concatenate(([0.0], np.cumsum(values)))
-    return np.asarray(total[length:] - total[:-length])

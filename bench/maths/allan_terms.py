@@ -166,7 +166,7 @@ def expected_deviation(terms: Mapping[str, float], samples: int, interval_s: flo
     dof = np.array([degrees_of_freedom(*place) for place in places])
     low, high = confidence_limits(deviation, dof, 0.95)
     return AllanDeviation(
-        interval_s=interval_s, samples=samples, modified=False, factors=factors, tau_s=tau_s, deviation=deviation,
+        interval_s=interval_s, samples=samples, factors=factors, tau_s=tau_s, deviation=deviation,
         low=low, high=high, differences=differences, dof=dof, exponents=exponents,
     )  # fmt: skip
 
@@ -180,7 +180,7 @@ def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> Nois
 
     Args:    curve: an overlapping Allan deviation.   terms: which of TERMS to fit.
     Returns: NoiseTerms; the uncertainty of a term that is present counts the other terms that are.
-    Raises:  FitError B-FIT-030 for a modified deviation, fewer averaging times than terms, or a record without noise.
+    Raises:  FitError B-FIT-030 for fewer averaging times than terms, or a record without noise.
     Source:  IEEE Std 952-1997 annex C; Lawson and Hanson, Solving Least Squares Problems, chapter 23.
     """
     _require(curve, terms)
@@ -205,11 +205,10 @@ def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> Nois
 
 
 def _require(curve: AllanDeviation, terms: Sequence[str]) -> None:
-    if curve.modified or curve.tau_s.size < len(terms):
+    if curve.tau_s.size < len(terms):
         raise FitError(
             "B-FIT-030",
-            f"{len(terms)} noise terms cannot be fitted to {curve.tau_s.size} averaging times"
-            f"{' of a modified Allan deviation' if curve.modified else ''}",
+            f"{len(terms)} noise terms cannot be fitted to {curve.tau_s.size} averaging times",
             next_step="take an overlapping Allan deviation of a longer record, or fit fewer terms",
         )
     if not (curve.deviation > 0.0).all():

@@ -128,7 +128,6 @@ def _clock(tick_s: Floats, received_s: Floats | None) -> tuple[float, float]:
 class SampleStamps:
     """``rate_Hz`` of the samples.   ``breaks`` (k,): samples in front of which others are missing.   ``missing``: how
     many, by the stamps.   ``crowded``: share of samples stamped less than half an interval behind the one before.
-    ``worst_s``: largest distance of a stamp from even spacing.   ``longest_s``: longest time without a sample.
     ``sure``: whether the stamps tell the rate at all.
     """
 
@@ -137,7 +136,6 @@ class SampleStamps:
     missing: int
     crowded: float
     worst_s: float
-    longest_s: float
     sure: bool
 
     @property
@@ -182,7 +180,7 @@ def sample_stamps(t_s: Floats) -> SampleStamps:
     missing = int(np.rint(increments[gap] / usual - 1.0).sum())
     worst = float(np.abs(np.cumsum(np.where(gap, 0.0, increments - usual))).max())
     breaks = np.flatnonzero(gap).astype(np.int64) + 1
-    return SampleStamps(1.0 / usual, breaks, missing, 0.0, worst, float(increments.max()), True)
+    return SampleStamps(1.0 / usual, breaks, missing, 0.0, worst, True)
 
 
 def _usual(increments: Floats) -> float:
@@ -229,7 +227,7 @@ def _in_bursts(t_s: Floats, increments: Floats, around_s: float, crowded: float)
     breaks = np.flatnonzero(pause).astype(np.int64) + 1
     missing = int(np.rint(increments[pause] / interval_s - 1.0).sum())
     sure = bool(high - low <= _ALIKE * usual)
-    return SampleStamps(1.0 / interval_s, breaks, missing, crowded, worst, float(increments.max()), sure)
+    return SampleStamps(1.0 / interval_s, breaks, missing, crowded, worst, sure)
 
 
 def tag_noise_s(device_s: Floats, counter: Integers) -> float:

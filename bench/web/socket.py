@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable, Mapping
-from contextlib import AbstractAsyncContextManager, suppress
-from functools import partial
+from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Protocol
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -25,7 +24,10 @@ async def socket(websocket: WebSocket) -> None:
     """Serve one page until it goes away; the gate has let it in."""
     hub: Hub = websocket.app.state.hub
     try:
-        await serve_page(websocket, partial(hub.watching, websocket.query_params.get("run", "")))
+        await websocket.accept()
+        viewer = Viewer(websocket.scope["user"].role)
+        async with hub.watching(websocket.query_params.get("run", ""), viewer) as watched:
+            await serve_viewer(websocket, viewer, watched)
     except BenchError as error:
         with suppress(*GONE):
             await websocket.close(NO_SUCH_RUN, error.code)
@@ -40,14 +42,6 @@ class Shown(Protocol):
 
     async def move(self, said: Mapping[str, Any]) -> None:
         """Take what a viewer of a recording says."""
-
-
-async def serve_page(websocket: WebSocket, watching: Callable[[Viewer], AbstractAsyncContextManager[Shown]]) -> None:
-    """Let one in that looks, and serve it for as long as it does."""
-    await websocket.accept()
-    viewer = Viewer(websocket.scope["user"].role)
-    async with watching(viewer) as watched:
-        await serve_viewer(websocket, viewer, watched)
 
 
 async def serve_viewer(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:

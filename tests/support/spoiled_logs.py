@@ -30,7 +30,10 @@ class Log:
 
 
 def _campaign(analysis: str, roles: dict[str, tuple[str, str, str]], **more: Any) -> dict[str, Any]:
-    columns = [{"name": name, "role": role, "axis": axis, "unit": unit} for name, (role, axis, unit) in roles.items()]
+    columns = [
+        {"header": name, "name": name, "role": role, "axis": axis, "unit": unit}
+        for name, (role, axis, unit) in roles.items()
+    ]
     return {"analysis": analysis, "uut": {"model": "M", "serial": "1"}, "columns": columns, **more}
 
 

@@ -73,14 +73,14 @@ class Lookout:
         self._due_ns = self._fit_due_ns = 0
         self._fitting: asyncio.Task[None] | None = None
 
-    async def runs(self, *, fitted: bool = True) -> tuple[SeenRun, ...]:
-        """Return all runs by name, as they were at most ``FRESH_S`` ago; ``fitted``: estimates are told too."""
+    async def runs(self) -> tuple[SeenRun, ...]:
+        """Return all runs by name, as they were at most ``FRESH_S`` ago, with their estimates."""
         async with self._one:
             now_ns = self._clock.now_ns()
             if now_ns >= self._due_ns:
                 self._seen = await self._look()
                 self._due_ns = self._clock.now_ns() + to_ns(FRESH_S)
-            if fitted and now_ns >= self._fit_due_ns:
+            if now_ns >= self._fit_due_ns:
                 self._fit()
                 self._fit_due_ns = now_ns + to_ns(FRESH_S)
         return self._seen

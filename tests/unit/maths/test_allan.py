@@ -32,29 +32,25 @@ def thousand_points() -> np.ndarray:
     return np.array(numbers) / 2_147_483_647
 
 
-def by_definition(rate: np.ndarray, factor: int, *, modified: bool) -> float:
+def by_definition(rate: np.ndarray, factor: int) -> float:
     """Averages and their differences one after the other; whatever meets a gap is left out."""
     n = rate.size
     means = np.array([rate[i : i + factor].mean() for i in range(n - factor + 1)])
     differences = np.array([means[i + factor] - means[i] for i in range(n - 2 * factor + 1)])
-    if modified:
-        differences = np.array([differences[i : i + factor].mean() for i in range(differences.size - factor + 1)])
     return float(np.sqrt(np.nanmean(differences**2) / 2.0))
 
 
 @pytest.mark.validates(
-    "Allan deviation, overlapping and modified, nine rates",
+    "Allan deviation, nine rates",
     against="NIST SP 1065 table 30 (the 14-point suite of NBS)",
 )
 def test_nbs_14_point_suite() -> None:
     """NIST SP 1065 table 30 (nine rates, ten phases), averaging times 1 and 2."""
     np.testing.assert_allclose(allan_deviation(NBS_9_RATES, 1.0).deviation[:2], [91.22945, 85.95287], rtol=1e-7)
-    modified = allan_deviation(NBS_9_RATES, 1.0, modified=True)
-    np.testing.assert_allclose(modified.deviation[:2], [91.22945, 74.78849], rtol=1e-7)
 
 
 @pytest.mark.validates(
-    "Allan deviation, overlapping and modified, 1,000 rates",
+    "Allan deviation, 1,000 rates",
     against="NIST SP 1065 table 31",
 )
 def test_nbs_1000_point_suite() -> None:
@@ -63,8 +59,6 @@ def test_nbs_1000_point_suite() -> None:
     assert rate.mean() == pytest.approx(4.897745e-01, rel=1e-6)
     overlapping = allan_deviation(rate, 1.0, factors=[1, 10, 100])
     np.testing.assert_allclose(overlapping.deviation, [2.922319e-01, 9.159953e-02, 3.241343e-02], rtol=2e-7)
-    modified = allan_deviation(rate, 1.0, modified=True, factors=[100, 1, 10])
-    np.testing.assert_allclose(modified.deviation, [2.922319e-01, 6.172376e-02, 2.170921e-02], rtol=2e-7)
     assert overlapping.exponents.tolist() == [0, 0, 0]
 
 
@@ -75,14 +69,13 @@ def test_confidence_limits_are_those_of_chi_squared() -> None:
     assert high[1] < high[0]
 
 
-@pytest.mark.parametrize("modified", [False, True])
 @pytest.mark.parametrize("gaps", [0, 7])
-def test_definition_with_and_without_gaps(modified: bool, gaps: int) -> None:
+def test_definition_with_and_without_gaps(gaps: int) -> None:
     rng = np.random.default_rng(41)
     rate = 1e3 + rng.normal(size=120).cumsum()
     rate[rng.choice(120, gaps, replace=False)] = np.nan
-    found = allan_deviation(rate, 0.5, modified=modified, factors=[1, 2, 3, 7, 16])
-    expected = [by_definition(rate, int(factor), modified=modified) for factor in found.factors]
+    found = allan_deviation(rate, 0.5, factors=[1, 2, 3, 7, 16])
+    expected = [by_definition(rate, int(factor)) for factor in found.factors]
     np.testing.assert_allclose(found.deviation, expected, rtol=1e-9)
     np.testing.assert_array_equal(found.tau_s, 0.5 * found.factors)
 
@@ -110,17 +103,12 @@ def test_a_large_mean_costs_no_digits() -> None:
     "Allan deviation at every averaging time",
     against="the package allantools",
 )
-@pytest.mark.parametrize("modified", [False, True])
-def test_the_same_as_another_package(record_property: Callable[[str, object], None], modified: bool) -> None:
+def test_the_same_as_another_package(record_property: Callable[[str, object], None]) -> None:
     rate = np.random.default_rng(43).normal(size=777)
-    found = allan_deviation(rate, 0.1, modified=modified)
-    other = allantools.mdev if modified else allantools.oadev
-    tau_s, expected, _, _ = other(rate, rate=10.0, data_type="freq", taus=found.tau_s)
+    found = allan_deviation(rate, 0.1)
+    tau_s, expected, _, _ = allantools.oadev(rate, rate=10.0, data_type="freq", taus=found.tau_s)
     np.testing.assert_allclose(tau_s, found.tau_s[: tau_s.size])
-    record_property(
-        "obtained",
-        f"{'modified' if modified else 'overlapping'} {np.abs(found.deviation[: tau_s.size] / expected - 1).max():.0e}",
-    )
+    record_property("obtained", f"{np.abs(found.deviation[: tau_s.size] / expected - 1).max():.0e}")
     np.testing.assert_allclose(found.deviation[: tau_s.size], expected, rtol=1e-9)
 
 
@@ -157,14 +145,13 @@ def test_degrees_of_freedom_against_the_classical_formulas(exponent: int, within
 
 
 @pytest.mark.parametrize("exponent", [2, 1, 0, -1, -2])
-@pytest.mark.parametrize("modified", [False, True])
-def test_degrees_of_freedom_against_another_implementation(exponent: int, modified: bool) -> None:
+def test_degrees_of_freedom_against_another_implementation(exponent: int) -> None:
     """allantools smooths the angle over a sample, which matters for noise of the rate and short averages only."""
     for factor, within in ((1, 1e-9), (5, 1e-9), (20, 1e-9)) if exponent > 0 else ((50, 0.03), (100, 0.03)):
-        differences = 1001 - (3 * factor - 1 if modified else 2 * factor)
-        expected = allantools.edf_greenhall(exponent, 2, factor, 1001, overlapping=True, modified=modified)
-        found = degrees_of_freedom(factor, differences, exponent, modified=modified)
-        assert found == pytest.approx(expected, rel=max(within, 0.03 if modified else 0.0))
+        differences = 1001 - 2 * factor
+        expected = allantools.edf_greenhall(exponent, 2, factor, 1001, overlapping=True, modified=False)
+        found = degrees_of_freedom(factor, differences, exponent)
+        assert found == pytest.approx(expected, rel=within)
 
 
 @pytest.mark.parametrize("exponent", [2, 0, -1, -2])
@@ -308,11 +295,9 @@ def test_a_beat_that_no_term_describes_is_told_by_chi_squared() -> None:
     assert fit.chi2 > 20.0 * fit.dof
 
 
-@pytest.mark.parametrize(("n", "modified", "text"), [(12, False, "5 noise terms .* 3 averaging times"),
-                                                     (400, True, "modified Allan deviation")])  # fmt: skip
-def test_what_cannot_be_fitted_is_refused(n: int, modified: bool, text: str) -> None:
-    curve = allan_deviation(np.random.default_rng(57).normal(size=n), 1.0, modified=modified)
-    with pytest.raises(FitError, match=f"B-FIT-030: .*{text}"):
+def test_what_cannot_be_fitted_is_refused() -> None:
+    curve = allan_deviation(np.random.default_rng(57).normal(size=12), 1.0)
+    with pytest.raises(FitError, match=r"B-FIT-030: 5 noise terms .* 3 averaging times"):
         fit_noise_terms(curve)
 
 

@@ -89,7 +89,7 @@ def declared_mean(value: float, noise: SensorNoise, samples: int) -> BiasMean:
     low, high = confidence_limits(deviation, dof, 0.95)
     exponents = np.full(factors.size, WHITE_RATE)
     curve = AllanDeviation(
-        interval_s, samples, False, factors, factors * interval_s, deviation, low, high, differences, dof, exponents
+        interval_s, samples, factors, factors * interval_s, deviation, low, high, differences, dof, exponents
     )
     return _mean(value, noise.sample_std, curve, noise.step, length_s, samples, 0)
 

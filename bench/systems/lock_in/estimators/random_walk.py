@@ -252,9 +252,7 @@ def expected_walk(n_deg_rth: float, q_deg: float, periods: int, interval_s: floa
     ])  # fmt: skip
     low, high = confidence_limits(deviation, dof, 0.95)
     exponents = np.full(factors.size, WHITE_RATE)
-    curve = AllanDeviation(
-        interval_s, periods, False, factors, tau_s, deviation, low, high, differences, dof, exponents
-    )
+    curve = AllanDeviation(interval_s, periods, factors, tau_s, deviation, low, high, differences, dof, exponents)
     return _walk_of(curve, TERMS)
 
 
