@@ -10,17 +10,17 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 985_660,
-    "tokens a line": 10.56,
-    "files": 842,
-    "dict[str, Any]": 503,
-    "lines of tests": 97_512,
-    "tests of several deep modules": 149,
-    "words of docs": 157_250,
+    "tokens": 987_650,
+    "tokens a line": 10.58,
+    "files": 836,
+    "dict[str, Any]": 496,
+    "lines of tests": 97_270,
+    "tests of several deep modules": 147,
+    "words of docs": 155_400,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 79,
-    "files of a step": 121,
+    "files of a step": 120,
     "files of a check": 66,
     "changes in a decode": 20,
     "changes in a call": 170,
