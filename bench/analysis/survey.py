@@ -17,12 +17,12 @@ from bench.analysis.form import Document
 from bench.analysis.material import Material
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats
-from bench.maths.samples import is_silent, repeated_rows, sentinel
+from bench.maths.samples import is_silent, piled_up, repeated_rows, sentinel
 from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.model.errors import FitError
 
-_SENSORS = ("gyro", "accelerometer", "magnetometer")
-_MOVING = ("temperature", "reading", "magnetometer")  # a fit of one that stands still would be one of rounding
+_READ = ("temperature", "reading")  # a fit of one that stands still would be one of rounding
+_RESTING = ("gyro", "accelerometer")  # may give the same value for a whole log
 _OF_ROWS = ("temperature", "set_point")  # move on by themselves, whatever the recorder's clock says
 _PAUSE = 20.0  # usual steps: a shorter gap is one of rows
 _BESIDE = 20  # rows on either side of a pause that tell how a column moves
@@ -67,7 +67,7 @@ def surveyed(material: Material) -> Surveyed:
     _refuse_silent(columns, material.series)
     _refuse_set_clock(t_s, stamps, columns, material.series)
     notes += _pauses(t_s, stamps)
-    if not stamps.sure and any(column.get("role") in _SENSORS for column in columns):
+    if not stamps.sure and any(column.get("axis") for column in columns):
         evidence.append(Evidence("no_rate", say("survey.no_rate", rate=stamps.rate_Hz), stamps.crowded, 0.0))
     for column in columns:
         evidence += _no_readings(column, material.series[str(column["name"])])
@@ -75,7 +75,7 @@ def surveyed(material: Material) -> Surveyed:
 
 
 def _repeated(columns: list[Document], series: Mapping[str, Floats]) -> Flags:
-    values = [series[str(column["name"])] for column in columns if column.get("role") in _SENSORS]
+    values = [series[str(column["name"])] for column in columns if column.get("axis")]
     return repeated_rows(values) if values else np.zeros(series["t_s"].size, np.bool_)
 
 
@@ -93,7 +93,11 @@ def _pauses(t_s: Floats, stamps: SampleStamps) -> list[str]:
 def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> None:
     """Refuse a column that is the same in all rows and must move. Raises: FitError B-FIT-145."""
     for column in columns:
-        if column.get("role") in _MOVING and is_silent(series[str(column["name"])]):
+        if (
+            ("axis" in column or column["role"] in _READ)
+            and column["role"] not in _RESTING
+            and is_silent(series[str(column["name"])])
+        ):
             raise FitError(
                 "B-FIT-145",
                 f"the column {column['header']} has one and the same value in all rows",
@@ -141,9 +145,13 @@ def _unbroken(values: Floats, at: int, steps: float) -> bool:
 
 
 def _no_readings(column: Document, values: Floats) -> Iterator[Evidence]:
-    """Yield a doubt for a value that stands in place of readings, such as 9.9e37, 85 or 0."""
+    """Yield a doubt for a value in place of readings, such as 9.9e37, 85 or 0, and for the end of a range."""
     found = None if column.get("role") == "set_point" else sentinel(values)
     if found is None:
+        for end in piled_up(str(column["header"]), values[np.isfinite(values)]) if column.get("axis") else []:
+            about = {"value": end.figures["extreme"], "count": end.count, "of": end.of}
+            yield Evidence("clipped", say("survey.clipped", name=column["header"], **about), None, 0.0,
+                           conditions=_place(column))  # fmt: skip
         return
     rows = np.flatnonzero(values == found)
     sentence = say("survey.sentinel", name=column["header"], value=found, count=rows.size, row=int(rows[0]) + 1)
@@ -152,9 +160,7 @@ def _no_readings(column: Document, values: Floats) -> Iterator[Evidence]:
 
 def _place(column: Document) -> Document:
     """Return the conditions of estimates of a sensor; of any other column all estimates are."""
-    if column.get("role") not in _SENSORS or "axis" not in column:
-        return {}
-    return {"kind": column["role"], "axis": column["axis"]}
+    return {"kind": column["role"], "axis": column["axis"]} if column.get("axis") else {}
 
 
 def _gravity(columns: list[Document], series: Mapping[str, Floats]) -> Iterator[Evidence]:

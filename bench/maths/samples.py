@@ -60,6 +60,7 @@ _VISIBLE = 3.0  # steps of the output: noise that does not repeat a value by its
 _LEAST_REPEATED = 0.02  # share of the rows
 _RUNS_ALIKE, _FEWEST_RUNS = 0.95, 50
 _SENTINEL, _CANDIDATES = 3, 20  # times the same value; values that are looked at
+_OUTSIDE = 0.2  # of the span of all others
 _FAR_VALUE = 20.0  # scatters of the steps from one reading to the next
 
 
@@ -117,7 +118,7 @@ def check_samples(columns: Mapping[str, Column], counter: Integers, limits: Mapp
     missing = sum(finding.count for finding in findings)
     for name, values in flat.items():
         limit = limits.get(name, limits.get(name.rpartition(" ")[0], math.inf))
-        findings += _saturated(name, values, limit) or _piled_up(name, values)
+        findings += _saturated(name, values, limit) or piled_up(name, values)
         findings += frozen_runs(name, values)
     findings += _repeated(flat, counter)
     return SampleChecks(counter.size, missing, tuple(findings))
@@ -197,7 +198,7 @@ def finding_at(kind: str, channel: str, bad: Flags, **figures: float) -> Finding
     return Finding(kind, channel, int(bad.sum()), bad.size, int(np.argmax(bad)), figures)
 
 
-def _piled_up(name: str, values: Column) -> list[Finding]:
+def piled_up(name: str, values: Column) -> list[Finding]:
     """Held against an extreme inside the range; where noise is smaller than a step the values are too few to tell."""
     if value_likelihood(values) > _COARSE:
         return []
@@ -353,7 +354,8 @@ def repeated_rows(columns: Sequence[Column]) -> Flags:
 
 def sentinel(values: Floats) -> float | None:
     """Return the value that stands in a column in place of readings: exactly the same at least three times, and a jump
-    into it and out of it each time, far beyond the noise. None without one; NaN are no readings.
+    into it and out of it each time, far beyond the noise; outside of all others, or on end, where a motion may jump as
+    far. None without one; NaN are no readings.
     """
     known = values[np.isfinite(values)]
     steps = np.abs(np.diff(known))
@@ -364,7 +366,10 @@ def sentinel(values: Floats) -> float | None:
     for value in behind[np.argsort(-count)][:_CANDIDATES]:
         there = known == value
         edges = np.flatnonzero(np.diff(np.concatenate(([False], there, [False]))))
-        if _SENTINEL <= there.sum() < known.size / 2 and jump[edges].all():
+        others = known[~there]
+        outside = max(others.min() - value, value - others.max()) > _OUTSIDE * np.ptp(others)
+        on_end = 2 * there.sum() >= _SENTINEL * edges.size  # no noise gives the same value again
+        if _SENTINEL <= there.sum() < known.size / 2 and jump[edges].all() and (outside or on_end):
             return float(value)
     return None
 

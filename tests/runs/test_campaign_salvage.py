@@ -66,7 +66,7 @@ def small_plan(folder: Path) -> Plan:
 
 def nothing_recorded(*events: tuple[int, object]) -> Any:
     """Return a replay without a record."""
-    return SimpleNamespace(manifest={}, rows=(), events=list(events))
+    return SimpleNamespace(manifest={}, rows=(), events=list(events), damage=())
 
 
 @pytest.fixture(scope="module")
