@@ -284,7 +284,7 @@ def states(analysis: str) -> list[tuple[str, str]]:
     rows = [state_row(1, 23.0), state_row(2, None), state_row(3, 23.0), state_row(4, None)]
     steps = [planned("record", number) for number in (1, 2, 3, 4)]
     manifest = {"campaign": {"analysis": analysis}}
-    replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
+    replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[], damage=())
     return [(one.state, one.why) for one in record_states(steps, replayed)]
 
 
@@ -300,7 +300,7 @@ def test_a_record_of_samples_needs_no_clock_counts() -> None:
     rows = [sampled(1), sampled(2, frames=0, lost=200), sampled(3, quality=int(Quality.OVERLOAD))]
     steps = [planned("record", number, samples=True) for number in (1, 2, 3)]
     manifest = {"campaign": {"analysis": "imu_calibration"}}
-    replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
+    replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[], damage=())
     found = record_states(steps, replayed)
     assert [one.state for one in found] == ["valid", "invalid", "invalid"]
     assert found[1].why == "no frames"
