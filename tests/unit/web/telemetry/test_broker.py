@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace, TracebackType
 from typing import Any
@@ -218,15 +218,15 @@ def test_a_wrong_password_is_one_line_before_anything_is_served(tmp_path: Path, 
 def test_a_broker_that_is_not_there_is_tried_again(tmp_path: Path) -> None:
     port = free_port()
     broker = Broker(Address("127.0.0.1", port, "lab/one", user=USER), SECRET)
-    assert broker.start().startswith(f"broker 127.0.0.1 port {port} is not reached yet (")
-    late = MqttBroker(tmp_path, port)
-    try:
+    with ExitStack() as stack:
+        stack.callback(broker.stop)  # also where no broker is installed
+        assert broker.start().startswith(f"broker 127.0.0.1 port {port} is not reached yet (")
+        late = MqttBroker(tmp_path, port)
+        stack.callback(late.kill)
         with Subscriber(port, "lab/one") as heard:
             assert heard.until("lab/one/status") == "online"
             broker.stop()
             assert heard.until("lab/one/status", lambda text: text != "online") == "offline"
-    finally:
-        late.kill()
 
 
 # paho leaves the socket of a handshake that failed to the garbage collector
