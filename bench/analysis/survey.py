@@ -22,7 +22,6 @@ from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.model.errors import FitError
 
 _READ = ("temperature", "reading")  # a fit of one that stands still would be one of rounding
-_RESTING = ("gyro", "accelerometer")  # may give the same value for a whole log
 _OF_ROWS = ("temperature", "set_point")  # move on by themselves, whatever the recorder's clock says
 _PAUSE = 20.0  # usual steps: a shorter gap is one of rows
 _BESIDE = 20  # rows on either side of a pause that tell how a column moves
@@ -75,8 +74,10 @@ def surveyed(material: Material) -> Surveyed:
 
 
 def _repeated(columns: list[Document], series: Mapping[str, Floats]) -> Flags:
-    values = [series[str(column["name"])] for column in columns if column.get("axis")]
-    return repeated_rows(values) if values else np.zeros(series["t_s"].size, np.bool_)
+    """Return the rows that repeat every column but those that may stand still, of a log with sensors; else none."""
+    if not any(column.get("axis") for column in columns):
+        return np.zeros(series["t_s"].size, np.bool_)
+    return repeated_rows([series[str(column["name"])] for column in columns if column["role"] not in _OF_ROWS])
 
 
 def _pauses(t_s: Floats, stamps: SampleStamps) -> list[str]:
@@ -93,11 +94,7 @@ def _pauses(t_s: Floats, stamps: SampleStamps) -> list[str]:
 def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> None:
     """Refuse a column that is the same in all rows and must move. Raises: FitError B-FIT-145."""
     for column in columns:
-        if (
-            ("axis" in column or column["role"] in _READ)
-            and column["role"] not in _RESTING
-            and is_silent(series[str(column["name"])])
-        ):
+        if column["role"] in _READ and is_silent(series[str(column["name"])]):
             raise FitError(
                 "B-FIT-145",
                 f"the column {column['header']} has one and the same value in all rows",

@@ -18,7 +18,7 @@ from bench.analysis import (
     with_uncertainty,
 )
 from bench.maths.arrays import Flags, Integers
-from bench.maths.samples import few
+from bench.maths.samples import few, is_silent
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
@@ -79,6 +79,13 @@ def _readings(material: Material) -> tuple[Floats, Floats, str]:
             next_step="map three columns of the role magnetometer (docs/importing.md)",
         )
     field = np.column_stack([material.series[str(columns[axis]["name"])] for axis in AXES])
+    silent = [axis for axis, values in zip(AXES, field.T, strict=True) if is_silent(values)]
+    if silent:
+        raise FitError(
+            "B-GNC-006",
+            f"the magnetometer has one and the same value in all rows along {', '.join(silent)}",
+            next_step="check the sensor and its columns, and take the log again",
+        )
     whole = np.isfinite(field).all(axis=1)
     return field[whole], material.series["t_s"][whole], str(columns["x"]["unit"])
 
