@@ -16,7 +16,7 @@ from bench.analysis.doubt import Evidence
 from bench.analysis.form import Document
 from bench.analysis.material import Material
 from bench.analysis.wording import say
-from bench.maths.arrays import Flags, Floats
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.samples import is_silent, piled_up, repeated_rows, sentinel
 from bench.maths.stamps import SampleStamps, sample_stamps
 from bench.model.errors import FitError
@@ -62,14 +62,15 @@ def surveyed(material: Material) -> Surveyed:
             notes.append(say("survey.repeated", count=int(again.sum()), of=again.size, times=times))
             series = {name: values[~again] for name, values in material.series.items()}
             material, t_s = replace(material, series=series), t_s[~again]
+    row = np.flatnonzero(~again) + 1 if t_s.size < again.size else np.arange(again.size) + 1  # of the file
     stamps = sample_stamps(t_s)
     _refuse_silent(columns, material.series)
-    _refuse_set_clock(t_s, stamps, columns, material.series)
-    notes += _pauses(t_s, stamps)
+    _refuse_set_clock(t_s, stamps, columns, material.series, row)
+    notes += _pauses(t_s, stamps, row)
     if not stamps.sure and any(column.get("axis") for column in columns):
         evidence.append(Evidence("no_rate", say("survey.no_rate", rate=stamps.rate_Hz), stamps.crowded, 0.0))
     for column in columns:
-        evidence += _no_readings(column, material.series[str(column["name"])])
+        evidence += _no_readings(column, material.series[str(column["name"])], row)
     return Surveyed(material, notes, [*evidence, *_gravity(columns, material.series)])
 
 
@@ -80,7 +81,7 @@ def _repeated(columns: list[Document], series: Mapping[str, Floats]) -> Flags:
     return repeated_rows([series[str(column["name"])] for column in columns if column["role"] not in _OF_ROWS])
 
 
-def _pauses(t_s: Floats, stamps: SampleStamps) -> list[str]:
+def _pauses(t_s: Floats, stamps: SampleStamps, row: Integers) -> list[str]:
     """Return what is told of pauses; gaps of few rows are the business of who counts rows."""
     steps_s = np.diff(t_s)
     long = np.flatnonzero(steps_s * stamps.rate_Hz > _PAUSE)
@@ -88,7 +89,7 @@ def _pauses(t_s: Floats, stamps: SampleStamps) -> list[str]:
         return []
     worst = long[int(np.argmax(steps_s[long]))]
     whole = float(steps_s[long].sum())
-    return [say("survey.pauses", count=long.size, whole=whole, longest=float(steps_s[worst]), row=int(worst) + 1)]
+    return [say("survey.pauses", count=long.size, whole=whole, longest=float(steps_s[worst]), row=row[worst])]
 
 
 def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> None:
@@ -102,7 +103,9 @@ def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> Non
             )
 
 
-def _refuse_set_clock(t_s: Floats, stamps: SampleStamps, columns: list[Document], series: Mapping[str, Floats]) -> None:
+def _refuse_set_clock(
+    t_s: Floats, stamps: SampleStamps, columns: list[Document], series: Mapping[str, Floats], row: Integers
+) -> None:
     """Refuse a pause through which a column that moves steadily has not moved: the clock was set, nothing is missing.
 
     Raises: FitError B-FIT-144.
@@ -116,9 +119,9 @@ def _refuse_set_clock(t_s: Floats, stamps: SampleStamps, columns: list[Document]
             if _unbroken(values, at, steps_s[at] * stamps.rate_Hz):
                 raise FitError(
                     "B-FIT-144",
-                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {at + 1}, while {column['header']} goes "
+                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {row[at]}, while {column['header']} goes "
                     "on as from one row to the next",
-                    where=f"row {at + 2}",
+                    where=f"row {row[at + 1]}",
                     next_step="the clock was set (summer time?): take the offset off these stamps, or map "
                     "'format: rows' with the rate of the recorder",
                 )
@@ -141,7 +144,7 @@ def _unbroken(values: Floats, at: int, steps: float) -> bool:
     return bool(abs(slope) * (steps - 1.0) > 4.0 * _SIGMA * noise and abs(moved - slope) < _SIGMA * noise)
 
 
-def _no_readings(column: Document, values: Floats) -> Iterator[Evidence]:
+def _no_readings(column: Document, values: Floats, row: Integers) -> Iterator[Evidence]:
     """Yield a doubt for a value in place of readings, such as 9.9e37, 85 or 0, and for the end of a range."""
     found = None if column.get("role") == "set_point" else sentinel(values)
     if found is None:
@@ -151,7 +154,7 @@ def _no_readings(column: Document, values: Floats) -> Iterator[Evidence]:
                            conditions=_place(column))  # fmt: skip
         return
     rows = np.flatnonzero(values == found)
-    sentence = say("survey.sentinel", name=column["header"], value=found, count=rows.size, row=int(rows[0]) + 1)
+    sentence = say("survey.sentinel", name=column["header"], value=found, count=rows.size, row=row[rows[0]])
     yield Evidence("no_reading", sentence, float(rows.size), 0.0, conditions=_place(column))
 
 

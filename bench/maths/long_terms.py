@@ -35,7 +35,7 @@ _AHEAD = 40  # parts of a further mean
 _DRAWS = 2000
 _RATIOS = np.concatenate(([0.0], np.geomspace(0.03, 3e6, 56)))  # long-term over white variance of the mean of the log
 # Sizes over which a mean is averaged, and their weights before the log is seen: with these it lies in its interval in
-# 88 to 100 % of logs of each kind, those among them with terms that are just too small to be seen (test_long_terms).
+# 85 to 100 % of logs of each kind, those among them with terms that are just too small to be seen (test_long_terms).
 _SIZES = np.concatenate(([0.0], np.geomspace(1.0, 3e6, 45)))
 _WEIGHTS = np.concatenate(([0.36], _SIZES[1:] ** 0.25))
 _PROBABILITIES = (0.6826894921370859, 0.95)

@@ -10,7 +10,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 987_808,
+    "tokens": 987_854,
     "tokens a line": 10.58,
     "files": 836,
     "dict[str, Any]": 496,

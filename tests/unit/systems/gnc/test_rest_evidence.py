@@ -264,9 +264,8 @@ def test_white_noise_is_the_angle_random_walk_it_was_made_of() -> None:
     assert wide < 0.05 * walk
     mean, wide, unit = found(analysis, "mean_output")
     assert (unit, mean) == ("deg/h", pytest.approx(1800.0, abs=1.5 * wide))
-    assert (
-        1.96 * 3600.0 * WALK / np.sqrt(1200.0) < wide < 12.0 * 3600.0 * WALK / np.sqrt(300.0)
-    )  # a drift is not excluded
+    white = 1.96 * 3600.0 * WALK / np.sqrt(1200.0)
+    assert white < wide < 5.0 * white  # a drift is not excluded
     ahead = one(analysis, "next_mean_output")
     assert (ahead.value, ahead.conditions["length_s"], ahead.conditions["gap_s"]) == (mean, 1200.0, 0.0)
     assert ahead.expanded_uncertainty == pytest.approx(2.0**0.5 * wide)
