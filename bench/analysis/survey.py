@@ -119,8 +119,8 @@ def _refuse_set_clock(
             if _unbroken(values, at, steps_s[at] * stamps.rate_Hz):
                 raise FitError(
                     "B-FIT-144",
-                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {row[at]}, while {column['header']} goes "
-                    "on as from one row to the next",
+                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {row[at]}, while {column['header']} "
+                    "goes on as from one row to the next",
                     where=f"row {row[at + 1]}",
                     next_step="the clock was set (summer time?): take the offset off these stamps, or map "
                     "'format: rows' with the rate of the recorder",
