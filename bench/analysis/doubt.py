@@ -13,12 +13,16 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from bench.analysis.estimates import Estimate, EvidenceInterval, Reason
 from bench.analysis.form import Document
 from bench.analysis.numbers import with_uncertainty
 from bench.analysis.wording import say
 from bench.maths.verdict import INDETERMINATE
+
+if TYPE_CHECKING:  # loads scipy
+    from bench.maths.long_terms import NoiseAtRest
 
 SOUND, DOUBTFUL, REFUSED = "sound", "doubtful", "refused"
 FALSE_DOUBT = 0.002  # of right campaigns, over all their checks together
@@ -66,6 +70,27 @@ class Evidence:
     def reason(self) -> Reason:
         """The check as the reason of a doubt."""
         return Reason.model_construct(code=self.code, sentence=self.sentence, figure=self.figure)
+
+
+def noise_evidence(
+    noise: NoiseAtRest, sensor: str, terms: Collection[str], conditions: Document
+) -> tuple[Evidence, Evidence]:
+    """Return what says that a log at rest is no noise of its terms alone.
+
+    Args: sensor: for people.   terms: quantities of its noise terms.   conditions: of all its estimates.
+    """
+    long = noise.long
+    odd = say("noise.cycle" if long.cycle else "noise.jumps", sensor=sensor, time=long.odd_s)
+    misfit = say("noise.no_terms", sensor=sensor)
+    return (
+        Evidence("not_one_noise", odd, long.odd_s, long.oddness, conditions=conditions),
+        Evidence("no_terms", misfit, None, noise.chance, quantities=terms, conditions=conditions),
+    )
+
+
+def possible_terms(noise: NoiseAtRest, sensor: str, names: Collection[str]) -> list[str]:
+    """Say which long terms, by their ``names`` for people, a log may have that does not show which of them."""
+    return [say("noise.possible", sensor=sensor, terms=say.listed(names))] if noise.long.possible else []
 
 
 _ENDINGS = ("_tc0", "_tc1", "_tc2", "_tc3", "_residual", "_change", "_drift")

@@ -23,9 +23,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy import optimize, special
 
+from bench.maths.allan import AllanDeviation, allan_deviation
+from bench.maths.allan_terms import TERMS, NoiseTerm, NoiseTerms, fit_noise_terms
 from bench.maths.arrays import Floats, Integers
+from bench.maths.tests import chi2_tail
 
 LONG_TERMS = ("bias_instability", "random_walk", "rate_ramp")
+_SHORT = ("quantisation_noise", "white_noise")
+_GAIN = 5.412  # chi squared that a term at its boundary 0 gains by chance in 1 % of all logs
+_MISFIT, _FEWEST_DOF = 1e-4, 100.0  # chance of a worse fit; of averages that show that samples are filtered
+_SEED = 20100101  # of the null of long terms: the same log, the same terms
 FALSE_TERM, WRONG_NAME = 0.01, 0.004  # of logs without a long term; of those with another one
 _BLOCKS = 200  # of the whole time; halved in length until half as many hold samples
 _FEWEST_BLOCKS = 12
@@ -72,6 +79,72 @@ class LongTerms:
     oddness: float
     odd_s: float
     cycle: bool
+
+
+@dataclass(frozen=True)
+class NoiseAtRest:
+    """What a sensor at rest shows: its long terms by the means, how large each term is by the Allan deviation.
+
+    ``terms``: of the fit, with all that are possible; those that are there in ``stated``.   ``absent``: of all terms,
+    for what may be there unseen.   ``white_from_s``: averaging time from which the noise is that of the terms: samples
+    that were filtered, or made from fewer, scatter less than any term at short times.   ``chance``: of averages that
+    fit the terms no better.
+    """
+
+    deviation: AllanDeviation
+    terms: NoiseTerms
+    absent: tuple[NoiseTerm, ...]
+    long: LongTerms
+    white_from_s: float
+    chance: float
+
+    @property
+    def stated(self) -> list[NoiseTerm]:
+        """Return the terms that are there."""
+        known = (term for term in self.terms.terms if term.coefficient > 0.0 and term.name not in self.long.possible)
+        return [term for term in known if term.name in LONG_TERMS or term.gain > _GAIN]
+
+    @property
+    def fitted(self) -> tuple[Floats, Floats]:
+        """Return averaging times and the deviation of the terms."""
+        return self.deviation.tau_s[-self.terms.fitted.size :], self.terms.fitted
+
+
+def noise_at_rest(samples: Floats, interval_s: float) -> NoiseAtRest:
+    """Return the noise of a sensor from its samples at even times, (n,), NaN where one is missing.
+
+    Raises: FitError B-FIT-030, -031 if there are too few, or none that differ.
+    """
+    known = np.isfinite(samples)
+    deviation = allan_deviation(samples, interval_s)
+    blocks = blocks_of(np.flatnonzero(known), samples[known], interval_s)
+    long = long_terms(blocks, int(known.sum()) * interval_s, np.random.default_rng(_SEED))
+    whole = len(deviation.tau_s) > len(TERMS) + 1
+    if not whole:  # rows are missing everywhere: by the count of samples, white noise is what it was
+        deviation = allan_deviation(samples[known], interval_s)
+    terms, first, chance = _terms(deviation, (*long.present, *long.possible) if whole else ())
+    absent = fit_noise_terms(deviation).terms if whole and not first else ()
+    return NoiseAtRest(deviation, terms, absent, long, float(deviation.tau_s[first]), chance)
+
+
+def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, int, float]:
+    """Return the fit of the terms that are there, the first averaging time that it describes, its chance.
+
+    Where no times are described the chance says so.
+    """
+    names = [*_SHORT, *long]
+    fits = []
+    for first in range(len(deviation.tau_s)):
+        curve_left = deviation.behind(first)
+        if first and (len(curve_left.tau_s) < len(names) + 1 or curve_left.dof[0] < _FEWEST_DOF):
+            break
+        fit = fit_noise_terms(curve_left, names)
+        if not fit[_SHORT[0]].gain > _GAIN:
+            fit = fit_noise_terms(curve_left, names[1:])
+        fits.append((fit, first, float(chi2_tail(fit.chi2, fit.dof))))
+        if fits[-1][2] > _MISFIT:
+            return fits[-1]
+    return fits[0]
 
 
 def blocks_of(counter: Integers, values: Floats, interval_s: float) -> Blocks:

@@ -61,7 +61,10 @@ _LEAST_REPEATED = 0.02  # share of the rows
 _RUNS_ALIKE, _FEWEST_RUNS = 0.95, 50
 _SENTINEL, _CANDIDATES = 3, 20  # times the same value; values that are looked at
 _OUTSIDE = 0.2  # of the span of all others
-_FAR_VALUE = 20.0  # scatters of the steps from one reading to the next
+_FAR_VALUE = 20.0  # scatters of the steps from one reading to the next, or of a reading about its neighbours
+_ABOUT = 3  # rows on either side that a value is held against
+_MOST_MOVES, _MOVES = 0.75, 5.0  # share of the steps from row to row; a value off by so many times the largest of these
+_ROUNDING = 1e-9  # of a value
 
 
 @dataclass(frozen=True)
@@ -395,8 +398,28 @@ def off_neighbours(values: Floats, beside: int) -> Floats:
 
     A sample is no part of what it is held against. Beyond either end the series is taken as its mirror image.
     """
+    return np.asarray(np.abs(values - np.median(_around(values, beside), axis=1)))
+
+
+def _around(values: Floats, beside: int) -> Floats:
+    """Return the neighbours of each sample, (n, 2 beside)."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(values, beside, mode="reflect"), 2 * beside + 1)
-    return np.asarray(np.abs(values - np.median(np.delete(around, beside, axis=1), axis=1)))
+    return np.asarray(np.delete(around, beside, axis=1))
+
+
+def lone_values(values: Floats) -> Flags:
+    """Return which values of one column stand far outside of their neighbours, (n,).
+
+    Three on either side, of which one may be as bad: a step, such as where a turn begins, lies between its neighbours.
+    Far is 20 scatters, and more than the column moves from one row to the next.
+    """
+    if len(values) < _FEWEST:
+        return np.zeros(len(values), np.bool_)
+    around = np.sort(_around(values, _ABOUT), axis=1)
+    beyond = np.maximum(values - around[:, -2], around[:, 1] - values)
+    noise, move = scatter(off_neighbours(values, _ABOUT)), np.quantile(np.abs(np.diff(values)), _MOST_MOVES)
+    least = max(_FAR_VALUE * float(noise), _MOVES * float(move), _ROUNDING * abs(float(np.median(values))))
+    return np.asarray(beyond > least)
 
 
 def bad_samples(values: Floats, step: float) -> Flags:

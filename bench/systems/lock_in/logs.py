@@ -19,17 +19,18 @@ from bench.analysis import (
     Table,
     curve,
     estimate,
+    noise_evidence,
+    possible_terms,
     with_uncertainty,
     worded_table,
 )
-from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import GYRO_TERMS, NoiseTerms, allan_variance_of, fit_noise_terms
+from bench.maths.allan_terms import GYRO_TERMS
+from bench.maths.long_terms import NoiseAtRest, noise_at_rest
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.steadiness import bias_alignment_error_deg
 from bench.systems.lock_in.wording import say
 
 METHODS: tuple[str, ...] = ("allan",)
-_TERMS = ("quantisation_noise", "white_noise", "bias_instability", "random_walk")
 _UNEVEN = 0.05  # of the interval: rows that are further from even times are no record of counts over one interval
 
 
@@ -39,11 +40,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-FIT-169 if the log holds no counts at even times; B-FIT-030, -031.
     """
     rate_deg_h, interval_s = _rates(material)
-    deviation = allan_deviation(rate_deg_h, interval_s)
-    terms = fit_noise_terms(deviation, _TERMS)
-    entries = _estimates(rate_deg_h, deviation, terms) + _alignment(
-        terms, material.campaign.get("laser"), rate_deg_h.size
-    )
+    noise = noise_at_rest(rate_deg_h, interval_s)
+    entries = _estimates(rate_deg_h, noise) + _alignment(noise, material.campaign.get("laser"), rate_deg_h.size)
+    possible = [say(f"term.{GYRO_TERMS[name][0]}") for name in noise.long.possible]
+    terms = [entry.quantity for entry in entries if entry.quantity != "mean_rate"]
     return Analysis(
         "rlg_count_log",
         method,
@@ -52,9 +52,11 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         notes=[
             say("log.intervals", count=rate_deg_h.size, seconds=interval_s),
             say("log.latched"),
+            *possible_terms(noise, say("log.sensor"), possible),
         ],
         tables=[_table(entries)],
-        figures=[_figure(deviation, terms)],
+        figures=[_figure(noise)],
+        evidence=list(noise_evidence(noise, say("log.sensor"), terms, {})),
     )
 
 
@@ -84,31 +86,26 @@ def _column(material: Material) -> Document:
     return dict(found[0])
 
 
-def _estimates(rate_deg_h: Floats, deviation: AllanDeviation, terms: NoiseTerms) -> Estimates:
-    n = int(np.isfinite(rate_deg_h).sum())
-    counted = {"n": n, "dropped": rate_deg_h.size - n}
-    length_s = np.array([rate_deg_h.size * deviation.interval_s])
-    shown = [term for term in terms.terms if term.significant and term.coefficient > 0.0]
-    variance = sum(term.coefficient**2 * float(allan_variance_of(term.name, length_s)[0]) for term in shown)
-    place = {"kind": "gyro"}
-    entries = [
-        estimate("mean_rate", "deg/h", float(np.nanmean(rate_deg_h)), float(np.sqrt(variance)), place, **counted)
-    ]
-    for term in shown:
+def _estimates(rate_deg_h: Floats, noise: NoiseAtRest) -> Estimates:
+    n, long = int(np.isfinite(rate_deg_h).sum()), noise.long
+    counted, place = {"n": n, "dropped": rate_deg_h.size - n}, {"kind": "gyro"}
+    mean, factor = float(np.nanmean(rate_deg_h)), long.expanded / long.std
+    entries = [estimate("mean_rate", "deg/h", mean, long.std, place, factor=factor, **counted)]
+    for term in noise.stated:
         name, unit, factor = GYRO_TERMS[term.name]
         value, std = factor * term.coefficient, factor * term.std_uncertainty
         entries.append(estimate(name, unit, value, std, place, **counted))
     return entries
 
 
-def _alignment(terms: NoiseTerms, laser: Document | None, n: int) -> Estimates:
+def _alignment(noise: NoiseAtRest, laser: Document | None, n: int) -> Estimates:
     """Return the alignment error that the bias leaves, where the log shows one and the mapping says the latitude."""
-    bias = terms["bias_instability"]
-    if laser is None or not bias.significant or not bias.coefficient > 0.0:
+    bias = [term for term in noise.stated if term.name == "bias_instability"]
+    if laser is None or not bias:
         return []
     value, std = (
         bias_alignment_error_deg(size, float(laser["latitude_deg"]))
-        for size in (bias.coefficient, bias.std_uncertainty)
+        for size in (bias[0].coefficient, bias[0].std_uncertainty)
     )
     return [estimate("bias_alignment_error", "deg", value, std, {"kind": "gyro"}, n=n)]
 
@@ -126,10 +123,10 @@ def _table(entries: Estimates) -> Table:
     return worded_table(say, "log", headers, rows, lead=True)
 
 
-def _figure(deviation: AllanDeviation, terms: NoiseTerms) -> Figure:
+def _figure(noise: NoiseAtRest) -> Figure:
     parts = [
-        curve(say("log.measured"), deviation.tau_s, deviation.deviation, "points"),
-        curve(say("log.fit"), deviation.tau_s, terms.fitted),
+        curve(say("log.measured"), noise.deviation.tau_s, noise.deviation.deviation, "points"),
+        curve(say("log.fit"), *noise.fitted),
     ]
     return Figure(say("log.figure"), "", say("axis.averaging_time"), "deg/h", parts, x_log=True, y_log=True)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.analysis import Document, Evidence, Floats, Material
 from bench.maths.arrays import Flags, Integers
-from bench.maths.samples import few, off_neighbours, scatter, still_columns
+from bench.maths.samples import few, lone_values, still_columns
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.drift_ramp import (
     Blocks,
@@ -33,8 +33,6 @@ from bench.systems.af_converter.estimators.gates import Drive, usable_drive
 from bench.systems.af_converter.estimators.segments import Segment, branches, find_segments
 from bench.systems.af_converter.wording import say
 
-_BESIDE = 3  # rows on either side that a row is held against
-_SIGMAS, _SPAN = 20.0, 0.05  # a bad row is off by this many robust deviations, and by this part of the column's span
 _MOST = 0.01  # of the rows; more are not single rows
 _GAP = 5.0  # of the usual step
 LEAST_ROWS = 100
@@ -51,9 +49,7 @@ def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Flags:
     repeated = np.concatenate(([False], t_s[1:] <= np.maximum.accumulate(t_s)[:-1]))
     odd = np.zeros(t_s.size, np.bool_)
     for values in columns.values():
-        off, (low, high) = off_neighbours(values, _BESIDE), np.quantile(values, (0.05, 0.95))
-        least = max(_SPAN * float(high - low), 1e-9 * abs(float(np.median(values))))
-        odd |= off > max(_SIGMAS * float(scatter(off)), least)
+        odd |= lone_values(values)
     return repeated | odd if few(np.count_nonzero(odd), odd.size, _MOST) else repeated
 
 

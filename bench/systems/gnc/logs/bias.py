@@ -27,16 +27,16 @@ from bench.analysis import (
     check_method,
     curve,
     estimate,
+    noise_evidence,
+    possible_terms,
     with_uncertainty,
     worded_table,
 )
-from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import GYRO_TERMS, TERMS, UNITS, NoiseTerm, NoiseTerms, fit_noise_terms
+from bench.maths.allan_terms import GYRO_TERMS, UNITS
 from bench.maths.arrays import Integers
-from bench.maths.long_terms import LONG_TERMS, LongTerms, blocks_of, long_terms
+from bench.maths.long_terms import NoiseAtRest, noise_at_rest
 from bench.maths.samples import frozen_runs, is_silent
 from bench.maths.stamps import SampleStamps, sample_stamps
-from bench.maths.tests import chi2_tail
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bias_stability import (
     AVERAGES,
@@ -48,10 +48,6 @@ from bench.systems.gnc.estimators.bias_stability import (
 from bench.systems.gnc.wording import channel_name, kind_name, quantity_word, say
 
 METHODS: tuple[str, ...] = ("allan",)
-_SHORT = ("quantisation_noise", "white_noise")
-_GAIN = 5.412  # chi squared that a term at its boundary 0 gains by chance in 1 % of all logs
-_MISFIT, _FEWEST_DOF = 1e-4, 100.0  # chance of a worse fit; of averages that show that samples are filtered
-_SEED = 20100101  # of the null of long terms: the same log, the same terms
 _FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
 _MOVED = 5.0  # times the usual scatter within a second
 _DEG_H = 3600.0  # in a deg/s
@@ -62,19 +58,15 @@ _OTHER = {"white_noise": "velocity_random_walk", "random_walk": "acceleration_ra
 class Resting:
     """One sensor at rest: its readings and their places in time, in intervals, and what they show.
 
-    ``samples``: at even times, NaN where one is missing.   ``terms``: those that are there.   ``absent``: of all terms,
-    for what may be there unseen.   ``white_from_s``: averaging time from which its noise is that of the terms.
+    ``samples``: at even times, NaN where one is missing.   ``noise``: terms and what the mean is worth.
     """
 
     kind: str
     axis: str
     unit: str
     samples: Floats
-    deviation: AllanDeviation
-    terms: NoiseTerms
-    absent: list[NoiseTerm]
-    long: LongTerms
-    white_from_s: float
+    interval_s: float
+    noise: NoiseAtRest
 
     @property
     def place(self) -> dict[str, Any]:
@@ -87,14 +79,9 @@ class Resting:
         return channel_name(f"{self.kind} {self.axis}")
 
     @property
-    def fitted(self) -> tuple[Floats, Floats]:
-        """Return averaging times and the deviation of the terms."""
-        return self.deviation.tau_s[-self.terms.fitted.size :], self.terms.fitted
-
-    @property
     def length_s(self) -> float:
         """Length of the log."""
-        return self.samples.size * self.deviation.interval_s
+        return self.samples.size * self.interval_s
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -132,57 +119,28 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 def _resting(column: Document, values: Floats, counter: Integers, stamps: SampleStamps) -> Resting:
     interval_s = 1.0 / stamps.rate_Hz
-    known = np.isfinite(values)
     # a gap as long as the log itself already leaves no difference across it; a longer one would only fill memory
     steps = np.minimum(np.diff(counter, prepend=counter[0]), len(values))
     samples = on_the_counter(np.cumsum(steps), values)
-    deviation = allan_deviation(samples, interval_s)
     role, axis, unit = (str(column[key]) for key in ("role", "axis", "unit"))
-    blocks = blocks_of(counter[known], values[known], interval_s)
-    long = long_terms(blocks, int(known.sum()) * interval_s, np.random.default_rng(_SEED))
-    whole = len(deviation.tau_s) > len(TERMS) + 1
-    if not whole:  # rows are missing everywhere: by the count of samples, white noise is what it was
-        deviation = allan_deviation(values[known], interval_s)
-    terms, first = _terms(deviation, long.present if whole else ())
-    absent = list(fit_noise_terms(deviation).terms) if whole and not first else []
-    return Resting(role, axis, unit, samples, deviation, terms, absent, long, float(deviation.tau_s[first]))
-
-
-def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, int]:
-    """Return the fit of the terms that are there, and the first averaging time that it describes.
-
-    Samples that were filtered, or made from fewer, scatter less than those of any term at short times.
-    """
-    names = [*_SHORT, *long]
-    for first in range(len(deviation.tau_s)):
-        curve_left = deviation.behind(first)
-        if len(curve_left.tau_s) < len(names) + 1 or curve_left.dof[0] < _FEWEST_DOF:
-            break
-        fit = fit_noise_terms(curve_left, names)
-        if not fit[_SHORT[0]].gain > _GAIN:
-            fit = fit_noise_terms(curve_left, names[1:])
-        if chi2_tail(fit.chi2, fit.dof) > _MISFIT:
-            return fit, first
-    return fit_noise_terms(deviation, names), 0
+    return Resting(role, axis, unit, samples, interval_s, noise_at_rest(samples, interval_s))
 
 
 def _estimates(sensor: Resting) -> Estimates:
     n = int(np.isfinite(sensor.samples).sum())
     counted = {"n": n, "dropped": sensor.samples.size - n}
     in_h = (_DEG_H, "deg/h") if sensor.unit == "deg/s" else (1.0, sensor.unit)
-    mean, std = in_h[0] * float(np.nanmean(sensor.samples)), in_h[0] * sensor.long.std
-    factor = sensor.long.expanded / sensor.long.std
-    ahead = sensor.place | {"length_s": round(n * sensor.deviation.interval_s, 3), "gap_s": 0.0}
+    long = sensor.noise.long
+    mean, std, factor = in_h[0] * float(np.nanmean(sensor.samples)), in_h[0] * long.std, long.expanded / long.std
+    ahead = sensor.place | {"length_s": round(n * sensor.interval_s, 3), "gap_s": 0.0}
     entries = [
         estimate("mean_output", in_h[1], mean, std, sensor.place, factor=factor, **counted),
         estimate("next_mean_output", in_h[1], mean, math.sqrt(2.0) * std, ahead, factor=factor, **counted),
     ]
-    for term in sensor.terms.terms:
-        if term.coefficient > 0.0 and (term.name in LONG_TERMS or term.gain > _GAIN):
-            name, unit, factor = _named(sensor, term.name)
-            entries.append(
-                estimate(name, unit, factor * term.coefficient, factor * term.std_uncertainty, sensor.place, **counted)
-            )
+    for term in sensor.noise.stated:
+        name, unit, factor = _named(sensor, term.name)
+        value, std = factor * term.coefficient, factor * term.std_uncertainty
+        entries.append(estimate(name, unit, value, std, sensor.place, **counted))
     found = _stability(sensor)
     if found is not None:
         about = sensor.place | {"averages": found.averages.size, "average_s": AVERAGE_s}
@@ -197,7 +155,7 @@ def _stability(sensor: Resting) -> BiasStability | None:
     if averages < _FEWEST_MEANS:
         return None
     try:
-        return bias_stability(sensor.samples, sensor.deviation.interval_s, averages)
+        return bias_stability(sensor.samples, sensor.interval_s, averages)
     except FitError as error:
         if error.code != "B-FIT-092":
             raise
@@ -217,9 +175,8 @@ def _evidence(sensor: Resting) -> list[Evidence]:
     if frozen_runs(sensor.axis, sensor.samples[np.isfinite(sensor.samples)]):
         text = say("evidence.hung", sensor=sensor.name)
         found.append(Evidence("stands_still", text, None, 0.0, conditions=sensor.place))
-    long = sensor.long
-    text = say("evidence.cycle" if long.cycle else "evidence.jumps", sensor=sensor.name, time=long.odd_s)
-    found.append(Evidence("not_one_noise", text, long.odd_s, long.oddness, conditions=sensor.place))
+    terms = [_named(sensor, term.name)[0] for term in sensor.noise.stated]
+    found += noise_evidence(sensor.noise, sensor.name, terms, sensor.place)
     scatter = _scatter(sensor)
     usual = float(np.median(scatter)) if scatter.size else 0.0
     worst = int(np.argmax(scatter)) if scatter.size else 0
@@ -231,7 +188,7 @@ def _evidence(sensor: Resting) -> list[Evidence]:
 
 def _scatter(sensor: Resting) -> Floats:
     """Return standard deviation within each second without a gap; none for fewer than eight samples a second."""
-    size = round(1.0 / sensor.deviation.interval_s)
+    size = round(1.0 / sensor.interval_s)
     if size < 8:
         return np.empty(0)
     seconds = sensor.samples[: sensor.samples.size // size * size].reshape(-1, size)
@@ -250,22 +207,22 @@ def _notes(sensors: Sequence[Resting], stamps: SampleStamps) -> list[str]:
 
 
 def _noise_notes(sensor: Resting) -> Iterator[str]:
-    if sensor.white_from_s > sensor.deviation.interval_s:
-        yield say("log.filtered", sensor=sensor.name, time=sensor.white_from_s)
-    if sensor.long.possible:
-        names = say.listed([quantity_word(_named(sensor, name)[0]) for name in sensor.long.possible])
-        yield say("log.possible", sensor=sensor.name, terms=names)
-    stated = {term.name for term in sensor.terms.terms if term.coefficient > 0.0}
+    noise = sensor.noise
+    if noise.white_from_s > sensor.interval_s:
+        yield say("log.filtered", sensor=sensor.name, time=noise.white_from_s)
+    names = [quantity_word(_named(sensor, name)[0]) for name in noise.long.possible]
+    yield from possible_terms(noise, sensor.name, names)
+    stated = {term.name for term in noise.terms.terms if term.coefficient > 0.0}
     absent = [
         say("log.below", quantity=quantity_word(name), limit=factor * term.upper_limit, unit=unit)
-        for term in sensor.absent
+        for term in noise.absent
         if term.name not in stated and math.isfinite(term.upper_limit)
         for name, unit, factor in (_named(sensor, term.name),)
     ]
     if absent:
         yield say("log.absent", sensor=sensor.name, terms=say.listed(absent))
-    if "bias_instability" in sensor.long.present:
-        yield say("log.instability", sensor=sensor.name, first=sensor.white_from_s, last=sensor.deviation.tau_s[-1])
+    if "bias_instability" in noise.long.present:
+        yield say("log.instability", sensor=sensor.name, first=noise.white_from_s, last=noise.deviation.tau_s[-1])
 
 
 def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
@@ -288,8 +245,8 @@ def _figures(sensors: Sequence[Resting]) -> list[Figure]:
     figures = []
     for kind in dict.fromkeys(sensor.kind for sensor in sensors):
         of_kind = [sensor for sensor in sensors if sensor.kind == kind]
-        parts = [curve(s.axis, s.deviation.tau_s, s.deviation.deviation, "points") for s in of_kind]
-        parts += [curve(say("log.fit", axis=s.axis), *s.fitted) for s in of_kind]
+        parts = [curve(s.axis, s.noise.deviation.tau_s, s.noise.deviation.deviation, "points") for s in of_kind]
+        parts += [curve(say("log.fit", axis=s.axis), *s.noise.fitted) for s in of_kind]
         title = say("log.allan", kind=kind_name(kind))
         figures.append(Figure(title, "", say("allan.x"), of_kind[0].unit, parts, x_log=True, y_log=True))
     return figures

@@ -8,12 +8,13 @@ Each sensor moves as its noise makes it and answers mainly to its own axis. Sour
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from bench.analysis import Document, Estimate, Evidence, Floats, Material
-from bench.maths.samples import frozen_runs
+from bench.maths.samples import few, frozen_runs, lone_values
 from bench.maths.tests import SMALLEST
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.triad import TriadFit
@@ -21,6 +22,7 @@ from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import channel_name, quantity_word, say
 
 MOTION_ERRORS = ("level_error", "velocity_error")
+_MOST_LONE = 0.01  # of the samples of a stretch: more are the sensor's own nature
 _PLAUSIBLE = 0.1  # of an axis's own sensitivity, from the two others
 
 
@@ -111,6 +113,32 @@ def stuck_sensors(
                 bears_on = quantities[kind] if quantities else ()
                 found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=bears_on))
     return found
+
+
+def without_lone_samples(
+    log: ImuLog, segments: Mapping[str, Sequence[Document]], quantities: Mapping[str, Sequence[str]]
+) -> tuple[ImuLog, list[str], list[Evidence]]:
+    """Return the log with the course of the neighbours in place of each sample of the segments that stands alone.
+
+    Args:    segments: by kind ("accelerometer", "gyro").   quantities: that depend on a kind.
+    Returns: the log; a sentence for each column and segment; a doubt where more than one sample in a hundred is so.
+    """
+    parts = {"accelerometer": log.accel.copy()} | ({} if log.gyro is None else {"gyro": log.gyro.copy()})
+    notes, evidence = [], []
+    for kind, stretches in segments.items():
+        for segment, (k, axis) in product(stretches, enumerate(AXES)):
+            part = parts[kind][log.rows(segment), k]
+            lone = lone_values(part)
+            count = int(lone.sum())
+            about = {"sensor": channel_name(f"{kind} {axis}"), "count": count, "row": segment["first"]}
+            if not few(count, lone.size, _MOST_LONE):
+                text = say("evidence.lone", **about, of=lone.size)
+                evidence.append(Evidence("lone_samples", text, float(count), 0.0, quantities=quantities[kind]))
+            elif count:
+                row = np.arange(lone.size)
+                part[lone] = np.interp(row[lone], row[~lone], part[~lone])
+                notes.append(say("log.lone", **about))
+    return replace(log, accel=parts["accelerometer"], gyro=parts.get("gyro")), notes, evidence
 
 
 def wide_sizes(entries: Sequence[Estimate]) -> list[Evidence]:

@@ -27,11 +27,12 @@ from bench.systems.gnc.estimators.earth_rate import RotationRecord, static_means
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
 from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position
-from bench.systems.gnc.logs.log import ImuLog, imu_log, own_axes, stuck_sensors
+from bench.systems.gnc.logs.log import ImuLog, imu_log, own_axes, stuck_sensors, without_lone_samples
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 from bench.systems.gnc.wording import refused, say
 
 METHODS: tuple[str, ...] = ("least_squares",)
+_QUANTITIES = {"accelerometer": ("accel_matrix", "accel_bias"), "gyro": ("gyro_matrix", "gyro_bias")}
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 
 
@@ -49,6 +50,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             "the mapping names no stretch of the log in which an axis points up",
             next_step="name them under 'segments' (docs/importing.md)",
         )
+    at = {"accelerometer": positions} | ({} if log.gyro is None else {"gyro": [*positions, *rotations]})
+    log, lone, evidence = without_lone_samples(log, at, _QUANTITIES)
     accelerometer = _accelerometer(log, positions)
     missing = [say("missing.stretch", up=up) for up in UPS if up not in {stretch["up"] for stretch in positions}]
     gyro = _gyro(log, positions, rotations, missing) if rotations else None
@@ -63,12 +66,13 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         estimates,
         notes=[
             *no_result(missing),
+            *lone,
             say("log.six_uncertainty"),
             say("log.six_turns"),
         ],
         missing=missing,
         tables=_tables(accelerometer, gyro, unit),
-        evidence=_evidence(log, positions, rotations, accelerometer, gyro),
+        evidence=[*evidence, *_evidence(log, positions, rotations, accelerometer, gyro)],
     )
 
 
@@ -84,8 +88,7 @@ def _evidence(
     if gyro is not None and log.gyro is not None:
         stretches["gyro"] = [log.gyro[log.rows(stretch)] for stretch in (*positions, *rotations)]
         found += own_axes("gyro", gyro)
-    quantities = {"accelerometer": ("accel_matrix", "accel_bias"), "gyro": ("gyro_matrix", "gyro_bias")}
-    return [*found, *stuck_sensors(stretches, quantities)]
+    return [*found, *stuck_sensors(stretches, _QUANTITIES)]
 
 
 def _accelerometer(log: ImuLog, positions: list[Document]) -> TriadFit:

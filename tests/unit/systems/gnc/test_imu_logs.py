@@ -92,6 +92,27 @@ def test_six_positions_and_turns_are_found_again() -> None:
     assert analysis.missing == []
 
 
+@pytest.mark.parametrize(("count", "moved"), [(2, 0.0), (20, 0.5)])
+def test_samples_that_stand_alone_are_left_out_and_many_are_doubted(count: int, moved: float) -> None:
+    material = positions_and_turns()
+    right = values(imu_six_position.analyse(material).estimates, "accel_bias")
+    rows = np.arange(count) * 7  # of 300
+    force, rate = (material.series[str(material.campaign["columns"][k]["name"])] for k in (0, 3))
+    force[rows] -= 5.0
+    rate[1860 + rows] += 90.0  # while it turns
+    analysis = imu_six_position.analyse(material)
+    told = [check.sentence for check in analysis.evidence if check.code == "lone_samples"]
+    if moved:
+        assert told[0].startswith("20 of 300 samples of the accelerometer x in the stretch from row 0 on stand alone")
+        assert told[1].startswith("20 of 400 samples of the gyro x in the stretch from row 1800 on stand alone")
+        assert len(told) == 2
+    else:
+        stretch = "2 samples of the accelerometer x in the stretch from row 0 on stand alone, far off their neighbours"
+        assert f"{stretch}, and are left out." in analysis.notes
+        assert told == []
+    np.testing.assert_allclose(values(analysis.estimates, "accel_bias"), right, atol=2e-4 + moved)
+
+
 def test_a_missing_turn_costs_the_gyros_and_is_named() -> None:
     material = positions_and_turns()
     material.campaign["segments"].pop()

@@ -4,6 +4,7 @@ rate with known noise, rounded to whole counts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from laser_physics import World
 from numpy.typing import NDArray
 from one_estimate import every, one
 
-from bench.analysis import Material
+from bench.analysis import Material, noise_evidence, weigh
+from bench.maths.long_terms import noise_at_rest
 from bench.model.errors import FitError, InputErrors
 from bench.systems.lock_in import edge_log
 from bench.systems.lock_in.records import laser_records
@@ -155,6 +157,31 @@ def test_the_bias_leaves_an_alignment_error_where_the_log_shows_one(tmp_path: Pa
     north, east = level_deg_h, bias.value  # of a unit that points north
     assert error.value == pytest.approx(np.rad2deg(np.arctan2(east, north)), rel=2e-3)
     assert error.std_uncertainty / error.value == pytest.approx(bias.std_uncertainty / bias.value)
+
+
+def test_a_mean_rate_counts_a_drift_and_a_walk_leaves_out_a_resonance(tmp_path: Path) -> None:
+    rng = np.random.default_rng(31)
+    white, at_s = rng.normal(0.0, 1.0, 40_000), 0.1 * np.arange(40_000)
+    mapping = COUNTS.replace("1.11 arcsec", "0.001 arcsec")
+
+    def found(name: str, rate: Array) -> list[dict[str, Any]]:
+        (tmp_path / name).mkdir()
+        return counted(tmp_path / name, mapping, np.floor(np.cumsum(rate * 0.1) / 0.001))
+
+    drifting = found("drift", white + np.linspace(-0.2, 0.2, white.size))
+    mean = one(drifting, "mean_rate")
+    assert 0.1 < mean.expanded_uncertainty < 1.0  # white noise alone: 0.01
+    ramp = one(drifting, "rate_ramp")
+    assert ramp.value == pytest.approx(0.4 / (at_s[-1] / 3600.0), abs=1.5 * ramp.expanded_uncertainty)
+    walk = one(found("resonance", white + 2.0 * np.sin(2.0 * np.pi * 0.7 * at_s)), "angle_random_walk")
+    assert walk.value == pytest.approx(0.1**0.5 / 60.0, abs=1.5 * walk.expanded_uncertainty)  # of longer times
+
+
+def test_noise_that_no_terms_describe_is_doubted() -> None:
+    noise = noise_at_rest(np.random.default_rng(32).normal(0.0, 1.0, 5000), 0.1)
+    for chance, against in ((noise.chance, []), (1e-9, ["no_terms"])):
+        evidence = noise_evidence(replace(noise, chance=chance), "ring laser", ["angle_random_walk"], {})
+        assert [check.code for check in weigh(evidence).against] == against
 
 
 @pytest.mark.parametrize(
