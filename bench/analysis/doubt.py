@@ -90,7 +90,9 @@ def noise_evidence(
 
 def possible_terms(noise: NoiseAtRest, sensor: str, names: Collection[str]) -> list[str]:
     """Say which long terms, by their ``names`` for people, a log may have that does not show which of them."""
-    return [say("noise.possible", sensor=sensor, terms=say.listed(names))] if noise.long.possible else []
+    return (
+        [say("noise.possible", sensor=sensor, terms=say.listed(names, "departs.parts"))] if noise.long.possible else []
+    )
 
 
 _ENDINGS = ("_tc0", "_tc1", "_tc2", "_tc3", "_residual", "_change", "_drift")
