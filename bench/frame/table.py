@@ -35,7 +35,8 @@ def columns_of(item: Field) -> Iterator[tuple[str, str, list[str]]]:
 def cells_of(batch: MessageBatch, item: Field, part: slice = slice(None)) -> Iterator[tuple[str, str, NDArray[Any]]]:
     """Yield name, unit and values of each column of a field, (n,), in native byte order.
 
-    Integers are wide and signed where they fit, so that they can be subtracted; text and bytes are objects; what is not there is masked, an empty value of a line is NaN.
+    Integers are wide and signed where they fit, so that they can be subtracted. Text and bytes are objects; what is
+    not there is masked, an empty value of a line is NaN.
     """
     missing = batch.missing(item.name)
     for name, unit, columns in columns_of(item):

@@ -8,8 +8,8 @@ A value that stays the same is a fault only where noise cannot leave it so: for 
 steps of the output no value has more than the probability p = erf(1 / (s sqrt(8))), so a run of r equal pairs anywhere
 in n samples has at most the probability n p^r. A run is a fault where that is below one in a million. Noise is told by
 second differences; where a signal moves on by itself and has none (a table that turns), by how often its neighbours are
-equal elsewhere. Floats may be a coarse sensor's behind a correction, whose smallest change is no step of the output: there
-a value is no less likely than single pairs of equal neighbours are.
+equal elsewhere. Floats may be a coarse sensor's behind a correction, and their smallest change no step of the output:
+there a value is no less likely than single pairs of equal neighbours are.
 
 A single sample is odd against what its neighbours, a smooth course or a model make of it, in robust standard deviations
 of what is left. A turn that begins or ends takes the samples behind it along, so its edge lies between its neighbours;

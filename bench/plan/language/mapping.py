@@ -89,7 +89,9 @@ class TimeColumn(StrictModel):
         "rows (one sample a row at a 'rate', since 'start', whatever the column holds), "
         "or a strptime pattern such as '%d/%m/%Y %H:%M:%S'"
     )
-    unit: Annotated[str, AfterValidator(_second)] | None = Field(None, description="of unix and elapsed times, or their tick, such as 0.1 ms")
+    unit: Annotated[str, AfterValidator(_second)] | None = Field(
+        None, description="of unix and elapsed times, or their tick, such as 0.1 ms"
+    )
     zone: Annotated[str, StringConstraints(pattern=_ZONE)] | None = Field(
         None, description="UTC or an offset such as +02:00; of iso times and patterns without %z"
     )
@@ -150,7 +152,7 @@ class FileForm(StrictModel):
     )
     header: int | None = Field(None, ge=1, le=10_000, description="line of the column names; default: the first one")
     names: Annotated[list[Header], Field(min_length=1, max_length=1000)] | None = Field(
-        None, description="names of the columns of a file that has no line with them; with 'header', in place of those of that line"
+        None, description="names of the columns of a file that has no line with them, or in place of its 'header'"
     )
     decimal: Literal[".", ","] = "."
     comment: Annotated[str, StringConstraints(min_length=1, max_length=10)] | None = Field(
