@@ -27,7 +27,8 @@ HEAD = "mapping: public\nuut: {model: M, serial: S}\nsite: {gravity: 9.81 m/s2}\
 def section() -> Iterator[str]:
     """Yield the lines of both tables."""
     yield "\n## Wires and logs of other people\n"
-    yield "As written from the docs (`tests/public_captures.yaml`); `make public FROM=FOLDER` reads again what is there. A mapping took 0.3 minutes.\n"
+    yield "As written from the docs (`tests/public_captures.yaml`); `make public FROM=FOLDER` reads them again."
+    yield "A mapping took 0.3 minutes.\n"
     yield "| wire | form | lines | minutes | frames | the same as |\n|---|---|---|---|---|---|"
     for wire in KNOWN["wires"]:
         lines, against = wire["definition"].count("\n"), f"{wire['against']}, {wire['equal']}"
