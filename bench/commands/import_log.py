@@ -31,7 +31,10 @@ ROTATE_BYTES = 32_000_000  # a reader holds one segment in memory
 
 
 def import_log(mapping_file: Path, file: Path, out: Path) -> int:
-    """Check a log against its mapping, write the session, and fit it if the mapping names an analysis."""
+    """Check a log against its mapping, write the session, and fit it from there if the mapping names an analysis.
+
+    Returns: 1 if a verdict fails, a result is missing or an estimate is not sound, else 0.
+    """
     document = load_mapping(mapping_file)
     mapping = document.model
     if mapping.analysis != NO_ANALYSIS:
@@ -47,7 +50,8 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     if mapping.analysis == NO_ANALYSIS:
         say(f"session  {folder}")
         return ExitStatus.PASS
-    return _results(folder, out)
+    finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
+    return print_finished(finished, console())
 
 
 def _known_analysis(document: Document[LogMapping]) -> None:
@@ -73,15 +77,6 @@ def _segments_inside(document: Document[LogMapping], surveyed: LogParser) -> Non
     if outside is not None:
         place, message, cure = outside
         raise InputError("B-IMP-008", message, where=document.where(place), next_step=cure)
-
-
-def _results(folder: Path, out: Path) -> int:
-    """Write results and report from the session alone, as ``bench fit`` and ``bench report`` make them later.
-
-    Returns: 1 if a verdict fails, a result is missing or an estimate is not sound, else 0.
-    """
-    finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
-    return print_finished(finished, console())
 
 
 def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: LogParser, out: Path) -> Path:

@@ -43,10 +43,9 @@ def cells_of(batch: MessageBatch, item: Field, part: slice = slice(None)) -> Ite
         values = (batch.scaled(name) if batch.has_scale(name) else batch.raw(name))[part]
         if item.kind == "b":
             values = _whole(values, item.is_text)
-        elif values.dtype.kind in "iu" and np.can_cast(values.dtype, np.int64):
-            values = values.astype(np.int64)
         else:
-            values = values.astype(values.dtype.newbyteorder("="), copy=False)
+            is_wide = values.dtype.kind in "iu" and np.can_cast(values.dtype, np.int64)
+            values = values.astype(np.int64 if is_wide else values.dtype.newbyteorder("="), copy=False)
         if missing is not None:
             values = np.ma.array(values, mask=missing[part, 0] if item.kind == "b" else missing[part])
         for column, of_element in zip(columns, [values] if values.ndim == 1 else values.T, strict=True):
@@ -191,9 +190,7 @@ def _whole(raw: NDArray[Any], is_text: bool) -> NDArray[Any]:
 def _text(raw: bytes) -> str:
     """Return characters; what cannot be printed as it is written in Python."""
     text = raw.rstrip(b"\0").decode("ascii", "backslashreplace")
-    return (
-        text if text.isprintable() else "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
-    )
+    return "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
 
 
 def _texts(values: NDArray[Any]) -> list[Any]:
@@ -206,5 +203,4 @@ def _texts(values: NDArray[Any]) -> list[Any]:
 def _arrow(pyarrow: Any, values: NDArray[Any], kind: Any) -> Any:
     if values.dtype == object:
         return pyarrow.array(values.tolist(), kind)
-    mask = np.ma.getmaskarray(values) if np.ma.isMaskedArray(values) else None
-    return pyarrow.array(np.ma.getdata(values), kind, mask=mask)
+    return pyarrow.array(np.ma.getdata(values), kind, mask=np.ma.getmaskarray(values))

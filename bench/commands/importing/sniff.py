@@ -43,22 +43,20 @@ def sniff(path: Path) -> list[Seen]:
     topics, seen = topics_of(path, kind), list[Seen]()
     for topic in topics if len(topics) > 1 else ():
         with suppress(InputError):
-            table = open_table(path, kind, topic)
-            rows = zip(*islice(table.rows(table.names), ROWS), strict=True)
-            columns = {name: list(map(str, values)) for name, values in zip(table.names, rows, strict=True)}
-            seen.append(Seen(columns, kind, {"topic": quoted(topic)}))
-    return seen or [_of_table(path, kind)]
+            seen.append(_of_table(path, kind, topic))
+    return seen or [_of_table(path, kind, None)]
 
 
-def _of_table(path: Path, kind: str) -> Seen:
+def _of_table(path: Path, kind: str, topic: str | None) -> Seen:
     """Return the columns of the length that holds most values: those of other lengths belong to other tables."""
-    table = open_table(path, kind, None)
+    table = open_table(path, kind, topic)
     columns = {name: [str(row[0]) for row in islice(table.rows([name]), ROWS)] for name in table.names}
     values: Counter[int] = Counter()
     for column in columns.values():
         values[len(column)] += len(column)
     most = max(values, key=lambda length: (values[length], length))
-    return Seen({name: column for name, column in columns.items() if len(column) == most}, kind)
+    form = {"topic": quoted(topic)} if topic else {}
+    return Seen({name: column for name, column in columns.items() if len(column) == most}, kind, form)
 
 
 def _of_text(path: Path) -> Seen:
