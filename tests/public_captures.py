@@ -4,14 +4,13 @@
 taken out of hex text or levels of a line as ``NAME.bin``, and fails where a figure is another one.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Iterator
 from io import BytesIO
 from math import isclose
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -21,6 +20,10 @@ from bench.frame import decode_capture, parse_frame
 from bench.replay import replay_series
 
 KNOWN = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+WIRES, LOGS = (
+    "wire | form | lines | minutes | frames | the same as",
+    "log | form | lines | rows | span, s | mean, as numpy",
+)
 HEAD = "mapping: public\nuut: {model: M, serial: S}\nsite: {gravity: 9.81 m/s2}\n"
 
 
@@ -28,42 +31,37 @@ def section() -> Iterator[str]:
     """Yield the lines of both tables."""
     yield "\n## Wires and logs of other people\n"
     yield "As written from the docs (`tests/public_captures.yaml`); `make public FROM=FOLDER` reads them again."
-    yield "A mapping took 0.3 minutes.\n"
-    yield "| wire | form | lines | minutes | frames | the same as |\n|---|---|---|---|---|---|"
-    for wire in KNOWN["wires"]:
-        lines, against = wire["definition"].count("\n"), f"{wire['against']}, {wire['equal']}"
-        cells = wire["at"], wire["form"], lines, wire["minutes"], f"{wire['theirs']:,}", against
-        yield f"| {' | '.join(map(str, cells))} |"
-    yield "\n| log | form | lines | rows | span, s | mean, as numpy |\n|---|---|---|---|---|---|"
-    for log in KNOWN["logs"]:
-        lines, mean = log["mapping"].count("\n") + 2, f"{log['of']} {log['mean']:.9g}"
-        cells = log["at"], log["form"], lines, f"{log['rows']:,}", log["span_s"], mean
-        yield f"| {' | '.join(map(str, cells))} |"
+    yield "A mapping took 0.3 minutes."
+    for heads, entries in ((WIRES, KNOWN["wires"]), (LOGS, KNOWN["logs"])):
+        yield f"\n| {heads} |\n|{'---|' * 6}"
+        for entry in entries:
+            if "frames" in entry:
+                more = [entry["minutes"], f"{entry['frames']:,}", entry["same"]]
+            else:
+                more = [f"{entry['rows']:,}", entry["span_s"], f"{entry['of']} {entry['mean']:.9g}"]
+            yield f"| {' | '.join(map(str, [entry['at'], entry['form'], entry['text'].count(chr(10)), *more]))} |"
 
 
-def found(entry: dict[str, object], folder: Path) -> list[float] | None:
-    """Return frames of a wire, or rows, span and mean of a log; None where the folder lacks it."""
-    repository, place = str(entry["at"]).split(":", 1)
-    path = folder / str(entry.get("bytes", f"{repository.partition('@')[0].replace('/', '+')}/{place}"))
-    if not path.exists():
-        return None
-    if "definition" in entry:
-        counts = decode_capture(parse_frame(str(entry["definition"]), "public"), BytesIO(path.read_bytes())).counts
+def found(entry: dict[str, Any], path: Path) -> list[float]:
+    """Return frames of a wire, or rows, span and mean of a log."""
+    if "frames" in entry:
+        counts = decode_capture(parse_frame(entry["text"], "public"), BytesIO(path.read_bytes())).counts
         return [counts.frames + counts.other]
     with tempfile.TemporaryDirectory() as made:
         mapping, out = Path(made) / "m.yaml", Path(made) / "out"
-        mapping.write_text(HEAD + str(entry["mapping"]), encoding="utf-8")
+        mapping.write_text(HEAD + entry["text"], encoding="utf-8")
         import_log(mapping, path, out)
         columns = replay_series(next(out.iterdir())).columns
-    return [columns["t_s"].size, float(np.ptp(columns["t_s"])), float(np.mean(columns[str(entry["of"])]))]
+    return [columns["t_s"].size, float(np.ptp(columns["t_s"])), float(np.mean(columns[entry["of"]]))]
 
 
 if __name__ == "__main__":
     wrong = 0
-    for entry in (*KNOWN["wires"], *KNOWN["logs"]):
-        due = [float(entry[key]) for key in ("theirs", "rows", "span_s", "mean") if key in entry]
-        got = found(entry, Path(sys.argv[1]))
-        is_right = got is None or all(isclose(a, b, rel_tol=1e-8, abs_tol=1e-12) for a, b in zip(got, due, strict=True))
-        wrong += not is_right
-        print("is not there" if got is None else "right" if is_right else f"WRONG, {got} for {due}", entry["at"])
+    for known in (*KNOWN["wires"], *KNOWN["logs"]):
+        place = known["at"].partition("@")[0].replace("/", "+") + "/" + known["at"].partition(":")[2]
+        file = Path(sys.argv[1]) / known.get("bytes", place)
+        due = [known[key] for key in ("frames", "rows", "span_s", "mean") if key in known]
+        seen = found(known, file) if file.exists() else due
+        wrong += not all(isclose(a, b, rel_tol=1e-8, abs_tol=1e-12) for a, b in zip(seen, due, strict=True))
+        print(seen if file.exists() else "is not there", due, known["at"])
     sys.exit(wrong > 0)

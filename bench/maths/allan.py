@@ -225,6 +225,20 @@ def _mixed_dof(factor: int, differences: int, share: Floats) -> float:
     return _equivalent(covariance, differences)
 
 
+def expected_curve(interval_s: float, samples: int, factors: Integers, deviation: Floats) -> AllanDeviation:
+    """Return what a record without gaps shows on average of a deviation at some averaging times, (k,) both.
+
+    Degrees of freedom and limits are those of white noise of the rate.
+    """
+    differences = samples - 2 * factors + 1
+    places = zip(factors.tolist(), differences.tolist(), strict=True)
+    dof = np.array([degrees_of_freedom(*place, WHITE_RATE) for place in places])
+    low, high = confidence_limits(deviation, dof, 0.95)
+    exponents = np.full(factors.size, WHITE_RATE)
+    tau_s = np.asarray(factors * interval_s, np.float64)
+    return AllanDeviation(interval_s, samples, factors, tau_s, deviation, low, high, differences, dof, exponents)
+
+
 def degrees_of_freedom(factor: int, differences: int, exponent: int) -> float:
     """Return equivalent chi-squared degrees of freedom of an overlapping Allan variance.
 
