@@ -38,7 +38,7 @@ def section() -> Iterator[str]:
             if "frames" in entry:
                 more = [entry["minutes"], f"{entry['frames']:,}", entry["same"]]
             else:
-                more = [f"{entry['rows']:,}", entry["span_s"], f"{entry['of']} {entry['mean']:.9g}"]
+                more = [f"{entry['rows']:,}", entry["span_s"], f"{entry['of']} {entry['mean']:.12g}"]
             yield f"| {' | '.join(map(str, [entry['at'], entry['form'], entry['text'].count(chr(10)), *more]))} |"
 
 
