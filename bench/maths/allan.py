@@ -236,7 +236,18 @@ def expected_curve(interval_s: float, samples: int, factors: Integers, deviation
     low, high = confidence_limits(deviation, dof, 0.95)
     exponents = np.full(factors.size, WHITE_RATE)
     tau_s = np.asarray(factors * interval_s, np.float64)
-    return AllanDeviation(interval_s, samples, factors, tau_s, deviation, low, high, differences, dof, exponents)
+    return AllanDeviation(
+        interval_s,
+        samples,
+        factors,
+        tau_s,
+        deviation,
+        low,
+        high,
+        differences,
+        dof,
+        exponents,
+    )
 
 
 def degrees_of_freedom(factor: int, differences: int, exponent: int) -> float:
