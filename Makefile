@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure figures ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure figures ways validate public bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -114,6 +114,10 @@ ways: $(VENV)/.run
 
 validate: $(VENV)/.dev
 	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record docs/validation.md
+
+# The wires and logs of other people in docs/validation.md, read again: FROM=FOLDER with their files.
+public: $(VENV)/.dev
+	PYTHONPATH=tests:. $(PY) tests/public_captures.py $(FROM)
 
 bench: $(VENV)/.benchmark
 	$(PY) -m benchmarks

@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from public_captures import section
 
 OPTION = "--validation-record"
 OBTAINED = "obtained"
@@ -65,7 +66,7 @@ class _Record:
 
     def pytest_sessionfinish(self) -> None:
         rows = ["| what | held against | figure obtained | test |", "|---|---|---|---|", *sorted(self._rows())]
-        self.path.write_text(_HEAD + _environment() + "\n".join(rows) + "\n", encoding="utf-8")
+        self.path.write_text(_HEAD + _environment() + "\n".join([*rows, *section()]) + "\n", encoding="utf-8")
 
     def _rows(self) -> Iterator[str]:
         for test, (what, against) in self.items.items():

@@ -31,14 +31,19 @@ ROTATE_BYTES = 32_000_000  # a reader holds one segment in memory
 
 
 def import_log(mapping_file: Path, file: Path, out: Path) -> int:
-    """Check a log against its mapping, write the session, and fit it if the mapping names an analysis."""
+    """Check a log against its mapping, write the session, and fit it from there if the mapping names an analysis.
+
+    Returns: 1 if a verdict fails, a result is missing or an estimate is not sound, else 0.
+    """
     document = load_mapping(mapping_file)
     mapping = document.model
     if mapping.analysis != NO_ANALYSIS:
         _known_analysis(document)
     log = OtherLog(file, mapping)
     surveyed = survey(log.lines(), mapping, str(file))
-    _segments_inside(document, surveyed)
+    if (outside := mapping.beyond(surveyed.counts.rows)) is not None:
+        place, message, cure = outside
+        raise InputError("B-IMP-008", message, where=document.where(place), next_step=cure)
     folder = _write(document, file, log, surveyed, out)
     counts = surveyed.counts
     say(f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read")
@@ -47,41 +52,25 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     if mapping.analysis == NO_ANALYSIS:
         say(f"session  {folder}")
         return ExitStatus.PASS
-    return _results(folder, out)
+    finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
+    return print_finished(finished, console())
 
 
 def _known_analysis(document: Document[LogMapping]) -> None:
     """Refuse a name that is unknown, or of records instead of logs, before anything is written, with its position."""
     name = document.model.analysis
-    if name in names_made_of_logs(False):
-        raise InputError(
-            "B-FIT-011",
-            f"the analysis {name!r} is made of a bench's records, not of a log",
-            where=document.where(("analysis",)),
-            next_step=f"write one of: {', '.join((*names_made_of_logs(True), NO_ANALYSIS))}",
-        )
     try:
+        if name in names_made_of_logs(False):
+            raise FitError(
+                "B-FIT-011",
+                f"the analysis {name!r} is made of a bench's records, not of a log",
+                next_step=f"write one of: {', '.join((*names_made_of_logs(True), NO_ANALYSIS))}",
+            )
         declared_analysis(name)
     except FitError as error:
         raise InputError(
             error.code, error.message, where=document.where(("analysis",)), next_step=error.next_step
         ) from error
-
-
-def _segments_inside(document: Document[LogMapping], surveyed: LogParser) -> None:
-    outside = document.model.beyond(surveyed.counts.rows)
-    if outside is not None:
-        place, message, cure = outside
-        raise InputError("B-IMP-008", message, where=document.where(place), next_step=cure)
-
-
-def _results(folder: Path, out: Path) -> int:
-    """Write results and report from the session alone, as ``bench fit`` and ``bench report`` make them later.
-
-    Returns: 1 if a verdict fails, a result is missing or an estimate is not sound, else 0.
-    """
-    finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
-    return print_finished(finished, console())
 
 
 def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: LogParser, out: Path) -> Path:

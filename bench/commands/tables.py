@@ -191,12 +191,13 @@ def _row(channel: int, temperature_degC: float, group: Mapping[str, Estimate]) -
         str(known.conditions["kind"]),
         f"{temperature_degC:g}",
         "-" if measured_degC is None else f"{measured_degC:.2f}",
-        *(_number(group[name].value, form) for name, form in _SCALE_FACTORS.items()),
-        _number(_largest(group[name].expanded_uncertainty for name in ("dsf_n", "dsf_p")), ".1f"),
+        *(number_text(group[name].value, form) for name, form in _SCALE_FACTORS.items()),
+        number_text(_largest(group[name].expanded_uncertainty for name in ("dsf_n", "dsf_p")), ".1f"),
     )
 
 
-def _number(value: float | None, form: str) -> str:
+def number_text(value: float | None, form: str) -> str:
+    """Return a number, a dash for none."""
     return "-" if value is None else format(value, form)
 
 

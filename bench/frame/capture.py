@@ -107,14 +107,6 @@ def _decoded(definition: FrameDefinition, stream: BinaryIO, take: Take, engine: 
     return Counted(definition, link.counts, messages, cut_off, tuple(causes.found.values())), head
 
 
-def _without_cr(head: bytes) -> bytes:
-    return head.replace(b"\r\n", b"\n")
-
-
-def _from_utf8(head: bytes) -> bytes:
-    return utf_8_decode(head)[0].encode("latin-1")
-
-
 def _from_hex(head: bytes) -> bytes:
     digits = re.sub(rb"0[xX]|[\s,:;-]", b"", head)
     return binascii.unhexlify(digits[: len(digits) // 2 * 2])
@@ -125,16 +117,12 @@ def _from_base64(head: bytes) -> bytes:
     return binascii.a2b_base64(digits[: len(digits) // 4 * 4], strict_mode=True)
 
 
-def _from_gzip(head: bytes) -> bytes:
-    return zlib.decompressobj(31).decompress(head, _HEAD_BYTES)
-
-
 LAYERS: dict[str, Callable[[bytes], bytes]] = {
-    "every LF became CR LF": _without_cr,
-    "every byte above 7F became UTF-8 of Latin-1": _from_utf8,
+    "every LF became CR LF": lambda head: head.replace(b"\r\n", b"\n"),
+    "every byte above 7F became UTF-8 of Latin-1": lambda head: utf_8_decode(head)[0].encode("latin-1"),
     "it is hex text": _from_hex,
     "it is base64 text": _from_base64,
-    "it is compressed with gzip": _from_gzip,
+    "it is compressed with gzip": lambda head: zlib.decompressobj(31).decompress(head, _HEAD_BYTES),
 }
 """What may have been done to the bytes of a capture, with what undoes it; ValueError or zlib.error where it was not."""
 

@@ -51,14 +51,13 @@ def _words(rows: NDArray[np.uint8], word: int, order: str = "<") -> NDArray[np.i
     return padded.view(f"{order}u{word}").astype(np.int64)
 
 
-def _fletcher_rows(rows: NDArray[np.uint8], word: int, modulus: int) -> NDArray[Any]:
-    wide = _words(rows, word)
-    weights = np.arange(wide.shape[1], 0, -1, dtype=np.int64)
-    return np.asarray((wide @ weights) % modulus << 8 * word | wide.sum(axis=1) % modulus)
-
-
 def _fletcher_check(name: str, word: int, modulus: int) -> Checksum:
-    return Checksum(name, 2 * word, lambda rows: _fletcher_rows(rows, word, modulus))
+    def of_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
+        wide = _words(rows, word)
+        weights = np.arange(wide.shape[1], 0, -1, dtype=np.int64)
+        return np.asarray((wide @ weights) % modulus << 8 * word | wide.sum(axis=1) % modulus)
+
+    return Checksum(name, 2 * word, of_rows)
 
 
 def _adler_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
@@ -68,28 +67,22 @@ def _adler_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
     return np.asarray(high << 16 | low)
 
 
-def _sum_check(bits: int, turned: str = "") -> Checksum:
-    """Return the sum of the bytes, or its one's or two's complement; the value is stored in whole bytes."""
-    mask = (1 << bits) - 1
-    sign, added = _TURNED[turned]
-    return Checksum(
-        f"sum-{bits}{turned}", (bits + 7) // 8,
-        lambda rows: np.asarray((sign * rows.sum(axis=1, dtype=np.int64) + added) & mask),
-    )  # fmt: skip
+def _sum_check(bits: int, turned: str = "", order: str = "") -> Checksum:
+    """Return the sum of the bytes, or with an order of 16-bit words, or its one's or two's complement.
 
-
-def _word_sum(order: str, turned: str) -> Checksum:
-    """Return the sum of 16-bit words, or its one's or two's complement."""
+    The value is stored in whole bytes.
+    """
     sign, added = _TURNED[turned]
 
     def of_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
-        return np.asarray((sign * _words(rows, 2, order).sum(axis=1) + added) & 0xFFFF)
+        summed = (_words(rows, 2, order) if order else rows).sum(axis=1, dtype=np.int64)
+        return np.asarray((sign * summed + added) & (1 << bits) - 1)
 
-    name = f"sum-16-words-{'big' if order == '>' else 'little'}{turned}"
-    return Checksum(name, 2, of_rows)
+    return Checksum(f"sum-{bits}{_WORDS[order]}{turned}", (bits + 7) // 8, of_rows)
 
 
 _ADLER = 65521
+_WORDS = {"": "", ">": "-words-big", "<": "-words-little"}
 _TURNED = {"": (1, 0), "-ones": (-1, -1), "-twos": (-1, 0)}
 CHECKSUMS: dict[str, Checksum] = {
     check.name: check
@@ -103,7 +96,7 @@ CHECKSUMS: dict[str, Checksum] = {
         Checksum("xor-8", 1, lambda rows: np.bitwise_xor.reduce(rows, axis=1)),
         *(_sum_check(bits, turned) for bits in (8, 16, 32) for turned in _TURNED),
         *(_sum_check(bits) for bits in (7, 15)),
-        *(_word_sum(order, turned) for order in "><" for turned in _TURNED),
+        *(_sum_check(16, turned, order) for order in "><" for turned in _TURNED),
     )
 }
 """Checks that are no CRC. Fletcher: sums of bytes (16) or little-endian 16-bit words (32) from zero, by its modulus."""

@@ -39,17 +39,20 @@ def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
         path: Path_ = () if spec.messages is None else ("messages", message.name)
         if part.golden is None or part.expect is None:
             text = "the definition has no golden frame with expected values"
-            errors.append(InputError("B-FRAME-011", text, where=document.where(path), next_step=_NEXT))
+            errors.append(_wrong("B-FRAME-011", text, document, path))
             continue
         batch = one_by_one(layout).feed(wire_of(layout, part.golden) or b"").messages[message.name]
         problem = _refused(layout, message, part.golden, len(batch))
         if problem:
-            where = document.where((*path, "golden"))
-            errors.append(InputError("B-FRAME-011", problem, where=where, next_step=_NEXT))
+            errors.append(_wrong("B-FRAME-011", problem, document, (*path, "golden")))
             continue
         errors += _compare(document, message, batch, part.expect, (*path, "expect"))
     if errors:
         raise InputErrors(errors)
+
+
+def _wrong(code: str, text: str, document: Document[FrameSpec], path: Path_) -> InputError:
+    return InputError(code, text, where=document.where(path), next_step=_NEXT)
 
 
 def wire_of(layout: Layout, golden: str) -> bytes | None:
@@ -105,13 +108,13 @@ def _compare(document: Document[FrameSpec], message: Message, batch: MessageBatc
     errors: list[InputError] = []
     if batch.suspect.any():
         text = f"a constant of {message.name!r} differs in the golden frame"
-        errors.append(InputError("B-FRAME-012", text, where=document.where(path), next_step=_NEXT))
+        errors.append(_wrong("B-FRAME-012", text, document, path))
     for name, due in expect.items():
-        where = document.where((*path, name))
         try:
             raw = batch.raw(name)[0]
             physical = batch.scaled(name)[0] if batch.has_scale(name) else None
         except InputError as error:
+            where = document.where((*path, name))
             errors.append(InputError("B-FRAME-013", error.message, where=where, next_step=error.next_step))
             continue
         item, part = message.by_name[name.partition(".")[0]], "." in name
@@ -120,11 +123,11 @@ def _compare(document: Document[FrameSpec], message: Message, batch: MessageBatc
             raw, physical = raw[~missing[0]], None if physical is None else physical[~missing[0]]
         elif missing is not None and missing.any():
             text = f"the golden frame does not hold {name}, expected is {due}"
-            errors.append(InputError("B-FRAME-012", text, where=where, next_step=_NEXT))
+            errors.append(_wrong("B-FRAME-012", text, document, (*path, name)))
             continue
         if not _equal(raw, physical, due, item, part):
             text = f"{name} of the golden frame is {_printed(raw, physical, item)}, expected is {due}"
-            errors.append(InputError("B-FRAME-012", text, where=where, next_step=_NEXT))
+            errors.append(_wrong("B-FRAME-012", text, document, (*path, name)))
     return errors
 
 

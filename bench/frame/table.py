@@ -33,15 +33,19 @@ def columns_of(item: Field) -> Iterator[tuple[str, str, list[str]]]:
 
 
 def cells_of(batch: MessageBatch, item: Field, part: slice = slice(None)) -> Iterator[tuple[str, str, NDArray[Any]]]:
-    """Yield name, unit and values of each column of a field, (n,).
+    """Yield name, unit and values of each column of a field, (n,), in native byte order.
 
-    Text and bytes are objects; what is not there is masked, an empty value of a line is NaN.
+    Integers are wide and signed where they fit, so that they can be subtracted. Text and bytes are objects; what is
+    not there is masked, an empty value of a line is NaN.
     """
     missing = batch.missing(item.name)
     for name, unit, columns in columns_of(item):
         values = (batch.scaled(name) if batch.has_scale(name) else batch.raw(name))[part]
         if item.kind == "b":
             values = _whole(values, item.is_text)
+        else:
+            is_wide = values.dtype.kind in "iu" and np.can_cast(values.dtype, np.int64)
+            values = values.astype(np.int64 if is_wide else values.dtype.newbyteorder("="), copy=False)
         if missing is not None:
             values = np.ma.array(values, mask=missing[part, 0] if item.kind == "b" else missing[part])
         for column, of_element in zip(columns, [values] if values.ndim == 1 else values.T, strict=True):
@@ -186,9 +190,7 @@ def _whole(raw: NDArray[Any], is_text: bool) -> NDArray[Any]:
 def _text(raw: bytes) -> str:
     """Return characters; what cannot be printed as it is written in Python."""
     text = raw.rstrip(b"\0").decode("ascii", "backslashreplace")
-    return (
-        text if text.isprintable() else "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
-    )
+    return "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
 
 
 def _texts(values: NDArray[Any]) -> list[Any]:
@@ -201,6 +203,4 @@ def _texts(values: NDArray[Any]) -> list[Any]:
 def _arrow(pyarrow: Any, values: NDArray[Any], kind: Any) -> Any:
     if values.dtype == object:
         return pyarrow.array(values.tolist(), kind)
-    mask = np.ma.getmaskarray(values) if np.ma.isMaskedArray(values) else None
-    plain = np.ma.getdata(values)
-    return pyarrow.array(plain.astype(plain.dtype.newbyteorder("=")), kind, mask=mask)
+    return pyarrow.array(np.ma.getdata(values), kind, mask=np.ma.getmaskarray(values))

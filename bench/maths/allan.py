@@ -218,13 +218,36 @@ def _shares(factor: Floats, variance: Floats, dof: Floats) -> Floats:
 
 def _mixed_dof(factor: int, differences: int, share: Floats) -> float:
     """Return degrees of freedom of an Allan variance of several power laws; ``share`` of each in it, (4,)."""
-    length = min(differences, _CORRELATED * factor)
-    lags = np.arange(-factor, length + factor + 1)
-    covariance = np.zeros(length + 1)
+    covariance = np.zeros(1)
     for exponent, part in zip(_MIXED, share.tolist(), strict=True):
-        of_one = _difference_covariance(lags, factor, exponent)[factor : factor + length + 1]
-        covariance += part * of_one / of_one[0]
+        of_one = _covariance(factor, differences, exponent)
+        covariance = covariance + part * of_one / of_one[0]
     return _equivalent(covariance, differences)
+
+
+def expected_curve(interval_s: float, samples: int, factors: Integers, deviation: Floats) -> AllanDeviation:
+    """Return what a record without gaps shows on average of a deviation at some averaging times, (k,) both.
+
+    Degrees of freedom and limits are those of white noise of the rate.
+    """
+    differences = samples - 2 * factors + 1
+    places = zip(factors.tolist(), differences.tolist(), strict=True)
+    dof = np.array([degrees_of_freedom(*place, WHITE_RATE) for place in places])
+    low, high = confidence_limits(deviation, dof, 0.95)
+    exponents = np.full(factors.size, WHITE_RATE)
+    tau_s = np.asarray(factors * interval_s, np.float64)
+    return AllanDeviation(
+        interval_s,
+        samples,
+        factors,
+        tau_s,
+        deviation,
+        low,
+        high,
+        differences,
+        dof,
+        exponents,
+    )
 
 
 def degrees_of_freedom(factor: int, differences: int, exponent: int) -> float:
@@ -238,10 +261,14 @@ def degrees_of_freedom(factor: int, differences: int, exponent: int) -> float:
     Returns: degrees of freedom, >= 1.
     Source:  Greenhall and Riley (2003), the sum taken term by term up to the length of the correlation.
     """
+    return _equivalent(_covariance(factor, differences, exponent), differences)
+
+
+def _covariance(factor: int, differences: int, exponent: int) -> Floats:
+    """Return covariances of the differences of one power law at lags 0 to the length of its correlation."""
     length = min(differences, _CORRELATED * factor)
     lags = np.arange(-factor, length + factor + 1)
-    covariance = _difference_covariance(lags, factor, exponent)
-    return _equivalent(covariance[factor : factor + length + 1], differences)
+    return _difference_covariance(lags, factor, exponent)[factor : factor + length + 1]
 
 
 def _equivalent(covariance: Floats, differences: int) -> float:

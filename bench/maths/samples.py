@@ -8,7 +8,8 @@ A value that stays the same is a fault only where noise cannot leave it so: for 
 steps of the output no value has more than the probability p = erf(1 / (s sqrt(8))), so a run of r equal pairs anywhere
 in n samples has at most the probability n p^r. A run is a fault where that is below one in a million. Noise is told by
 second differences; where a signal moves on by itself and has none (a table that turns), by how often its neighbours are
-equal elsewhere.
+equal elsewhere. Floats may be a coarse sensor's behind a correction, and their smallest change no step of the output:
+there a value is no less likely than single pairs of equal neighbours are.
 
 A single sample is odd against what its neighbours, a smooth course or a model make of it, in robust standard deviations
 of what is left. A turn that begins or ends takes the samples behind it along, so its edge lies between its neighbours;
@@ -232,8 +233,9 @@ def frozen_runs(name: str, values: Column) -> list[Finding]:
     """
     if values.size > 2 and (values == values[0]).all():
         return [Finding(FROZEN, name, values.size, values.size, 0)]
-    explained = longest_equal_run([value_likelihood(values)], values.size)
     starts, pairs = _runs(np.diff(values) == 0)
+    alone = np.count_nonzero(pairs == 1) / values.size if values.dtype.kind == "f" else 0.0
+    explained = longest_equal_run([max(value_likelihood(values), alone)], values.size)
     bad = pairs > explained
     if not bad.any():
         return []

@@ -25,7 +25,7 @@ CONTROL = re.compile(r"[\x00-\x08\n-\x1f]")  # no text holds them
 MAX_LINE_BYTES = 100_000
 SHOWN = 5
 ENOUGH = 100  # rows that show how short the text in the last column may be
-_TICKS = {"ns": 1, "us": 1000, "ms": 1_000_000}  # of counters of 32 bits, ns
+_TICKS = {"ns": 1, "us": 1000, "0.1 ms": 100_000, "ms": 1_000_000}  # of counters of 32 bits, ns
 FEW, RARE = 5, 100  # usual steps from a counter's last value to its first one, and of its range at least
 _BLANK = "whitespace"
 
@@ -40,7 +40,7 @@ class TimeReader:
         self._zone = timezone(timedelta(seconds=column.offset_s))
         self._comma = decimal == ","
         self._start_ns = 0 if column.start is None else _utc_ns(datetime.fromisoformat(column.start))
-        unit = None if column.unit is None else read_quantity(f"1 {column.unit}")
+        unit = None if column.unit is None else read_quantity(column.unit) or read_quantity(f"1 {column.unit}")
         self._unit_ns = Decimal(round((1.0 if unit is None else unit[0]) * NS))
         if column.rate is not None:
             self._unit_ns = NS / Decimal(str(column.rate))
@@ -174,7 +174,7 @@ class LogParser:
             if self._is_header(text):
                 self._take_header(self._fields(text))
             return None
-        if self._passed_over(text):
+        if self._line <= (self._form.header or 0) or self._passed_over(text):
             return None
         try:
             return self._read(self._fields(text))

@@ -3,7 +3,7 @@
 from bench.tables.columns import table_of_estimates
 from bench.tables.dataset import to_xarray
 from bench.tables.export import FORMATS, export_session
-from bench.tables.foreign import OtherLog, kind_of, open_table
+from bench.tables.foreign import OtherLog, kind_of, open_table, topics_of
 from bench.tables.live import watch
 from bench.tables.session import Session
 
@@ -16,5 +16,6 @@ __all__ = [
     "open_table",
     "table_of_estimates",
     "to_xarray",
+    "topics_of",
     "watch",
 ]

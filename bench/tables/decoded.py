@@ -132,11 +132,8 @@ def _inside(t_utc_ns: NDArray[np.int64], window: Window) -> Any:
 
 
 def _column(values: Any) -> Any:
-    """Return values with those that are not there as NA; native byte order, integers wide and signed if they fit."""
+    """Return values with those that are not there as NA."""
     plain = np.ascontiguousarray(np.ma.getdata(values))
-    if not plain.dtype.hasobject:
-        is_wide = plain.dtype.kind in _INTEGERS and np.can_cast(plain.dtype, np.int64)
-        plain = plain.astype(np.int64 if is_wide else plain.dtype.newbyteorder("="), copy=False)
     if not np.ma.isMaskedArray(values):
         return plain
     mask = np.ma.getmaskarray(values)

@@ -27,7 +27,6 @@ NOT_RUN = {
     "bench certificate SESSION --laboratory ": "needs a session of real instruments",
     "bench import docs/mappings/tckit_1v_ramp.yaml ": _OTHERS,
     "bench fit sessions/20241020T011845Z_": _OTHERS,
-    "bench replay sessions/20241020T011845Z_": _OTHERS,
     "bench study ": "takes minutes; tests/systems/time_sync does a small one",
     "bench recover SESSION --make-up ": "needs a damaged session; tests/runs/test_campaign_salvage.py has one",
     "bench run rest.yaml": "needs a damaged session; tests/runs/test_campaign_salvage.py has one",

@@ -106,11 +106,7 @@ def test_receivers_as_pyubx2(capture: str) -> None:
         theirs = [message for _, message in reader(stream, quitonerror=0, protfilter=2) if message is not None]
     assert found.counts.frames + found.counts.other == sensed.counts.frames + sensed.counts.other == len(theirs)
     counts = Counter(message.identity for message in theirs)
-    assert found.messages == {
-        "pvt": counts["NAV-PVT"],
-        "velned": counts["NAV-VELNED"],
-        "timegps": counts["NAV-TIMEGPS"],
-    }
+    assert found.messages == {name: counts[f"NAV-{name.upper()}"] for name in ("pvt", "velned", "timegps")}
     groups = {"measurements": ("ESF-MEAS", "flags.number", {"value": "dataField", "kind": "dataType"}),
               "satellites": ("NAV-SAT", "number", {"satellite": "svId", "elevation": "elev", "azimuth": "azim",
                                                    "signal": "cno", "state.used": "svUsed"})}  # fmt: skip
@@ -141,9 +137,8 @@ def test_an_imu_as_its_open_driver(number: int) -> None:
         pytest.skip(f"no capture {path}: set BENCH_CAPTURES")
     found, messages = captured(parse_frame(text, "xsens.yaml"), path)
     batch = messages["data"]
-    theirs = [
-        printed(block) for block in path.with_suffix(".golden").read_text(encoding="ascii").split("\n\n") if block
-    ]
+    blocks = path.with_suffix(".golden").read_text(encoding="ascii").split("\n\n")
+    theirs = [printed(block) for block in blocks if block]
     assert (len(batch), found.counts.bad, found.counts.skipped_bytes) == (len(theirs), 0, 0)
     fields = {"PacketCounter": "packet", "Acceleration": "accel", "DeltaV": "delta_velocity", "RateOfTurn": "rate",
               "DeltaQ": "delta_quaternion", "EulerAngles": "attitude", "AltitudeEllipsoid": "height",
@@ -155,9 +150,8 @@ def test_an_imu_as_its_open_driver(number: int) -> None:
             mine = np.atleast_1d(batch.scaled(field)[index])
             due = values.get(title)
             compared += due is not None
-            np.testing.assert_allclose(
-                mine, np.full(len(mine), np.nan) if due is None else due, rtol=1e-7, err_msg=title
-            )
+            due = np.full(len(mine), np.nan) if due is None else due
+            np.testing.assert_allclose(mine, due, rtol=1e-7, err_msg=title)
     assert compared > 400
 
 

@@ -12,11 +12,6 @@ from bench.commands.usage import App
 app = App(help="Begin a frame definition.")
 
 
-@app.callback()
-def frame() -> None:
-    """Begin a frame definition."""
-
-
 @app.command(epilog="Example: bench frame new capture.bin --name my_device --out frames/my_device.yaml")
 def new(
     capture: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],

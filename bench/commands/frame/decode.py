@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
+from typing import BinaryIO
 
 from bench.commands.console import console, print_json, say
 from bench.commands.origin import named_file
@@ -43,19 +44,20 @@ def _decoded(definition: FrameDefinition, file: Path, tables: list[Tables]) -> C
         for table in tables:
             table.write(messages)
 
+    with opened(file) as stream:
+        return decode_capture(definition, stream, take)
+
+
+@contextmanager
+def opened(file: Path) -> Iterator[BinaryIO]:
+    """Open a capture, or standard input. Raises: InputError B-FRAME-030 if it cannot be read."""
     try:
-        if file == STANDARD_INPUT:
-            return decode_capture(definition, sys.stdin.buffer, take)
-        with file.open("rb") as stream:
-            return decode_capture(definition, stream, take)
+        with nullcontext(sys.stdin.buffer) if file == STANDARD_INPUT else file.open("rb") as stream:
+            yield stream
     except OSError as error:
-        raise unreadable(error, file) from error
-
-
-def unreadable(error: OSError, file: Path) -> InputError:
-    """Return the error of a capture that cannot be read."""
-    advice = "give the file of a raw capture, or - for standard input"
-    return InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=file, next_step=advice)
+        advice = "give the file of a raw capture, or - for standard input"
+        why = f"cannot be read: {error.strerror}"
+        raise InputError("B-FRAME-030", why, where=file, next_step=advice) from error
 
 
 def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:

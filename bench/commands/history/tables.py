@@ -10,6 +10,7 @@ from rich.table import Table
 
 from bench.analysis import DOUBTFUL, REFUSED, Estimate, doubt_lines, is_sound, limits_of, limits_text
 from bench.commands.console import headed_table
+from bench.commands.tables import number_text
 from bench.maths.verdict import verdict_words
 from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
 
@@ -98,8 +99,8 @@ def print_shown(out: Console, shown: Shown) -> None:
     table = rows_table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
     for estimate in shown.estimates:
         table.add_row(
-            estimate.quantity, conditions_text(estimate.conditions), _number(estimate.value, ".6g"),
-            _number(estimate.expanded_uncertainty, ".3g") if is_sound(estimate) else _quality(estimate),
+            estimate.quantity, conditions_text(estimate.conditions), number_text(estimate.value, ".6g"),
+            number_text(estimate.expanded_uncertainty, ".3g") if is_sound(estimate) else _quality(estimate),
             estimate.unit, str(estimate.n), limits_text(limits_of(estimate)),
             verdict_words(estimate.verdict),
         )  # fmt: skip
@@ -116,7 +117,7 @@ def print_pair(out: Console, pair: Row) -> None:
         table.add_row(
             parameter["quantity"], conditions_text(parameter["conditions"]),
             *(f"{value:.6g}" for value in parameter["values"]), f"{parameter['change']:+.3g}",
-            f"{parameter['change_expanded_uncertainty']:.3g}", parameter["unit"], _number(parameter["en"], "+.2f"),
+            f"{parameter['change_expanded_uncertainty']:.3g}", parameter["unit"], number_text(parameter["en"], "+.2f"),
         )  # fmt: skip
     out.print(table)
     scores = [parameter["en"] for parameter in pair["parameters"] if parameter["en"] is not None]
@@ -149,8 +150,8 @@ def print_comparison(out: Console, comparison: Comparison, due: Sequence[Due]) -
         document = history.as_json(series)
         table.add_row(
             history.parameter.label, str(document["calibrations"]), f"{document['value']:.6g}",
-            f"{document['expanded_uncertainty']:.3g}", document["unit"], _number(document["rate_per_year"], "+.3g"),
-            _number(document["rate_expanded_uncertainty"], ".2g"), _number(document["en"], "+.2f"),
+            f"{document['expanded_uncertainty']:.3g}", document["unit"], number_text(document["rate_per_year"], "+.3g"),
+            number_text(document["rate_expanded_uncertainty"], ".2g"), number_text(document["en"], "+.2f"),
             str(document["en_above_1"]), "-" if history.chart is None else str(len(document["out_of_control"])),
         )  # fmt: skip
     out.print(table)
@@ -197,7 +198,3 @@ def _quality(estimate: Estimate) -> str:
 
 def _mark(simulated: bool) -> str:
     return " (SIMULATED)" if simulated else ""
-
-
-def _number(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)

@@ -19,7 +19,7 @@ from bench.commands.importing.sniff import Seen, is_number, moment_of, quoted, s
 from bench.model.declaration import Hint
 from bench.model.errors import ExitStatus
 from bench.model.systems import system_refusals, systems
-from bench.model.units import likely, read_quantity
+from bench.model.units import dimension_of, likely, read_quantity
 
 FILL_IN = "FILL_IN"
 _TIME = re.compile(r"(^|[^a-z])(t|ts|utc|tow|sec|secs|seconds|ms|us|ns)([^a-z]|$)|time|date|stamp|epoch")
@@ -33,7 +33,7 @@ _SERIAL_DAYS = (36526.0, 73051.0)  # of the years 2000 to 2099 in a spreadsheet
 _LONG_s = 120.0  # between rows whose times are such days
 _OVERLOAD = 9.0e36  # what an instrument writes in place of a number is as large
 _ODD_TEXTS = 3  # among the numbers of a column
-_AXIS = re.compile(r"[xyz](?![a-z])")
+_AXIS = re.compile(r"[xyz](?![a-z]|\d{3})")
 _UNIT = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _POWER = re.compile(r"[ *]([a-z]+)\^?-([12])$")
 Numbers = NDArray[np.float64]
@@ -51,20 +51,22 @@ class _Column:
 
 def guess(path: Path) -> int:
     """Print the proposal; it runs as soon as each FILL_IN is replaced."""
-    sys.stdout.write(proposal(sniff(path), path))
+    seen = sniff(path)
+    most = max(seen, key=lambda one: sum(_hint(name) is not None for name in one.columns))
+    sys.stdout.write(proposal(most, path, [one.form["topic"] for one in seen if one is not most]))
     for offer, error in system_refusals():
         warn(f"without {offer.what} of {offer.release}: {error}")
     return ExitStatus.PASS
 
 
-def proposal(seen: Seen, path: Path) -> str:
-    """Return the text of a mapping."""
+def proposal(seen: Seen, path: Path, others: Sequence[str] = ()) -> str:
+    """Return the text of a mapping; it names the other topics."""
     odd: set[str] = set()
     numbers = {name: _numbers(values, odd) for name, values in seen.columns.items()}
     time, time_line = _time(seen, numbers)
     columns = _columns({name: values for name, values in numbers.items() if name != time}, path.stem)
     units = _units(columns)
-    analysis, others = _analysis([column.hint for column in columns if column.hint is not None])
+    analysis, more = _analysis([column.hint for column in columns if column.hint is not None])
     slug = re.sub(r"[^a-z0-9]+", "_", path.stem.lower()).strip("_")
     name = slug if slug[:1].isalpha() else f"log_{slug}"
     form = ", ".join(f"{key}: {value}" for key, value in seen.form.items())
@@ -76,8 +78,8 @@ def proposal(seen: Seen, path: Path) -> str:
         f"# Replace each {FILL_IN}, look at roles and units, and name an analysis (docs/importing.md).",
         f"mapping: {name[:40].rstrip('_')}",
         f"uut: {{model: {FILL_IN}, serial: {FILL_IN}}}",
-        f"analysis: {analysis}{others}",
-        *([f"file: {{{form}}}"] if form else []),
+        f"analysis: {analysis}{more}",
+        *([f"file: {{{form}}}" + (f"  # or: {', '.join(others)}" if others else "")] if form else []),
         *([f"overload: {{{', '.join(overload)}}}  # what stands for no number"] if overload else []),
         "columns:",
         time_line,
@@ -153,6 +155,8 @@ def _time(seen: Seen, numbers: Mapping[str, Numbers | None]) -> tuple[str | None
     found = list[tuple[int, int, str, str]]()
     for name, values in numbers.items():
         told, entry = _TIME.search(name.lower()) is not None, None
+        if told and values is not None and 0.0 <= values.min() <= values.max() < 2**32:
+            values = np.unwrap(values, period=2**32)
         if values is None:
             entry = _dated(seen.columns[name])
         elif _rises(values) and (told or np.all(np.diff(values) == 1.0) or _may_be_time(name, numbers)):
@@ -196,12 +200,13 @@ def _reads(text: str, pattern: str) -> bool:
 
 def _counted(name: str, values: Numbers, told: bool) -> str:
     """Return the entry of a column of time in numbers, with the step that it means."""
-    step = float(values[-1] - values[0]) / (values.size - 1)
+    step, is_fine = float(values[-1] - values[0]) / (values.size - 1), "sampletimefine" in name.lower()  # of Xsens
     for unit, low, high in _EPOCHS:
-        if low < values[0] < high:
+        if low < values[0] < high and not is_fine:
             return f"{{role: time, format: unix, unit: {unit}}}  # a step of {step:.6g} {unit}"
     words = [_known_unit(word) for word in re.split(r"[^a-z]+", name.lower())] if told else []
-    unit = next((word for word in words if (read_quantity(f"1 {word}") or (0, ""))[1] == "s"), "")
+    units = (word for word in words if (read_quantity(f"1 {word}") or (0, ""))[1] == "s")
+    unit = "0.1 ms" if is_fine else next(units, "")
     step_s, (low, high) = step * _DAY_s, _SERIAL_DAYS
     if told and not unit and low <= values[0] < high and round(step_s, 1) in range(1, int(_LONG_s)):
         return (
@@ -252,6 +257,8 @@ def _entry(column: _Column, units: Mapping[str, str]) -> str:
         return "{role: ignore}"
     written = _UNIT.search(column.name)
     unit = _known_unit(written[1]) if written and not written[1].isdigit() else ""
+    due = {dimension_of(known) for known, _, _ in hint.units or ()}
+    unit = unit if not unit or not due or dimension_of(unit) in due else ""
     entries = [f"role: {hint.role}", *([f"axis: {column.axis}"] if hint.by_axis else [])]
     entries += [f"{key}: {value}" for key, value in hint.more.items()]
     entries += [] if hint.units is None else [f"unit: {unit or units.get(hint.role, FILL_IN)}"]

@@ -7,6 +7,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from itertools import islice
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from bench.model.errors import InputError
 from bench.replay import CONTROL, file_lines, text_forms
-from bench.tables import kind_of, open_table
+from bench.tables import kind_of, open_table, topics_of
 
 ROWS = 2000  # that are looked at
 _DELIMITERS = (";", "\t", ",", "|")
@@ -31,24 +32,31 @@ class Seen:
     form: Mapping[str, str] = field(default_factory=dict)
 
 
-def sniff(path: Path) -> Seen:
-    """Return what a log shows.
+def sniff(path: Path) -> list[Seen]:
+    """Return what a log shows, by topic if it has several that can be read.
 
     Raises: InputError B-IMP-001 (cannot be read, empty), B-IMP-004 (no table in it), B-IMP-009 to -011, B-TAB-001.
     """
     kind = kind_of(path)
-    return _of_text(path) if kind is None else _of_table(path, kind)
+    if kind is None:
+        return [_of_text(path)]
+    topics, seen = topics_of(path, kind), list[Seen]()
+    for topic in topics if len(topics) > 1 else ():
+        with suppress(InputError):
+            seen.append(_of_table(path, kind, topic))
+    return seen or [_of_table(path, kind, None)]
 
 
-def _of_table(path: Path, kind: str) -> Seen:
+def _of_table(path: Path, kind: str, topic: str | None) -> Seen:
     """Return the columns of the length that holds most values: those of other lengths belong to other tables."""
-    table = open_table(path, kind, None)
+    table = open_table(path, kind, topic)
     columns = {name: [str(row[0]) for row in islice(table.rows([name]), ROWS)] for name in table.names}
     values: Counter[int] = Counter()
     for column in columns.values():
         values[len(column)] += len(column)
     most = max(values, key=lambda length: (values[length], length))
-    return Seen({name: column for name, column in columns.items() if len(column) == most}, kind)
+    form = {"topic": quoted(topic)} if topic else {}
+    return Seen({name: column for name, column in columns.items() if len(column) == most}, kind, form)
 
 
 def _of_text(path: Path) -> Seen:
@@ -81,13 +89,17 @@ def _of_text(path: Path) -> Seen:
     form |= {"comment": quoted(comment)} if comment else {}
     if named := not any(is_number(text) or moment_of(text) for text in rows[begin]):
         names = [text.strip() for text in rows[begin]]
+        if len(set(told := list(filter(None, names)))) < len(told):
+            if not any(map(is_number, below := rows[begin + 1])) and len(below) == width:
+                names, begin = [f"{name}_{text.strip()}" for name, text in zip(names, below, strict=True)], begin + 1
+            names = [name if names.index(name) == place else f"{name}_{place}" for place, name in enumerate(names)]
+            form["names"] = f"[{', '.join(map(quoted, names))}]"
         if begin or kept[0] != lines[0]:
             form["header"] = str(lines.index(kept[begin]) + 1)
     else:
-        above = [line for line in texts[: texts.index(kept[0])] if comment and line.startswith(comment)]
-        told = (_fields(line.lstrip(f"{comment} "), delimiter) for line in reversed(above))
-        names = next(([text.strip() for text in row] for row in told if len(row) == width), [])
-        if len({name for name in names if name}) < width:
+        above = texts[: texts.index(kept[0])][-1:] if comment else []
+        names = [text.strip() for line in above for text in _fields(line.lstrip(f"{comment} "), delimiter)]
+        if len(names) != width or len(set(names) - {""}) < width:
             names = [f"c{place}" for place in range(width)]
         form["names"] = f"[{', '.join(map(quoted, names))}]"
     body = [row for row in rows[begin + named :] if len(row) == width]

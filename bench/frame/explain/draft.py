@@ -191,7 +191,11 @@ def _of_frames(guess: Guess, capture: bytes, name: str) -> str:
     if check is None:
         lines.append("crc: {name: none} # no check that is known is right in these frames")
     else:
-        over = "sync" if check.start == 0 else next(name for at, name in _names(fields) if at == check.start)
+        over = (
+            "sync"
+            if check.start == 0
+            else next(text.partition("name: ")[2].partition(",")[0] for at, text in fields if at == check.start)
+        )
         place = "" if check.at is None else "field: check, "
         stored = f", stored: {'big' if check.big else 'little'}" if check.at is None and check.size > 1 else ""
         told = f" # or {' or '.join(check.also)}: these frames cannot tell" if check.also else ""
@@ -225,10 +229,6 @@ def _fields(guess: Guess, golden: bytes, begin: int) -> list[tuple[int, str]]:
         at += known[at][0]
     count = "rest" if length else str(len(golden) - end - guess.behind)
     return [*fields, (end, f"{{name: body, type: bytes, count: {count}}}")]
-
-
-def _names(fields: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    return [(at, text.partition("name: ")[2].partition(",")[0]) for at, text in fields]
 
 
 def _list(values: bytes) -> str:

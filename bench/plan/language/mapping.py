@@ -47,9 +47,9 @@ def _unit(text: str) -> str:
 
 
 def _second(text: str) -> str:
-    duration = read_quantity(f"1 {text}")
-    if duration is None or duration[1] != "s":
-        raise ValueError(f"{text!r} is no unit of time; write s, ms, min or h")
+    duration = read_quantity(text) or read_quantity(f"1 {text}")
+    if duration is None or duration[1] != "s" or duration[0] <= 0.0:
+        raise ValueError(f"{text!r} is no unit of time; write s, ms, min or h, or a tick such as 0.1 ms")
     return text
 
 
@@ -89,7 +89,9 @@ class TimeColumn(StrictModel):
         "rows (one sample a row at a 'rate', since 'start', whatever the column holds), "
         "or a strptime pattern such as '%d/%m/%Y %H:%M:%S'"
     )
-    unit: Annotated[str, AfterValidator(_second)] | None = Field(None, description="of unix and elapsed times")
+    unit: Annotated[str, AfterValidator(_second)] | None = Field(
+        None, description="of unix and elapsed times, or their tick, such as 0.1 ms"
+    )
     zone: Annotated[str, StringConstraints(pattern=_ZONE)] | None = Field(
         None, description="UTC or an offset such as +02:00; of iso times and patterns without %z"
     )
@@ -150,7 +152,7 @@ class FileForm(StrictModel):
     )
     header: int | None = Field(None, ge=1, le=10_000, description="line of the column names; default: the first one")
     names: Annotated[list[Header], Field(min_length=1, max_length=1000)] | None = Field(
-        None, description="names of the columns of a file that has no line with them"
+        None, description="names of the columns of a file that has no line with them, or in place of its 'header'"
     )
     decimal: Literal[".", ","] = "."
     comment: Annotated[str, StringConstraints(min_length=1, max_length=10)] | None = Field(
@@ -165,8 +167,6 @@ class FileForm(StrictModel):
     def _consistent(self) -> FileForm:
         if self.decimal == self.delimiter:
             raise ValueError(f"{self.decimal!r} cannot be both decimal sign and delimiter")
-        if self.names is not None and self.header is not None:
-            raise ValueError("a file has either a 'header' line or 'names' of its columns")
         if self.names is not None and len(set(self.names)) < len(self.names):
             raise ValueError("two of the 'names' are the same")
         return self

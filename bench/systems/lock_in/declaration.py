@@ -162,6 +162,6 @@ DECLARATION = System(
         Hint("beat", r"(^|[^a-z])beat", None, analysis="rlg_edge_log"),
         Hint("cosine", r"cosine", None),
         Hint("pickoff", r"pick_?off", None),
-        Hint("count", r"count|pulses|ticks", None, analysis="rlg_count_log"),
+        Hint("count", r"(?<!packet)count|pulses|ticks", None, analysis="rlg_count_log"),
     ),
 )

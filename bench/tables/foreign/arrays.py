@@ -121,11 +121,8 @@ def npy_table(path: Path) -> ArrayTable:
 
 def npz_table(path: Path) -> ArrayTable:
     """Return the columns of all arrays of an .npz file, which are held in memory."""
-    columns: dict[str, ArrayColumn] = {}
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-        for name in file.files:
-            columns |= columns_of(name, file[name])
-    return ArrayTable(columns)
+        return ArrayTable(_of_variables(file))
 
 
 def mat_table(path: Path) -> ArrayTable:
@@ -135,19 +132,16 @@ def mat_table(path: Path) -> ArrayTable:
     """
     from scipy.io import loadmat
 
-    columns: dict[str, ArrayColumn] = {}
-    for name, value in loadmat(path, squeeze_me=True, struct_as_record=False).items():
-        if not name.startswith("__"):
-            columns |= _of_variable(name, value)
-    return ArrayTable(columns)
+    return ArrayTable(_of_variables(loadmat(path, squeeze_me=True, struct_as_record=False)))
 
 
-def _of_variable(name: str, value: Any) -> dict[str, ArrayColumn]:
-    if isinstance(value, np.ndarray):
-        return columns_of(name, value)
+def _of_variables(values: Mapping[str, Any]) -> dict[str, ArrayColumn]:
     columns: dict[str, ArrayColumn] = {}
-    for field in getattr(value, "_fieldnames", ()):
-        columns |= _of_variable(f"{name}.{field}", getattr(value, field))
+    for name, value in values.items():
+        fields = getattr(value, "_fieldnames", ())
+        is_array = isinstance(value, np.ndarray)
+        inside = {f"{name}.{field}": getattr(value, field) for field in fields}
+        columns |= columns_of(name, value) if is_array else _of_variables(inside)
     return columns
 
 

@@ -92,20 +92,33 @@ def bag_table(path: Path, topic: str | None) -> MessageTable:
 
     Raises: InputError B-IMP-011 for the topic, B-TAB-001 without the library rosbags.
     """
-    library("rosbags")
-    reader_of = library("rosbags.highlevel").AnyReader
-    stores = library("rosbags.typesys")
-    types = stores.get_typestore(stores.Stores.LATEST)  # of bags that do not hold their types
-    with reader_of([path], default_typestore=types) as bag:
-        chosen = _chosen(path, topic, {connection.topic for connection in bag.connections})
+    chosen = _chosen(path, topic, bag_topics(path))
 
     def read() -> Iterator[Fields]:
-        with reader_of([path], default_typestore=types) as bag:
+        with _bag(path) as bag:
             connections = [connection for connection in bag.connections if connection.topic == chosen]
             for connection, t_ns, raw in bag.messages(connections):
                 yield {LOG_TIME: t_ns} | dict(_flat("", bag.deserialize(raw, connection.msgtype)))
 
     return _table(path, chosen, read)
+
+
+def bag_topics(path: Path) -> set[str]:
+    """Return the topics of a bag. Raises: InputError B-TAB-001 without the library rosbags."""
+    with _bag(path) as bag:
+        return {connection.topic for connection in bag.connections}
+
+
+def mcap_topics(path: Path) -> set[str]:
+    """Return the topics of an MCAP file. Raises: InputError B-TAB-001 without the library mcap."""
+    return {record.topic for record in _records(path, []) if hasattr(record, "topic")}
+
+
+def _bag(path: Path) -> Any:
+    library("rosbags")
+    stores = library("rosbags.typesys")
+    types = stores.get_typestore(stores.Stores.LATEST)  # of bags that do not hold their types
+    return library("rosbags.highlevel").AnyReader([path], default_typestore=types)
 
 
 def _table(path: Path, topic: str, read: Callable[[], Iterator[Fields]], broken: int = 0) -> MessageTable:

@@ -52,6 +52,12 @@ def kind_of(path: Path) -> str | None:
     return next((kind for known, kind in _KINDS if re.match(known, begin)), None)
 
 
+def topics_of(path: Path, kind: str) -> list[str]:
+    """Return the topics of an MCAP file or a bag. Raises: InputError B-TAB-001 without the library for it."""
+    known = {_BAG: messages.bag_topics, _MCAP: messages.mcap_topics}
+    return sorted(known[kind](path)) if kind in known else []
+
+
 def open_table(path: Path, kind: str, topic: str | None) -> ForeignTable:
     """Return the table of a binary log.
 

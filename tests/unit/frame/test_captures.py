@@ -83,6 +83,7 @@ def test_parquet_has_the_columns_and_values_of_the_csv(
             head, *lines = csv.reader(stream)
         assert found.column_names == head
         assert found.num_rows == len(lines)
+        assert {str(kind) for kind in found.schema.types} <= {"int64", "uint64", "float", "double", "binary", "string"}
         for title, texts in zip(head, zip(*lines, strict=True), strict=True) if lines else ():
             values = found[title].to_pylist()
             assert [value.hex() if isinstance(value, bytes) else float(value) for value in values] == [

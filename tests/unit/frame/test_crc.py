@@ -34,10 +34,7 @@ def test_the_catalogue_is_that_of_the_oracle_with_its_aliases() -> None:
         assert model.name == name
 
 
-@pytest.mark.validates(
-    "112 models of CRC",
-    against="the published check values of the CRC catalogue",
-)
+@pytest.mark.validates("112 models of CRC", against="the published check values of the CRC catalogue")
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_published_check_value_single_and_vectorised(name: str) -> None:
     model = CATALOGUE[name]
@@ -48,10 +45,7 @@ def test_published_check_value_single_and_vectorised(name: str) -> None:
     assert crc.of_rows(many[:1]).tolist() == [model.check]
 
 
-@pytest.mark.validates(
-    "CRC of random messages, all models",
-    against="the package crccheck",
-)
+@pytest.mark.validates("CRC of random messages, all models", against="the package crccheck")
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_random_messages_agree_with_the_oracle(name: str) -> None:
     generator = np.random.default_rng(SEED)

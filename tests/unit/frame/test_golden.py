@@ -105,10 +105,8 @@ def ubx_sensors() -> dict[str, bytes]:
     words = [value & 0xFFFFFF | kind << 24 for value, kind in ((-123, 16), (10240, 18))]
     sensors = struct.pack("<IHH2II", 123456, 2 << 11 | 8, 0, *words, 120000)
     attitude = struct.pack("<IB3x3i3I", 197594600, 0, 150000, -225000, 35999999, 1200, 1300, 25000)
-    satellites = [
-        struct.pack("<BBBbhhI", *one) for one in ((0, 5, 44, 41, 271, -12, 0x1F), (1, 133, 0, -3, 0, 0, 0x10))
-    ]
-    heard = struct.pack("<IBBH", 197594600, 1, 2, 0) + b"".join(satellites)
+    two = (0, 5, 44, 41, 271, -12, 0x1F), (1, 133, 0, -3, 0, 0, 0x10)
+    heard = struct.pack("<IBBH", 197594600, 1, 2, 0) + b"".join(struct.pack("<BBBbhhI", *one) for one in two)
     return {
         "ublox_sensors.measurements": ubx(0x1002, sensors),
         "ublox_sensors.attitude": ubx(0x0105, attitude),
@@ -129,9 +127,8 @@ def sbf_attitude() -> bytes:
 
 def sirf(message: int, body: bytes) -> bytes:
     covered = struct.pack(">B", message) + body
-    return (
-        b"\xa0\xa2" + struct.pack(">H", len(covered)) + covered + struct.pack(">H", sum(covered) & 0x7FFF) + b"\xb0\xb3"
-    )
+    size, check = struct.pack(">H", len(covered)), struct.pack(">H", sum(covered) & 0x7FFF)
+    return b"\xa0\xa2" + size + covered + check + b"\xb0\xb3"
 
 
 def rtcm(number: int) -> bytes:
@@ -219,8 +216,7 @@ def decode(name: str, frame: bytes, message: str = "frame") -> MessageBatch:
 
 
 @pytest.mark.validates(
-    "shipped frame definitions: their golden bytes",
-    against="struct of the standard library and the package crccheck",
+    "shipped frame definitions: their golden bytes", against="struct of the standard library and the package crccheck"
 )
 @pytest.mark.parametrize("name", INDEPENDENT)
 def test_golden_files_are_what_struct_and_crccheck_make(name: str) -> None:
@@ -236,36 +232,18 @@ def test_every_shipped_frame_has_its_golden_bytes_in_a_file_and_in_its_definitio
 
 
 FIELDS: dict[str, dict[str, object]] = {
-    "ngu_a": {
-        "npp": NPP,
-        "ppp": PPP,
-        "counter": 17,
-        "af_clock": 2560,
-        "master_count": 100001,
-        "fg_count": 99999,
-        "status": STATUS,
-        "status.calibrating": 1,
-        "status.over_range": 4,
-        "status.mode": 2,
-    },
+    "ngu_a": {"npp": NPP, "ppp": PPP, "counter": 17, "af_clock": 2560, "master_count": 100001, "fg_count": 99999,
+              "status": STATUS, "status.calibrating": 1, "status.over_range": 4, "status.mode": 2},
     "ngu_b.housekeeping": {"unit_temperature": [-10.23, -9.98, 20.04, 50.01], "supply_voltage": 28.012},
     "ngu_b.answer": {"command": 1, "payload": b"NGU SIM-1 1.0"},
     "ngu_b.command": {"command": 2, "payload": b"\x64"},
     "time_tags": {"events": EVENTS, "counter": 4, "tick": 4000123, "clock": 100000000, "dropped": 7, "edges": 3},
     "fog_1k": {"output": -0.707107, "encoder": 270.0 + 360.0 / 2**24},
-    "imu_200": {
-        "tick": 350.0012345,
-        "delta_angle": [-0.001234567, 1.5, 7e-9],
-        "delta_velocity": [-0.48983123, 2.5e-6, 9.8],
-    },
-    "gnc_422.stream": {
-        "counter": 70000,
-        "gyro": [216.0, -0.015, 0.035],
-        "accel": [-0.012, 1.003, 0.005],
-        "mag": [0.144, -0.43008, 0.3],
-        "temperature": 25.12,
-    },
-}
+    "imu_200": {"tick": 350.0012345, "delta_angle": [-1.234567e-3, 1.5, 7e-9],
+                "delta_velocity": [-0.48983123, 2.5e-6, 9.8]},
+    "gnc_422.stream": {"counter": 70000, "gyro": [216.0, -0.015, 0.035], "accel": [-0.012, 1.003, 0.005],
+                       "mag": [0.144, -0.43008, 0.3], "temperature": 25.12},
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FIELDS)

@@ -124,8 +124,7 @@ def test_counts_of_the_capture(engine: str) -> None:
 @pytest.mark.real
 @IS_THERE
 @pytest.mark.validates(
-    "frame decoder on a real capture of 8,895 frames",
-    against="a decode of the same capture by other people's software",
+    "frame decoder on a real capture of 8,895 frames", against="a decode of the same capture by other people's software"
 )
 def test_all_columns_equal_the_independent_decode_within_its_print_rounding(
     record_property: Callable[[str, object], None],

@@ -31,10 +31,7 @@ RNG = np.random.default_rng(21)  # by seed 20 the differences of scipy.optimize 
 NAMES = ("a", "b", "c")
 
 
-@pytest.mark.validates(
-    "least squares with a full covariance, value and covariance",
-    against="scipy.optimize.curve_fit",
-)
+@pytest.mark.validates("least squares with a full covariance, value and covariance", against="scipy.optimize.curve_fit")
 def test_full_covariance_agrees_with_scipy_curve_fit(record_property: Callable[[str, object], None]) -> None:
     design = RNG.normal(size=(25, 3)) * [1.0, 1e-6, 1e4]
     root = RNG.normal(size=(25, 25))
@@ -168,10 +165,7 @@ def test_both_paths_agree_where_both_are_good(monkeypatch: pytest.MonkeyPatch, f
     assert exact.dof == plain.dof == 36
 
 
-@pytest.mark.validates(
-    "correlated, ill-conditioned least squares",
-    against="the normal equations in exact fractions",
-)
+@pytest.mark.validates("correlated, ill-conditioned least squares", against="the normal equations in exact fractions")
 def test_a_correlated_ill_conditioned_problem_against_rational_arithmetic(
     record_property: Callable[[str, object], None],
 ) -> None:
@@ -237,8 +231,7 @@ def readings(**changes: object) -> Readings:
 
 
 @pytest.mark.validates(
-    "AF paper (1) and 4.1: clock ratio and master-clock error",
-    against="closed form for clocks off by +50 and -30 ppm",
+    "AF paper (1) and 4.1: clock ratio and master-clock error", against="closed form for clocks off by +50 and -30 ppm"
 )
 def test_clock_ratio_and_master_error_from_clocks_of_known_error() -> None:
     af, master = 50e-6, -30e-6
@@ -254,10 +247,7 @@ def test_clock_without_pulses_is_not_a_number() -> None:
     assert np.isnan(master_clock_error(np.zeros(1), np.ones(1), 1e7)).all()
 
 
-@pytest.mark.validates(
-    "coverage factor for 95 %",
-    against="JCGM 100:2008 table G.2",
-)
+@pytest.mark.validates("coverage factor for 95 %", against="JCGM 100:2008 table G.2")
 @pytest.mark.parametrize(("dof", "table"), [(1, 12.71), (2, 4.30), (10, 2.23), (50, 2.01), (float("inf"), 1.960)])
 def test_coverage_factor_is_that_of_the_guides_table(dof: float, table: float) -> None:
     """JCGM 100:2008 table G.2, column 95 %."""
@@ -299,10 +289,7 @@ def test_bias_and_noise_of_a_gate_are_those_of_the_design() -> None:
     assert np.sqrt(parts["white noise of the converter"][0, 0]) == pytest.approx(0.1414e-9, rel=1e-3)
 
 
-@pytest.mark.validates(
-    "covariance of gate averages of a random walk",
-    against="20,000 simulated walks",
-)
+@pytest.mark.validates("covariance of gate averages of a random walk", against="20,000 simulated walks")
 def test_random_walk_covariance_against_simulated_walks() -> None:
     rng = np.random.default_rng(4)
     seconds, steps = 12, 100

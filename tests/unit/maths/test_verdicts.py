@@ -16,15 +16,7 @@ from scipy import integrate, stats
 
 from bench.analysis import Analysis, Material, analyse, build_results, estimate, judged, rule_of
 from bench.maths.budget import Budget, Component, combine_all
-from bench.maths.verdict import (
-    RULES,
-    Rule,
-    clopper_pearson,
-    conformance_probability,
-    coverage_factor,
-    decide,
-    verdict,
-)
+from bench.maths.verdict import RULES, Rule, clopper_pearson, conformance_probability, coverage_factor, decide, verdict
 from bench.model.errors import FitError
 from bench.plan import compile_sequence
 from bench.plan.language.sequence import Decision
@@ -71,10 +63,7 @@ def test_what_compensation_leaves_over_is_judged(cubic: float, verdict: str) -> 
     assert worst.verdict == verdict
 
 
-@pytest.mark.validates(
-    "conformance probability, two limits",
-    against="JCGM 106:2012 clause 7, motor oil: 0.66",
-)
+@pytest.mark.validates("conformance probability, two limits", against="JCGM 106:2012 clause 7, motor oil: 0.66")
 def test_motor_oil() -> None:
     """JCGM 106:2012, clause 7: 13.6 mm2/s, u = 1.8 mm2/s, between 12.5 and 16.3: 0.66.
 
@@ -84,20 +73,14 @@ def test_motor_oil() -> None:
     assert conformance_probability(13.6, 1.8, 12.5, 16.3) == pytest.approx(0.66, abs=0.005)
 
 
-@pytest.mark.validates(
-    "conformance probability, one limit",
-    against="JCGM 106:2012 clause 7, table",
-)
+@pytest.mark.validates("conformance probability, one limit", against="JCGM 106:2012 clause 7, table")
 @pytest.mark.parametrize(("p", "distance"), [(0.80, 0.84), (0.90, 1.28), (0.95, 1.64), (0.99, 2.33), (0.999, 3.09)])
 def test_table_of_one_sided_probabilities(p: float, distance: float) -> None:
     """JCGM 106:2012, clause 7, the table of one-sided limits."""
     assert conformance_probability(0.0, 1.0, -math.inf, distance) == pytest.approx(p, abs=0.002)
 
 
-@pytest.mark.validates(
-    "conformance probability, normal and t",
-    against="scipy.integrate.quad of the density",
-)
+@pytest.mark.validates("conformance probability, normal and t", against="scipy.integrate.quad of the density")
 @pytest.mark.parametrize("dof", [3.0, 10.5, math.inf])
 @pytest.mark.parametrize("value", [0.0, 70.0, -99.0, 101.0, 250.0])
 def test_probability_is_the_integral_of_the_density(value: float, dof: float) -> None:
@@ -159,8 +142,7 @@ def test_rules(
 
 
 @pytest.mark.validates(
-    "risk of a guard band w = U and of simple acceptance",
-    against="ILAC-G8:09/2019: at most 2.5 % and up to 50 %",
+    "risk of a guard band w = U and of simple acceptance", against="ILAC-G8:09/2019: at most 2.5 % and up to 50 %"
 )
 def test_risk_at_the_edges_of_the_rules(record_property: Callable[[str, object], None]) -> None:
     """ILAC-G8:09/2019: accepted with w = U at most 2.5 % wrong, by simple acceptance up to 50 %."""
@@ -272,10 +254,7 @@ END_GAUGE = [
 ]
 
 
-@pytest.mark.validates(
-    "uncertainty budget, effective degrees of freedom",
-    against="JCGM 100:2008 annex H.1, end gauge",
-)
+@pytest.mark.validates("uncertainty budget, effective degrees of freedom", against="JCGM 100:2008 annex H.1, end gauge")
 def test_end_gauge_of_the_guide(record_property: Callable[[str, object], None]) -> None:
     """Published: u = 32 nm, 16 effective degrees of freedom (16.7 before rounding), U = 93 nm for 99 %."""
     budget = combined(END_GAUGE)
@@ -290,10 +269,7 @@ def test_contribution_keeps_the_sign_of_the_sensitivity() -> None:
     assert END_GAUGE[5].contribution == pytest.approx(-16.7, abs=0.05)
 
 
-@pytest.mark.validates(
-    "results that share a standard",
-    against="JCGM 100:2008 5.2.2, ten resistors",
-)
+@pytest.mark.validates("results that share a standard", against="JCGM 100:2008 5.2.2, ten resistors")
 def test_ten_resistors_compared_with_one_standard() -> None:
     """JCGM 100:2008 5.2.2: each is known to 100 mohm through the same standard; in series they are known to 1 ohm."""
     found = combine_all({str(n): [Component("standard", 0.1, "ohm", common="standard")] for n in range(10)})
@@ -305,10 +281,7 @@ def test_ten_resistors_compared_with_one_standard() -> None:
     assert math.sqrt(std @ apart.correlation @ std) == pytest.approx(0.32, abs=0.005)
 
 
-@pytest.mark.validates(
-    "correlation between results",
-    against="400,000 draws of the errors",
-)
+@pytest.mark.validates("correlation between results", against="400,000 draws of the errors")
 def test_correlation_is_that_of_drawn_errors(record_property: Callable[[str, object], None]) -> None:
     """Seed 11, 400,000 draws of one shared error with another weight in each result, and errors of their own."""
     generator = np.random.default_rng(11)
@@ -334,8 +307,7 @@ def test_correlation_is_that_of_drawn_errors(record_property: Callable[[str, obj
 
 
 @pytest.mark.validates(
-    "budgets and correlation of results that share errors",
-    against="the package GTC, uncertain numbers",
+    "budgets and correlation of results that share errors", against="the package GTC, uncertain numbers"
 )
 def test_budgets_are_those_of_gtc() -> None:
     """Seed 13: five results, each of some common errors and two of its own, with few, many and infinite dof."""

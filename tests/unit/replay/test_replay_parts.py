@@ -475,7 +475,7 @@ def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tail: str) -> N
     assert len(read("\n".join(["time,T,U", *lines]).encode(), mapped())[0]) == 120
 
 
-@pytest.mark.parametrize(("tick", "step"), [("us", 10_000), ("ms", 10)])
+@pytest.mark.parametrize(("tick", "step"), [("us", 10_000), ("ms", 10), ("0.1 ms", 100)])
 def test_a_counter_of_32_bits_is_counted_on(tick: str, step: int) -> None:
     ticks = [(2**32 - 20 * step + k * step) % 2**32 for k in range(40)]
     mapping = mapped((COUNTER[0], COUNTER[1].replace("us", tick)))

@@ -21,6 +21,7 @@ from scipy import io
 from scipy.io import savemat
 
 from bench.commands.import_log import import_log
+from bench.commands.importing import guess
 from bench.model.errors import InputError
 from bench.record import SessionReader
 from bench.replay import replay_series
@@ -331,11 +332,17 @@ def test_arrays_come_back_to_the_last_digit(
     assert replay_series(session).sha256 == series.sha256
 
 
-def test_messages_of_a_topic_of_an_mcap_file(tmp_path: Path) -> None:
+def test_messages_of_a_topic_of_an_mcap_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = STAMPED.format(time="log_time", x="w.x", z="w.z").replace("columns:", "file: {topic: /imu}\ncolumns:")
     series = imported(tmp_path, text, mcap)
     np.testing.assert_array_equal(series.columns["gyro_x_deg_s"], RATE[:300, 0])
     np.testing.assert_array_equal(series.columns["t_s"], np.arange(300.0))
+    capsys.readouterr()
+    guess(tmp_path / "log.bin")
+    said = capsys.readouterr().out
+    assert "file: {topic: '/imu'}  # or: '/other'\n" in said
+    (tmp_path / "two").mkdir()
+    assert imported(tmp_path / "two", said.replace("FILL_IN", "S"), mcap).counts.rows == 300
     again = imported(tmp_path, text.replace("log_time", "stamp"), mcap)
     np.testing.assert_array_equal(again.columns["t_s"], np.arange(300.0))
 

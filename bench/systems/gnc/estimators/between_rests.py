@@ -79,9 +79,9 @@ def drift_between_rests(
     pairs = _pairs(rests, breaks)
     if not pairs:
         return None
-    begin, end = rests.begin.tolist(), rests.end.tolist()
-    calm = [(begin[k], end[k]) for k in pairs]
-    moving = [(end[k], begin[k + 1]) for k in pairs]
+    spans = rests.spans
+    calm = [spans[k] for k in pairs]
+    moving = [(spans[k][1], spans[k + 1][0]) for k in pairs]
     run = run_from_rest(accel, gyro_rad_s, calm, moving, rate_Hz, latitude_deg)
     unit = _directions(accel, rests)
     before, after = unit[pairs], unit[[k + 1 for k in pairs]]
@@ -124,7 +124,7 @@ def turn_scale(accel: Floats, gyro: Floats, rests: StaticIntervals, rate_Hz: flo
     if len(chosen) < 3:
         return None
     rest = rests.means(gyro)
-    spans = list(pairwise(zip(rests.begin.tolist(), rests.end.tolist(), strict=True)))
+    spans = list(pairwise(rests.spans))
     turned = [(gyro[spans[k][0][1] : spans[k][1][0]] - 0.5 * (rest[k] + rest[k + 1])) / rate_Hz for k in chosen]
     lengths = np.array([np.linalg.norm(path, axis=1).sum() for path in turned])
     rough = float(np.median(tilted[chosen] / lengths))  # a path is never shorter than the tilt: true scale is larger

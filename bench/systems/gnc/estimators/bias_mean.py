@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.maths.allan import (
-    WHITE_RATE,
     AllanDeviation,
     allan_deviation,
-    confidence_limits,
-    degrees_of_freedom,
+    expected_curve,
 )
 from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
@@ -81,16 +79,8 @@ def declared_mean(value: float, noise: SensorNoise, samples: int) -> BiasMean:
     interval_s, length_s = noise.interval_s, samples * noise.interval_s
     _require(length_s)
     factors = np.array(_factors(samples, interval_s))
-    differences = samples - 2 * factors + 1
-    dof = np.array([
-        degrees_of_freedom(int(m), int(count), WHITE_RATE) for m, count in zip(factors, differences, strict=True)
-    ])  # fmt: skip
     deviation = np.sqrt([noise.allan_variance(m * interval_s) for m in factors])
-    low, high = confidence_limits(deviation, dof, 0.95)
-    exponents = np.full(factors.size, WHITE_RATE)
-    curve = AllanDeviation(
-        interval_s, samples, factors, factors * interval_s, deviation, low, high, differences, dof, exponents
-    )
+    curve = expected_curve(interval_s, samples, factors, deviation)
     return _mean(value, noise.sample_std, curve, noise.step, length_s, samples, 0)
 
 

@@ -132,13 +132,12 @@ def bias_stability(
     noise = mean_noise(means) if declared is None else declared_noise(declared, averages, AVERAGE_s)
     value = float(np.std(means, ddof=1)) if declared is None else math.sqrt(noise.expected)
     dof = noise.dof_of_variance
-    tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
-    low, high = value * np.sqrt(dof / tails)
+    low, high = _interval(value, dof)
     used = samples[: round(averages * AVERAGE_s / interval_s)]
     return BiasStability(
         value=value,
-        low=float(low),
-        high=float(high),
+        low=low,
+        high=high,
         dof=dof,
         mean=float(means.mean()),
         averages=means,
@@ -288,10 +287,15 @@ def bias_repeatability(
     else:
         covariance = declared.of_means(starts, lengths)
         value = math.sqrt(float(np.trace(covariance) - covariance.sum() / values.size) / dof)
-    tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
-    low, high = value * np.sqrt(dof / tails)
+    low, high = _interval(value, dof)
     noise_std = rms(stds)
-    return BiasRepeatability(value, float(low), float(high), dof, values, noise_std)
+    return BiasRepeatability(value, low, high, dof, values, noise_std)
+
+
+def _interval(value: float, dof: float) -> tuple[float, float]:
+    """Return the interval of a standard deviation."""
+    tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
+    return tuple((value * np.sqrt(dof / tails)).tolist())
 
 
 def _require(starts: Floats, lengths: Floats) -> None:

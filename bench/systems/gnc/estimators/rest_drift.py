@@ -92,11 +92,7 @@ def drift_at_rest(
     drifts = []
     for horizon_s in horizons_s:
         count = round(horizon_s * rate_Hz)
-        begins = [
-            a + 2 * count * pair
-            for a, b in zip(rests.begin.tolist(), rests.end.tolist(), strict=True)
-            for pair in range((b - a) // (2 * count))
-        ]
+        begins = [a + 2 * count * pair for a, b in rests.spans for pair in range((b - a) // (2 * count))]
         if begins:
             drifts.append(_drift(accel, gyro_rad_s, begins, count, rate_Hz, latitude_deg, walk))
     if not drifts:
@@ -127,7 +123,7 @@ def random_walk(gyro_rad_s: Floats, rests: StaticIntervals, rate_Hz: float) -> R
     """
     count = max(1, round(rate_Hz))
     steps = []
-    for a, b in zip(rests.begin.tolist(), rests.end.tolist(), strict=True):
+    for a, b in rests.spans:
         whole = (b - a) // count
         means = gyro_rad_s[a : a + whole * count].reshape(whole, count, 3).mean(axis=1)
         steps.append(np.diff(means, axis=0))

@@ -36,9 +36,14 @@ class StaticIntervals:
     threshold: float
     initial: float
 
+    @property
+    def spans(self) -> list[tuple[int, int]]:
+        """First sample at rest and the one behind the last of each interval."""
+        return list(zip(self.begin.tolist(), self.end.tolist(), strict=True))
+
     def means(self, samples: Floats) -> Floats:
         """Return mean of each interval, (k, 3)."""
-        return np.stack([samples[a:b].mean(axis=0) for a, b in zip(self.begin, self.end, strict=True)])
+        return np.stack([samples[a:b].mean(axis=0) for a, b in self.spans])
 
 
 def static_intervals(

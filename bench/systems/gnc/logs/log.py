@@ -53,10 +53,10 @@ def imu_log(material: Material) -> ImuLog:
     Raises: FitError B-GNC-006 if it has no accelerometer of three axes, no gravity or values that are missing.
     """
     t_s = material.series.get("t_s")
-    accel, accel_unit = _triad(material, "accelerometer")
+    accel, accel_unit = triad_of(material, "accelerometer")
     if t_s is None or accel is None:
         raise _unusable("there is no imported log with accelerometers of three axes")
-    gyro, gyro_unit = _triad(material, "gyro")
+    gyro, gyro_unit = triad_of(material, "gyro")
     whole = np.isfinite(accel).all() and (gyro is None or np.isfinite(gyro).all())
     if len(t_s) < 2 or not whole:
         raise _unusable("a value is missing in the columns of the sensors")
@@ -77,7 +77,8 @@ def imu_log(material: Material) -> ImuLog:
     )
 
 
-def _triad(material: Material, role: str) -> tuple[Floats | None, str]:
+def triad_of(material: Material, role: str) -> tuple[Floats | None, str]:
+    """Return readings of three axes, (n, 3), and their unit; None without them."""
     columns = {
         str(column.get("axis")): column for column in material.campaign.get("columns", ()) if column.get("role") == role
     }

@@ -25,6 +25,7 @@ from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneCompar
 from bench.systems.gnc.estimators.magnetometer.wander import change_of_surface, off_surface
 from bench.systems.gnc.field_departures import searches_of
 from bench.systems.gnc.field_evidence import endless_noise, shown_unit
+from bench.systems.gnc.logs.log import triad_of
 from bench.systems.gnc.magnetometer import Sphere, noise_notes, parameter_estimates, sphere_of, turn_cloud
 from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import say
@@ -71,14 +72,13 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 def _readings(material: Material) -> tuple[Floats, Floats, str]:
     """Return readings (n, 3) without rows that lack one, their times and unit. Raises: FitError B-GNC-006."""
-    columns = {c["axis"]: c for c in material.campaign.get("columns", ()) if c.get("role") == "magnetometer"}
-    if set(columns) != set(AXES):
+    field, unit = triad_of(material, "magnetometer")
+    if field is None:
         raise FitError(
             "B-GNC-006",
             "the log has no magnetometer of three axes",
             next_step="map three columns of the role magnetometer (docs/importing.md)",
         )
-    field = np.column_stack([material.series[str(columns[axis]["name"])] for axis in AXES])
     silent = [axis for axis, values in zip(AXES, field.T, strict=True) if is_silent(values)]
     if silent:
         raise FitError(
@@ -87,7 +87,7 @@ def _readings(material: Material) -> tuple[Floats, Floats, str]:
             next_step="check the sensor and its columns, and take the log again",
         )
     whole = np.isfinite(field).all(axis=1)
-    return field[whole], material.series["t_s"][whole], str(columns["x"]["unit"])
+    return field[whole], material.series["t_s"][whole], unit
 
 
 def _seen(material: Material, field: Floats, off: Flags, unit: str) -> FitError | None:

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bench.maths.allan import (
-    WHITE_RATE,
     AllanDeviation,
     allan_deviation,
-    confidence_limits,
-    degrees_of_freedom,
+    expected_curve,
 )
 from bench.maths.allan_terms import allan_variance_of, fit_noise_terms
 from bench.maths.arrays import Floats, Integers
@@ -242,18 +240,11 @@ def expected_walk(n_deg_rth: float, q_deg: float, periods: int, interval_s: floa
     Source:  as ``random_walk``, on the deviation that both terms give; degrees of freedom as ``allan_deviation``.
     """
     factors = np.array(_factors(periods, interval_s))
-    tau_s, differences = factors * interval_s, periods - 2 * factors + 1
+    tau_s = factors * interval_s
     n_deg_h, q_deg_h_s = 60.0 * n_deg_rth, 3600.0 * q_deg
     sizes = dict(zip(TERMS, (q_deg_h_s, n_deg_h), strict=True))
     deviation = np.sqrt(np.sum([size**2 * allan_variance_of(name, tau_s) for name, size in sizes.items()], axis=0))
-    dof = np.array([
-        degrees_of_freedom(int(factor), int(count), WHITE_RATE)
-        for factor, count in zip(factors, differences, strict=True)
-    ])  # fmt: skip
-    low, high = confidence_limits(deviation, dof, 0.95)
-    exponents = np.full(factors.size, WHITE_RATE)
-    curve = AllanDeviation(interval_s, periods, factors, tau_s, deviation, low, high, differences, dof, exponents)
-    return _walk_of(curve, TERMS)
+    return _walk_of(expected_curve(interval_s, periods, factors, deviation), TERMS)
 
 
 def _walk_of(curve: AllanDeviation, terms: Sequence[str]) -> RandomWalk:

@@ -74,6 +74,7 @@ def test_a_matrix_of_hdf5_with_the_time_in_it(tmp_path: Path, capsys: pytest.Cap
         ("n,w_z (rad/s)\n4,0.1\n5,0.2\n6,0.1\n", "n: {role: time, format: samples, rate: FILL_IN"),
         ("x;T\n1;20,5\n1;20,75\n", "file: {delimiter: ';', decimal: ','}"),
         ("% made by X\n1 2\n3 1\n", "file: {delimiter: whitespace, comment: '%', names: [c0, c1]}"),
+        ("# AW2015\n# a counter, 1 s gate\n1.5\n2.5\n1.5\n", "names: [c0]"),
         ("a report\n\nu,temp\n3,20\n1,21\n4,22\n", "file: {header: 3}"),
         ("u,v\n3,\n1,5\n", "overload: {values: ['']}"),
         ("u,count\n3,5\n1,9\n2,17\n", "analysis: rlg_count_log"),
@@ -114,9 +115,11 @@ EUROC = ",".join(["#timestamp [ns]", *(f"{word}_RS_S_{axis} [{unit}]" for word, 
 PX4 = "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt,accelerometer_timestamp_relative"
 PX4 += ",accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2]"
 XSENS = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z"
+FINE = np.array([str((2**32 - 3000 + 200 * k) % 2**32) for k in range(ROWS)])  # begins anew
 DAYS = np.array([f"{45592 + 10 * k / 86400:.6f}" for k in range(ROWS)])
 NANOSECONDS = stamps(1_730_000_000_000_000_000, 10_000_000)
 GYRO, ACCEL = ({f"{word}_{axis}_{unit}" for axis in "xyz"} for word, unit in (("gyro", "deg_s"), ("accel", "m_s2")))
+MAG = {f"mag_{axis}_gauss" for axis in "xyz"}
 GYRO_X = {"gyro_x_deg_s"}
 PLAIN = text(f"t,{XYZ}", T_s, *RATE.T)
 FORMS: dict[str, tuple[bytes, set[str], float]] = {  # by name of the file: its bytes, what is read of it, its step
@@ -138,6 +141,10 @@ FORMS: dict[str, tuple[bytes, set[str], float]] = {  # by name of the file: its 
     "mac.csv": (PLAIN.replace(b"\n", b"\r"), GYRO, 0.01),
     "wide.csv": (PLAIN.decode().encode("utf-16-be"), GYRO, 0.01),
     "packed.csv": (gzip.compress(PLAIN.decode().encode("utf-16")), GYRO, 0.01),
+    "ticks.txt": (text(XSENS[14:], FINE, *FORCE.T, separator="\t"), ACCEL, 0.02),
+    "gauss.csv": (text("t,Mag X (G),Mag Y (G),Mag Z (G)", T_s, *RATE.T * 3), MAG, 0.01),
+    "model.csv": (text("TOW,X Gyro [x8005],Y Gyro [x8005],Z Gyro [x8005]", T_s, *RATE.T), GYRO, 0.01),
+    "pandas.csv": (text("sensor,left,left,left\naxis,gyr_x,gyr_y,gyr_z", T_s, *RATE.T), GYRO, 0.01),
     "meter.csv": (PLAIN.replace(b"\n0.01,", b"\n0.01,9.9E+37,OL,0\n0.01,"), GYRO, 0.01),
 }  # fmt: skip
 FILLED = {"model": "M", "serial": "S-1", "unit": "rad/s", "zone": "UTC", "rate": "100 Hz"}

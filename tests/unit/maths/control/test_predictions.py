@@ -7,15 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from control_simulation import (
-    FIRST,
-    KINDS,
-    OWN,
-    SHARED,
-    history,
-    run_lengths_of_histories,
-    signals_begun_again,
-)
+from control_simulation import FIRST, KINDS, OWN, SHARED, history, run_lengths_of_histories, signals_begun_again
 from scipy import stats
 
 from bench.maths.control.common_mode import certificate_steps, common_mode, population
@@ -30,12 +22,7 @@ from bench.maths.control.predictions import (
     predictions,
     step_until,
 )
-from bench.maths.control.run_lengths import (
-    Scores,
-    cusum_run_length,
-    ewma_run_length,
-    normal_scores,
-)
+from bench.maths.control.run_lengths import Scores, cusum_run_length, ewma_run_length, normal_scores
 from bench.maths.drift import NO_STANDARD
 from bench.model.errors import FitError
 
@@ -261,10 +248,7 @@ CROWDER = {
 }
 # Montgomery, Introduction to Statistical Quality Control, 6th edition, table 9.3: reference value 1/2, by interval; 4
 # also in Lucas and Crosier, Technometrics 24 (1982) 199, table 1, as quoted there.
-CUSUM = {
-    4.0: (168, 26.6, 8.38, 4.75, 3.34, 2.62, 2.19, 1.71),
-    5.0: (465, 38.0, 10.4, 5.75, 4.01, 3.11, 2.57, 2.01),
-}
+CUSUM = {4.0: (168, 26.6, 8.38, 4.75, 3.34, 2.62, 2.19, 1.71), 5.0: (465, 38.0, 10.4, 5.75, 4.01, 3.11, 2.57, 2.01)}
 
 
 def shewhart_run_length(limit: float, scores: Scores | None = None) -> float:

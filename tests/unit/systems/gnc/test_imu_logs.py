@@ -420,7 +420,6 @@ def test_what_an_analysis_of_positions_needs() -> None:
         (", start: 2024-01-01T00:00:00Z", "", "the time format 'samples' needs 'start'"),
         ("format: samples", "format: elapsed, unit: s", "takes no 'rate'"),
         ("rate: 102.4 Hz", "rate: 102.4", "has no unit"),
-        ("columns:", "file: {names: [n, gx], header: 1}\ncolumns:", "either a 'header' line or 'names'"),
         ("columns:", "file: {names: [n, gx, gx]}\ncolumns:", "two of the 'names' are the same"),
         ("columns:", "file: {names: [n, gx, gz, ax, temp]}\ncolumns:", "'T' is not among the 'names'"),
     ],

@@ -216,7 +216,8 @@ def test_rests_of_one_ellipsoid_are_not_doubted() -> None:
 
 def test_a_log_whose_sensor_hangs_is_doubted() -> None:
     log = np.random.default_rng(611).normal(0.0, 0.01, (5000, 3)).round(3)
-    assert stuck_sensors({"gyro": [log]}, {"gyro": ()}) == []
+    coarse = (10 * log).round(1) * (1.0 + 1e-6 * np.repeat(np.arange(10.0), 500))[:, None]  # behind a correction
+    assert stuck_sensors({"gyro": [log, coarse]}, {"gyro": ()}) == []
     log[3000:3100, 2] = log[3000, 2]
     (seen,) = stuck_sensors({"gyro": [log]}, {"gyro": ("gyro_matrix",)})
     assert seen.code == "stands_still"

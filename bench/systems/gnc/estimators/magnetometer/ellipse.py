@@ -163,11 +163,16 @@ def _derivative(quadric: Quadric) -> Floats:
 
 def _largest_gap(phase_deg: Floats) -> tuple[float, float]:
     """Return largest empty part of the turn and its middle, degrees."""
-    ordered = np.sort(phase_deg)
-    gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
+    ordered, gaps = _gaps(phase_deg)
     place = int(np.argmax(gaps))
     middle = ordered[place] + gaps[place] / 2.0
     return float(gaps[place]), float((middle + 180.0) % 360.0 - 180.0)
+
+
+def _gaps(phase_deg: Floats) -> tuple[Floats, Floats]:
+    """Return the phases in order and what is between each and the next one round the turn."""
+    ordered = np.sort(phase_deg)
+    return ordered, np.diff(ordered, append=ordered[0] + 360.0)
 
 
 def _distinct(phase_deg: Floats, noise_deg: float) -> int:
@@ -175,6 +180,5 @@ def _distinct(phase_deg: Floats, noise_deg: float) -> int:
 
     0 for readings so close that no gap is between any of them.
     """
-    ordered = np.sort(phase_deg)
-    gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
+    _, gaps = _gaps(phase_deg)
     return int((gaps > 10.0 * noise_deg).sum())

@@ -24,7 +24,7 @@ from scipy import linalg
 from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
-from bench.systems.gnc.estimators.magnetometer.wander import odd_readings
+from bench.systems.gnc.estimators.magnetometer.wander import monomials, odd_readings
 from bench.systems.gnc.wording import say
 
 LARGEST_STD = 0.01  # standard uncertainty of the size of the corrected field in the worst direction, relative
@@ -203,10 +203,10 @@ def sphere_coverage(field: Floats) -> SphereCoverage:
     Source:  see the head of this file.
     """
     seen = _from_the_middle(field)
-    columns = _monomials(seen) / np.sqrt(len(seen))
+    columns = monomials(seen) / np.sqrt(len(seen))
     sizes, vectors = np.linalg.svd(np.linalg.qr(columns, mode="r"))[1:]
     grid = _directions()
-    weakness = _weakness(sizes, vectors, _monomials(grid))
+    weakness = _weakness(sizes, vectors, monomials(grid))
     unit = seen / np.linalg.norm(seen, axis=1)[:, None]
     nearest = _nearest_cosine(grid, unit)
     hole = int(np.argmin(nearest))
@@ -294,12 +294,6 @@ def _weakness(sizes: Floats, vectors: Floats, columns: Floats) -> Floats:
     surface = surface / np.linalg.norm(surface)
     open_vectors = np.where(loose[:, None], vectors - np.outer(vectors @ surface, surface), vectors)
     return np.asarray(np.square(columns @ (open_vectors / np.maximum(sizes, enough)[:, None]).T).sum(axis=1))
-
-
-def _monomials(points: Floats) -> Floats:
-    """Squares, products, components and one, (n, 10)."""
-    rows, columns = np.triu_indices(3)
-    return np.column_stack((points[:, rows] * points[:, columns], points, np.ones(len(points))))
 
 
 def _directions() -> Floats:

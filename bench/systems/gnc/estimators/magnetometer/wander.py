@@ -234,7 +234,7 @@ def off_surface(points: Floats) -> Flags:
     middle = np.median(points, axis=0)
     scale = float(np.median(np.linalg.norm(points - middle, axis=1)))
     unit = (points - middle) / (scale or 1.0)
-    columns = _monomials(unit)
+    columns = monomials(unit)
     drawn = _TIMES * columns.shape[1]
     if scale == 0.0 or count < 2 * drawn:
         return np.zeros(count, np.bool_)
@@ -252,7 +252,7 @@ def change_of_surface(points: Floats) -> int:
     Args:    points: (n, 3), in order of time.   Returns: 0 if two leave more than a quarter of what one leaves.
     """
     unit = (points - points.mean(axis=0)) / points.std()
-    columns = _monomials(unit)
+    columns = monomials(unit)
     sums = np.cumsum(columns[:, :, None] * columns[:, None, :], axis=0)
     fewest = _TIMES * columns.shape[1]
     ends = np.arange(fewest, len(points) - fewest)
@@ -261,8 +261,8 @@ def change_of_surface(points: Floats) -> int:
     return int(ends[np.argmin(both)]) if ends.size and both.min() < left[2] / 4.0 else 0
 
 
-def _monomials(points: Floats) -> Floats:
-    """Squares and products, components, one."""
+def monomials(points: Floats) -> Floats:
+    """Return squares and products, components and one, (n, 10) of three axes."""
     rows, columns = np.triu_indices(points.shape[1])
     return np.column_stack((points[:, rows] * points[:, columns], points, np.ones(len(points))))
 
