@@ -26,15 +26,13 @@ _SHARES = (0.0, 5.0, 50.0, 95.0, 100.0)  # percentiles
 class QuantityChange:
     """(New - released) / U released of all estimates of one quantity: percentiles 0, 5, 50, 95, 100, or ().
 
-    ``changed``: how many are not the same to 1e-9; ``above_one``: by more than U; ``incomparable``: how many have no
-    sound value on one side.
+    ``changed``: how many are not the same to 1e-9; ``above_one``: by more than U.
     """
 
     campaign: str
     quantity: str
     unit: str
     compared: int
-    incomparable: int
     changed: int
     above_one: int
     percentiles: tuple[float, ...]
@@ -180,7 +178,6 @@ def _quantities(rows: Sequence[Row]) -> Iterator[QuantityChange]:
             quantity,
             unit,
             compared=in_u.size,
-            incomparable=len(members) - in_u.size,
             changed=sum(map(is_changed, members)),
             above_one=int((np.abs(in_u) > 1.0).sum()),
             percentiles=tuple(np.percentile(in_u, _SHARES).tolist()) if in_u.size else (),

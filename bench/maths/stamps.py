@@ -41,15 +41,14 @@ class TickFindings:
     """Result for the stamps of one record.
 
     Attributes:
-        interval_s: median time per counted sample, by the stamps.   rate_error: of the stamps' rate against the
-            nominal one, relative, positive = faster.   worst_jitter_s: largest distance of an increment from its due.
+        interval_s: median time per counted sample, by the stamps.   worst_jitter_s: largest distance of an
+            increment from its due.
         clock_error: device clock against bench clock, relative, positive = device runs fast; NaN where the record
             is too short or has no receive times.   clock_bound: largest error of it that delays can explain.
         faults: what is wrong with them.
     """
 
     interval_s: float
-    rate_error: float
     worst_jitter_s: float
     clock_error: float
     clock_bound: float
@@ -88,7 +87,7 @@ def check_ticks(tick_s: Floats, counter: Integers, interval_s: float, received_s
                  limit=CLOCKS_APART),
     ]  # fmt: skip
     worst_s = float(np.abs(off_s).max()) if off_s.size else 0.0
-    return TickFindings(median_s, rate_error, worst_s, clock_error, clock_bound, tuple(faults))
+    return TickFindings(median_s, worst_s, clock_error, clock_bound, tuple(faults))
 
 
 def _flagged(increments: Floats, off_s: Floats, median_s: float, counted: Flags) -> Iterator[Finding]:

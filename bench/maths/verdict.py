@@ -141,13 +141,11 @@ def verdict_words(verdict: str) -> str:
 class Decision:
     """Statement of conformity of one value.
 
-    ``conformance_probability``: that the true value is inside the limits; ``specific_risk``: that the statement is
-    wrong, so 1 - p for an accepted value and p for a refused one. Both None without a limit.
+    ``conformance_probability``: that the true value is inside the limits; None without a limit.
     """
 
     verdict: Verdict
     conformance_probability: float | None
-    specific_risk: float | None
 
 
 def decide(
@@ -161,13 +159,12 @@ def decide(
              uncertainty; U is the 95 % expanded uncertainty, at one limit as at two.
     Returns: Decision.
     Raises:  FitError B-FIT-041 for an unknown rule.
-    Source:  ILAC-G8:09/2019 section 4.2 (rules); JCGM 106:2012 sections 7 (probability), 9 (specific risk).
+    Source:  ILAC-G8:09/2019 section 4.2 (rules); JCGM 106:2012 section 7 (probability).
     """
     statement = verdict(value, coverage_factor(dof) * std_uncertainty, limit, checked_rule(rule))
     if limit is None:
-        return Decision(statement, None, None)
-    inside = conformance_probability(value, std_uncertainty, *bounds(limit), dof)
-    return Decision(statement, inside, 1.0 - inside if meaning_of(statement).accepts else inside)
+        return Decision(statement, None)
+    return Decision(statement, conformance_probability(value, std_uncertainty, *bounds(limit), dof))
 
 
 def checked_rule(rule: object) -> str:

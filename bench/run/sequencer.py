@@ -46,7 +46,6 @@ class Outcome:
     lateness_ms: tuple[float, float, float]  # median, 99th percentile, maximum
     error: BenchError | None = None
     unsafe: Sequence[RunError] = field(default_factory=tuple)
-    steps_done: int = 0
 
 
 class Sequencer:
@@ -293,5 +292,4 @@ class Sequencer:
             lateness_ms=(quantiles[0], quantiles[1], quantiles[2]),
             error=error,
             unsafe=tuple(unsafe),
-            steps_done=self._done,
         )

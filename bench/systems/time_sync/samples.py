@@ -57,7 +57,7 @@ class Prepared:
     """Samples that the filter takes in, and counts of those left out on the way.
 
     ``filled``: samples of the inertial unit made up.   ``lost_egi``, ``unsound_egi``: solutions that are missing or not
-    used.   ``lost_imu``: samples that are missing.   ``odd_egi``, ``odd_imu``: single ones that were left out because
+    used.   ``odd_egi``, ``odd_imu``: single ones that were left out because
     they are unlike their neighbours.   ``stuck_egi``: solutions that repeat the one before while the vehicle moves.
     ``notes``: sentences about it.
     """
@@ -65,7 +65,6 @@ class Prepared:
     imu: ImuSamples
     egi: EgiSamples
     filled: int
-    lost_imu: int
     lost_egi: int
     unsound_egi: int
     odd_egi: int = 0
@@ -100,7 +99,6 @@ def prepared(taken: Recording) -> Prepared:
         imu=imu,
         egi=egi,
         filled=int(imu.filled.sum()),
-        lost_imu=taken.imu.lost + len(taken.imu) - len(sound),
         lost_egi=taken.egi.lost,
         unsound_egi=len(taken.egi) - navigating,
         odd_egi=odd_egi,

@@ -194,7 +194,7 @@ def test_a_preparation_may_wait_for_a_reading(tmp_path: Path) -> None:
     plan = deciding_plan(tmp_path, PLAIN.replace("steps:\n", waits))
     assert (plan.prepare_s, plan.duration_s) == (10.0 + 50 * 60.0, 100.0)
     done = rehearsed(tmp_path / "out", plan).run
-    assert (done.outcome.error, done.outcome.slip_s, done.outcome.steps_done) == (None, 0.0, len(plan.steps))
+    assert (done.outcome.error, done.outcome.slip_s) == (None, 0.0)
     turns = sum(outcome == "turn" for _, outcome, _ in decided(done.folder))
     assert 1 < turns < 10
     begun_ns = events_of(done.folder, "phase")[1]["t_start_ns"]

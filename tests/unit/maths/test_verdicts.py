@@ -138,7 +138,7 @@ def test_rules(
         decide(value, U / coverage_factor(), limits, rule).verdict for rule in RULES
     ]
     if math.isnan(U):
-        assert {(one.conformance_probability, one.specific_risk) for one in found} == {(0.0, 0.0)}
+        assert {one.conformance_probability for one in found} == {0.0}
 
 
 @pytest.mark.validates(
@@ -148,12 +148,12 @@ def test_risk_at_the_edges_of_the_rules(record_property: Callable[[str, object],
     """ILAC-G8:09/2019: accepted with w = U at most 2.5 % wrong, by simple acceptance up to 50 %."""
     std = 20.0 / coverage_factor()
     guarded = decide(80.0, std, 100.0, "guard_band")
-    assert guarded.specific_risk == pytest.approx(0.025, abs=1e-9)
-    assert decide(99.999, std, 100.0, "simple").specific_risk == pytest.approx(0.5, abs=1e-3)
-    record_property("obtained", f"guard band {100 * guarded.specific_risk:.2f} %")
+    risk = 1.0 - guarded.conformance_probability
+    assert risk == pytest.approx(0.025, abs=1e-9)
+    assert decide(99.999, std, 100.0, "simple").conformance_probability == pytest.approx(0.5, abs=1e-3)
+    record_property("obtained", f"guard band {100 * risk:.2f} %")
     refused = decide(120.001, std, 100.0, "non_binary")
-    assert (refused.verdict, refused.specific_risk) == ("fail", pytest.approx(0.025, abs=1e-4))
-    assert refused.specific_risk == refused.conformance_probability
+    assert (refused.verdict, refused.conformance_probability) == ("fail", pytest.approx(0.025, abs=1e-4))
 
 
 def test_few_degrees_of_freedom_make_a_wider_guard_band() -> None:
@@ -169,7 +169,7 @@ def test_few_degrees_of_freedom_make_a_wider_guard_band() -> None:
 
 def test_no_limit_no_statement() -> None:
     none = decide(5.0, 1.0, None)
-    assert (none.verdict, none.conformance_probability, none.specific_risk) == ("none", None, None)
+    assert (none.verdict, none.conformance_probability) == ("none", None)
     assert estimate("bias", "A", 1.0, 1.0, {}, n=1).conformance_probability is None
 
 

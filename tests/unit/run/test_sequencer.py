@@ -44,7 +44,6 @@ def test_steps_are_done_in_order_and_journalled_with_their_conditions(tmp_path: 
     rig.step("call", "switch", "operating", phase="finally")
     outcome = rig.run()
     assert outcome.error is None
-    assert outcome.steps_done == 5
     assert rig.listener.steps == [0, 1, 2, 3, 4]
     entries = read_journal(tmp_path).entries
     assert [entry.number for entry in entries] == [0, 1, 2, 3, 4]

@@ -45,9 +45,8 @@ class OscillatorFit:
     ``coefficients_ppm`` (order + 1,) in ppm/degC^k and ``covariance_ppm2`` of the fit alone, widened to the scatter of
     the residuals where that is larger than whole pulses explain.   ``generator_std_ppm``: error of the generator,
     common to all windows, so in c0 alone.   ``sensor_std_degC``: error of the unit's sensor, common as well.
-    ``residual_ppm`` (m,): window minus polynomial, NaN where dropped.   ``reduced_chi2``, ``autocorrelation``: of the
-    whitened residuals, before widening.   ``next_order_sigma``: the coefficient of one order more, in its own standard
-    uncertainties; NaN where the temperatures do not determine it.   ``span_degC``: coldest and warmest window.
+    ``residual_ppm`` (m,): window minus polynomial, NaN where dropped.   ``reduced_chi2``: of the whitened
+    residuals, before widening.   ``span_degC``: coldest and warmest window.
     """
 
     reference_degC: float
@@ -57,8 +56,6 @@ class OscillatorFit:
     sensor_std_degC: float
     residual_ppm: Floats
     reduced_chi2: float
-    autocorrelation: float
-    next_order_sigma: float
     span_degC: tuple[float, float]
     generator_dof: float = math.inf  # of the generator's certificate
 
@@ -149,11 +146,7 @@ def fit_oscillator(
     x = kept.unit_degC - reference_degC
     error = master_clock_error(kept.fg_count, kept.gate_s, fg_Hz)
     whitener = _noise(kept, x, error, order)
-    coefficients, covariance, chi2, autocorrelation = _weighted(whitener, x, error, order)
-    further = float("nan")
-    if _temperatures(kept) > order + 1 and error.size > order + 2:
-        more, spread, *_ = _weighted(whitener, x, error, order + 1)
-        further = float(abs(more[-1]) / np.sqrt(spread[-1, -1]))
+    coefficients, covariance, chi2 = _weighted(whitener, x, error, order)
     residual_ppm = np.full(used.size, np.nan)
     residual_ppm[used] = _PPM * (error - np.vander(x, order + 1, increasing=True) @ coefficients)
     return OscillatorFit(
@@ -164,8 +157,6 @@ def fit_oscillator(
         sensor_std_degC=sensor_std_degC,
         residual_ppm=residual_ppm,
         reduced_chi2=chi2,
-        autocorrelation=autocorrelation,
-        next_order_sigma=further,
         span_degC=(float(kept.unit_degC.min()), float(kept.unit_degC.max())),
     )
 
@@ -208,8 +199,8 @@ def _noise(windows: OscillatorWindows, x: Floats, error: Floats, order: int) -> 
     return series_covariance("gated", windows.times_s, windows.gate_s, quantum, white, 0.0, windows.contiguous)
 
 
-def _weighted(whitener: Whitener, x: Floats, error: Floats, order: int) -> tuple[Floats, Floats, float, float]:
-    """Return coefficients, covariance, reduced chi-square and lag-1 autocorrelation of the whitened residuals."""
+def _weighted(whitener: Whitener, x: Floats, error: Floats, order: int) -> tuple[Floats, Floats, float]:
+    """Return coefficients, covariance and reduced chi-square of the whitened residuals."""
     basis, triangle = np.linalg.qr(whitener.whiten(np.vander(x, order + 1, increasing=True)))
     white = whitener.whiten(error)
     fit = solve(triangle, basis.T @ white, np.eye(order + 1), _names(order))
@@ -219,7 +210,7 @@ def _weighted(whitener: Whitener, x: Floats, error: Floats, order: int) -> tuple
     autocorrelation = float(rest[1:] @ rest[:-1]) / square if square else 0.0
     scatter = rest**2 + max(1.0 - chi2, 0.0)
     covariance = fit.operator @ (basis.T @ (scatter[:, None] * basis)) @ fit.operator.T
-    return fit.parameters, covariance * _inflation(autocorrelation), chi2, autocorrelation
+    return fit.parameters, covariance * _inflation(autocorrelation), chi2
 
 
 def _inflation(autocorrelation: float) -> float:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from bench.maths.arrays import Floats, Integers, rms
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
@@ -42,7 +42,7 @@ class BiasStability:
 
     Attributes:
         value: s.   low, high: 95 % interval of the expected s of such an hour.   dof: effective degrees of freedom.
-        mean: of the hour.   averages: (360,).   samples_std: standard deviation of the samples, for comparison only.
+        mean: of the hour.   averages: (360,).
         noise: white and slow part of the averages' noise.   missing: samples that were not there.
     """
 
@@ -52,7 +52,6 @@ class BiasStability:
     dof: float
     mean: float
     averages: Floats
-    samples_std: float
     noise: MeanNoise
     missing: int
 
@@ -141,7 +140,6 @@ def bias_stability(
         dof=dof,
         mean=float(means.mean()),
         averages=means,
-        samples_std=float(np.nanstd(used, ddof=1)),
         noise=noise,
         missing=int(np.isnan(used).sum()) + max(0, round(averages * AVERAGE_s / interval_s) - used.size),
     )
@@ -246,7 +244,7 @@ def _sums(covariance: Floats) -> tuple[Floats, Floats]:
 class BiasRepeatability:
     """``value``: standard deviation of the means, unit of the means; ``low``, ``high``: 95 % interval; ``dof``: n - 1.
 
-    ``means`` (n,): of the windows.   ``noise_std``: what the uncertainty of the means alone leads to expect.
+    ``means`` (n,): of the windows.
     """
 
     value: float
@@ -254,7 +252,6 @@ class BiasRepeatability:
     high: float
     dof: int
     means: Floats
-    noise_std: float
 
     @property
     def std(self) -> float:
@@ -288,8 +285,7 @@ def bias_repeatability(
         covariance = declared.of_means(starts, lengths)
         value = math.sqrt(float(np.trace(covariance) - covariance.sum() / values.size) / dof)
     low, high = _interval(value, dof)
-    noise_std = rms(stds)
-    return BiasRepeatability(value, low, high, dof, values, noise_std)
+    return BiasRepeatability(value, low, high, dof, values)
 
 
 def _interval(value: float, dof: float) -> tuple[float, float]:

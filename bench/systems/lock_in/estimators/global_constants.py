@@ -385,7 +385,6 @@ def _turns(laser: NominalLaser) -> tuple[Turnarounds, Floats]:
         usable=every,
         grazing=~every,
         reference_tick=np.zeros(every.size, np.int64),
-        level0=np.zeros(every.size, np.int64),
         time_s=time_s - time_s[:, middle - 1 : middle + 1].mean(axis=1, keepdims=True),
         phase_rad=level,
         counts={},

@@ -34,7 +34,7 @@ class Turnarounds:
         sign: of the curvature, (n,), -1 at a maximum of the phase.   regular: the interval is half a period, (n,).
         usable: there are M good crossings on each side, (n,).
         grazing: the innermost crossings were left out, (n,), for the phase hardly passed their level.
-        reference_tick: origin of ``time_s``, (n,).   level0: even level that is the origin of ``phase_rad``, (n,).
+        reference_tick: origin of ``time_s``, (n,).
         time_s, phase_rad: of the crossings, (n, 2 M), in order of time: M before the turnaround, M behind it.
         counts: how many are not usable, by reason.
     """
@@ -47,7 +47,6 @@ class Turnarounds:
     usable: Flags
     grazing: Flags
     reference_tick: Integers
-    level0: Integers
     time_s: Floats
     phase_rad: Floats
     counts: Mapping[str, int]
@@ -132,7 +131,6 @@ def turnarounds(
         usable=usable,
         grazing=grazing & usable,
         reference_tick=reference,
-        level0=level0,
         time_s=(edges.tick[index] - reference[:, None]) / clock_Hz,
         phase_rad=np.asarray(np.pi * (edges.level[index] - level0[:, None])),
         counts=counts,

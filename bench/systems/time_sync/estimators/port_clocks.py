@@ -194,13 +194,12 @@ def even_tags_s(device_s: Floats, counter: Integers) -> Floats:
 class StampsDifference:
     """Offset of one unit's clock against another's by receive stamps: ``offset_s`` at ``at_s``, ``drift`` in s/s.
 
-    ``std_s``: of the offset, with that of the latencies; ``stamps_std_s``: without it.   ``drift_std``: s/s.
+    ``std_s``: of the offset, with that of the latencies.   ``drift_std``: s/s.
     """
 
     at_s: float
     offset_s: float
     std_s: float
-    stamps_std_s: float
     drift: float
     drift_std: float
 
@@ -215,12 +214,10 @@ def clock_difference(
     Returns: StampsDifference, positive = the clock of ``one`` is ahead.
     Source:  tag = bench time + offset, stamp = bench time + least delay.
     """
-    stamps_std_s = math.hypot(one.std_s(at_s), other.std_s(at_s))
     return StampsDifference(
         at_s=at_s,
         offset_s=latency_s - (one.least_s(at_s) - other.least_s(at_s)),
-        std_s=math.hypot(stamps_std_s, latency_std_s),
-        stamps_std_s=stamps_std_s,
+        std_s=math.hypot(one.std_s(at_s), other.std_s(at_s), latency_std_s),
         drift=other.rate - one.rate,
         drift_std=math.hypot(one.rate_std, other.rate_std),
     )

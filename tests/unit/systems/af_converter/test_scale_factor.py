@@ -377,12 +377,7 @@ def test_an_offset_of_the_sensor_is_within_its_component() -> None:
 def test_too_low_a_degree_shows() -> None:
     windows = counted(np.random.default_rng(4))
     cubic, straight = (fit_oscillator(windows, FG_Hz, order=order) for order in (3, 1))
-    print(f"next order: cubic {cubic.next_order_sigma:.1f}, straight line {straight.next_order_sigma:.1f}; "
-          f"autocorrelation {straight.autocorrelation:.2f}")  # fmt: skip
-    assert cubic.next_order_sigma < 4.0
-    assert fit_oscillator(windows, FG_Hz, order=2).next_order_sigma > 10.0
-    assert straight.autocorrelation > 0.9, "what a straight line leaves hangs together"
-    assert straight.rms_ppm > 0.1
+    assert straight.rms_ppm > max(0.1, 10.0 * cubic.rms_ppm)
 
 
 def test_windows_without_generator_or_temperature_are_dropped() -> None:

@@ -88,7 +88,6 @@ def test_by_the_formula_and_not_by_the_samples() -> None:
     assert found.averages.size == 360
     assert found.value == pytest.approx(float(np.sqrt(((means - means.mean()) ** 2).sum() / 359)), rel=1e-12)
     assert found.mean == pytest.approx(float(rate.mean()), rel=1e-9)
-    assert found.samples_std > 30.0 * found.value
     assert found.missing == 0
     assert found.low < found.value < found.high
 
@@ -174,7 +173,6 @@ def test_repeatability_is_the_standard_deviation_of_six() -> None:
     # chi-square with 5 degrees of freedom, printed tables: 0.8312 and 12.8325
     assert found.low == pytest.approx(found.value * np.sqrt(5 / 12.8325), rel=1e-5)
     assert found.high == pytest.approx(found.value * np.sqrt(5 / 0.8312), rel=1e-4)
-    assert found.noise_std == pytest.approx(0.7)
     shuffled = stability.bias_repeatability(MEANS_deg_h[::-1], [0.7] * 6, STARTS_s[::-1], LENGTHS_s)
     np.testing.assert_array_equal(shuffled.means, found.means)
 

@@ -192,7 +192,6 @@ def test_stamps_in_bursts() -> None:
 def test_a_wrong_rate_is_told() -> None:
     """204.8 Hz taken for a recording of 102.4 Hz turns it by twice the angle."""
     found = stamp_checks.check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
-    assert found.rate_error == pytest.approx(-0.5)
     assert [fault.kind for fault in found.faults] == [stamp_checks.RATE]
     assert "9.766 ms" in finding_text(found.faults[0])
 

@@ -130,7 +130,7 @@ def test_joints_hold_no_frame_twice() -> None:
 
 def test_lost_increments_are_filled_and_told() -> None:
     ready, sound = (prepared(recording(Recording(1, imu_s=0.005, loss=loss).material())) for loss in (0.01, 0.0))
-    assert ready.filled == np.count_nonzero(ready.imu.filled) == ready.lost_imu > 20
+    assert ready.filled == np.count_nonzero(ready.imu.filled) > 20
     assert ready.imu.t_s.size == sound.imu.t_s.size
     assert np.abs(ready.imu.t_s - sound.imu.t_s).max() < 2e-6
     off_rad = np.abs(ready.imu.dtheta - sound.imu.dtheta)[ready.imu.filled]

@@ -95,7 +95,6 @@ def test_the_turn_is_what_makes_the_offset_observable(first_m: float, level_low:
     told = innovation.observability(run.covariance, run.first_covariance)
     level, end = int(np.searchsorted(run.t_s, LEVEL_UNTIL_S - 0.1)), -1
     assert np.isnan(told.associated[:, 1]).all()
-    assert np.isnan(told.eigenvalues[:, 1]).all()
     assert told.offset_variance[end, 0] < 1e-3
     if first_m == 10.0:
         assert told.associated[level, 0] > level_low
@@ -110,7 +109,6 @@ def test_eigenvalues_of_a_case_known_by_hand() -> None:
     first = np.diag(np.arange(1.0, 17.0) ** 2)[None]
     covariance = first * np.linspace(1.0, 0.25, 16)
     told = innovation.observability(covariance[None], first)
-    assert told.eigenvalues[0, 0] == pytest.approx(np.sort(np.linspace(1.0, 0.25, 16)))
     assert told.associated[0, 0] == pytest.approx(0.25)
     assert told.offset_variance[0, 0] == pytest.approx(0.25)
     assert told.component[0, 0] == pytest.approx(1.0)

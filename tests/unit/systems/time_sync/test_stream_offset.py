@@ -415,8 +415,9 @@ def test_difference_of_two_ports() -> None:
     begins = port(2)[4], port(3)[4]
     found = port_clocks.clock_difference(one, other, 30.0, latency_s=0.0, latency_std_s=1e-3)
     assert found.drift == pytest.approx(3e-6, abs=3.0 * found.drift_std)
-    assert found.offset_s == pytest.approx(begins[1] - begins[0] + 30.0 * 3e-6, abs=4.0 * found.stamps_std_s)
-    assert found.std_s == pytest.approx(np.hypot(found.stamps_std_s, 1e-3))
+    stamps_std_s = np.hypot(one.std_s(30.0), other.std_s(30.0))
+    assert found.offset_s == pytest.approx(begins[1] - begins[0] + 30.0 * 3e-6, abs=4.0 * stamps_std_s)
+    assert found.std_s == pytest.approx(np.hypot(stamps_std_s, 1e-3))
 
 
 @pytest.mark.parametrize("step_s", [0.0006, -3.0, 0.05])

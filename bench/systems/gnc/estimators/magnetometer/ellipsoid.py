@@ -47,7 +47,7 @@ class EllipsoidFit:
             hard_iron_dof (3,), symmetric_dof (3, 3): degrees of freedom behind them.
         slope: (12, 9) derivatives of hard iron and soft iron, row by row, by the parameters of the quadric.
         norm: size of u, unit of the readings: as given, or the mean radius for which the correction keeps volumes.
-        noise: standard deviation of the orthogonal distances.   worst_std: see ``LARGEST_STD``.   wander: see
+        noise: standard deviation of the orthogonal distances.   wander: see
         ``estimators.magnetometer.quadric.Quadric``.   coverage: of the sphere; its sentences belong into a report.
     """
 
@@ -59,7 +59,6 @@ class EllipsoidFit:
     symmetric_dof: Floats
     slope: Floats
     norm: float
-    worst_std: float
     quadric: Quadric
     coverage: SphereCoverage
     odd: Flags
@@ -93,7 +92,7 @@ def fit_ellipsoid(
     coverage = sphere_coverage(field[kept])
     _require_coverage(coverage)
     quadric = fit_quadric(field[kept], np.searchsorted(kept, np.asarray(begins, np.intp)).tolist(), noise)
-    worst_std = _worst_std(quadric)
+    _require_known(quadric)
     of_root = _derivative(quadric.shape, norm)
     std = np.sqrt(np.einsum("rp,pq,rq->r", of_root, quadric.covariance[3:, 3:], of_root))
     slope = linalg.block_diag(np.eye(3), of_root)
@@ -107,7 +106,6 @@ def fit_ellipsoid(
         symmetric_dof=dof[3:].reshape(3, 3),
         slope=slope,
         norm=_norm(quadric.shape, norm),
-        worst_std=worst_std,
         quadric=quadric,
         coverage=coverage,
         odd=odd,
@@ -136,8 +134,8 @@ def _derivative(shape: Floats, norm: float | None) -> Floats:
     return np.column_stack(columns)
 
 
-def _worst_std(quadric: Quadric) -> float:
-    """Relative standard uncertainty of the corrected field's size, largest over all directions.
+def _require_known(quadric: Quadric) -> None:
+    """Refuse readings that leave the size of the corrected field uncertain in any direction.
 
     Raises:  FitError B-FIT-091 above ``LARGEST_STD``, naming the direction.
     """
@@ -159,7 +157,6 @@ def _worst_std(quadric: Quadric) -> float:
             f"size is uncertain by {100 * std:.2g} % (limit {100 * LARGEST_STD:g} %)",
             next_step="turn the unit so that this direction lies along and against the field, and read longer",
         )
-    return std
 
 
 @dataclass(frozen=True)

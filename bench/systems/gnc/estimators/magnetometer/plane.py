@@ -213,11 +213,10 @@ def _top(phase: Floats, amplitude: float, noise: float) -> _Top:
 class RollUncertainty:
     """Standard uncertainty of the roll angle in degrees over a whole turn.
 
-    ``rms_deg``, ``worst_deg``: from the parameters; ``noise_deg``: of a single reading, to be added in quadrature.
+    ``rms_deg``: from the parameters; ``noise_deg``: of a single reading, to be added in quadrature.
     """
 
     rms_deg: float
-    worst_deg: float
     noise_deg: float
 
 
@@ -256,6 +255,5 @@ def roll_uncertainty(parameters: PlaneParameters, noise: float) -> RollUncertain
     variance = np.einsum("np,pq,nq->n", slope, covariance, slope)
     return RollUncertainty(
         rms_deg=float(np.rad2deg(np.sqrt(variance.mean()))),
-        worst_deg=float(np.rad2deg(np.sqrt(variance.max()))),
         noise_deg=float(np.rad2deg(noise / parameters.radius)),
     )

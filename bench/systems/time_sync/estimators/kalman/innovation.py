@@ -296,12 +296,11 @@ def nees_of_offset(errors_s: Floats, covariance: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Observability:
-    """``eigenvalues`` (m, G, 16) ascending.   ``associated`` (m, G): the one of the offset.   ``component`` (m, G): of
+    """``associated`` (m, G): the eigenvalue of the offset.   ``component`` (m, G): of
     the offset in its eigenvector, 0 to 1; near 0.7 two directions share it.   ``offset_variance`` (m, G): P'_TdTd.
     NaN in groups where the offset is not a state.
     """
 
-    eigenvalues: Floats
     associated: Floats
     component: Floats
     offset_variance: Floats
@@ -331,8 +330,8 @@ def observability(covariance: Floats, first: Floats) -> Observability:
     associated = np.take_along_axis(values, which, axis=-1)[..., 0]
     component = np.take_along_axis(sizes, which, axis=-1)[..., 0]
     variance = covariance[..., OFFSET, OFFSET] / scale[:, OFFSET] ** 2
-    values[:, ~state], associated[:, ~state], component[:, ~state], variance[:, ~state] = (np.nan,) * 4
-    return Observability(values, associated, component, variance)
+    associated[:, ~state], component[:, ~state], variance[:, ~state] = (np.nan,) * 3
+    return Observability(associated, component, variance)
 
 
 _EGI_BLOCK = 50
