@@ -1,7 +1,5 @@
 """Campaigns for all system tests, recorded once per test run, and a way to run a plan and reach the simulated world."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import json

@@ -2,8 +2,6 @@
 never claims what is not so.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

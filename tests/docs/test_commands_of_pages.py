@@ -2,8 +2,6 @@
 executed by a shell and shows what it prints; YAML holds the schema of what it is, Python runs.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -2,8 +2,6 @@
 loads: a mistyped name costs no numpy, a check no fit.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

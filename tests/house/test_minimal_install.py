@@ -2,8 +2,6 @@
 and missing is named: in one line.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

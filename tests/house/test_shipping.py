@@ -2,8 +2,6 @@
 somewhere; and an engine that names no system.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import tokenize

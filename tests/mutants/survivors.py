@@ -5,8 +5,6 @@ nearest: files of tests that import its module, then those of the room, as many 
 so one that comes to ``LONGEST_S`` is the mutant's doing. Rows are added to ``survivors.csv``.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import csv

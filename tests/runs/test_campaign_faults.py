@@ -2,8 +2,6 @@
 left where it could not begin.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

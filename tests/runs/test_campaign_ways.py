@@ -1,7 +1,5 @@
 """Campaigns that go another way: held up at random instants, on the wall clock; a replay agrees."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

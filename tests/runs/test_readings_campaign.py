@@ -2,8 +2,6 @@
 what the check refuses of sequences without a link.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """bench report --verify: what was altered in a session or in what was computed from it is named; nothing is written."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

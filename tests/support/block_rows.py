@@ -1,7 +1,5 @@
 """Blocks of seeds as rows of a committed file: a row stays once it is written, and what has one is not done again."""
 
-from __future__ import annotations
-
 import csv
 import os
 import subprocess

@@ -2,8 +2,6 @@
 decision inside, held, taken again and skipped.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ Heat, slack, walk and whole pulses are those of ``bias_simulation``; nothing of 
 is a charge beside that of the right world of the same seed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -4,8 +4,6 @@ What departs (the calibrator's gain, a counter, the current that arrives, the th
 value, in a shape of time, temperature, level or history. Physics and judge share no line with the product.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache

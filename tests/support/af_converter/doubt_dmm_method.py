@@ -3,8 +3,6 @@
 Counts by ``fit_simulation``, readings by ``dmm_simulation``: neither shares a line with the product's simulators.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 A physics of its own (``fit_simulation``), which shares no line with the product's simulators.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -5,8 +5,6 @@ product or its simulators makes them. One world is two sets of positions and tur
 seven attitudes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

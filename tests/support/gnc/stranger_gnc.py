@@ -2,8 +2,6 @@
 of ``imu_material``.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from typing import Any

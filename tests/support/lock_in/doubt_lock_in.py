@@ -4,8 +4,6 @@ A physics of its own (``laser_physics``), which shares no line with the product'
 of 2 s, so that a hundred of them are quick.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -2,8 +2,6 @@
 frames/time_tags.yaml say.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -2,8 +2,6 @@
 docs/session-format.md.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 

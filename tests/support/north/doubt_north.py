@@ -4,8 +4,6 @@ A physics of its own, which shares no line with the product's simulators: one si
 as means over each record. Every switch changes one step of it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """How the estimates of a wrong world are sorted; the truth is known here and nowhere in the analysis."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Wrong worlds of a time offset: what the model says of two units on one vehicle is not so, by a stated size."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

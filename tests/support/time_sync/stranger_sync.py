@@ -2,8 +2,6 @@
 ``sync_physics`` in frames of docs/session-format.md.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from stranger_page import Session, documented_campaign, packed, shipped
 from sync_physics import EGI_s, IMU_s, OFFSET_s, Recording

@@ -1,7 +1,5 @@
 """Short campaigns end to end: the bias ramp, and the DMM method with zeros in every range."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Three AF converters in one chamber, under the virtual clock: proof, results of each, one that fails, its export."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -4,8 +4,6 @@ Counts are those of the physics of ``fit_simulation`` at the planned times; one 
 are alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import replace

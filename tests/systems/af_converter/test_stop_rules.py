@@ -2,8 +2,6 @@
 and gone on with.
 """
 
-from __future__ import annotations
-
 import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence

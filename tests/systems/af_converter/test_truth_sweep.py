@@ -1,7 +1,5 @@
 """Full-size sweeps of seeds against the simulated truth: scale factors and the bias ramp."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

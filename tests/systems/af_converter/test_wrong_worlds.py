@@ -4,8 +4,6 @@ Counts, readings, heat and slack are made from the physics alone (``doubt_scale_
 ``doubt_bias_ramp``); nothing of the product or its simulators makes them.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """imu_coefficients.h, compiled and applied to simulated sessions; whole calibrations against the simulated truth."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

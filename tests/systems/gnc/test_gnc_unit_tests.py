@@ -2,8 +2,6 @@
 modules that is killed and gone on with.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

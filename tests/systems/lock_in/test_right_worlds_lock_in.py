@@ -1,7 +1,5 @@
 """Records of right ring lasers: hardly one is doubted, and intervals hold the truth as often as they say."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

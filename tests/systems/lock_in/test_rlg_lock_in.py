@@ -1,7 +1,5 @@
 """Whole campaigns of single gyroscopes by the command, against the simulated truth; killed and gone on with."""
 
-from __future__ import annotations
-
 import json
 import math
 import resource

@@ -4,8 +4,6 @@ Samples and readings are made from the physics alone (``doubt_north``); nothing 
 them.
 """
 
-from __future__ import annotations
-
 import doubt_north as worlds
 import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, is_hidden, right_world, sorted_classes

@@ -2,8 +2,6 @@
 spread of simulated campaigns.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -2,8 +2,6 @@
 nothing of it is joined to another one.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

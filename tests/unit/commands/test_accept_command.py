@@ -1,7 +1,5 @@
 """``--accept``: the value of a doubtful estimate is released, by name, for that value and those doubts alone."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -2,8 +2,6 @@
 command line itself.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys

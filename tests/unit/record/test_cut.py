@@ -1,7 +1,5 @@
 """Records and moments of their pulses against plain Python sums: any damage, any chunking, windows over any edge."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings

@@ -2,8 +2,6 @@
 the event loop asks it.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import socket

@@ -1,7 +1,5 @@
 """The outcome of a session in the list: its seal, its last events and its results, and which of them counts."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

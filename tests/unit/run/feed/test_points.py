@@ -2,8 +2,6 @@
 replies.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct

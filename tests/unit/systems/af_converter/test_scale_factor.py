@@ -1,7 +1,5 @@
 """The fit of one channel at one temperature, by independent methods; the master oscillator over temperature."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import replace

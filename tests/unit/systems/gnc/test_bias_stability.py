@@ -2,8 +2,6 @@
 noise of sensors against sums over time, textbook formulas and the estimators that measure it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

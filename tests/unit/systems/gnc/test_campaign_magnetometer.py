@@ -2,8 +2,6 @@
 known iron; recordings of other people, one against the figures its author printed, the other against a fit by scipy.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from pathlib import Path

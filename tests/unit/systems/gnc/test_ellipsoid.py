@@ -2,8 +2,6 @@
 independent from reading to reading; one bad reading among thousands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

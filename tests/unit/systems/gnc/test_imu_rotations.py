@@ -2,8 +2,6 @@
 the table and the Earth's rate in it, against scipy's rotations and closed forms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

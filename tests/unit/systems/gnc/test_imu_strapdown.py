@@ -2,8 +2,6 @@
 imu_strapdown: simulated logs with known drift, wrong rates, bursts, counts; other people's recordings.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

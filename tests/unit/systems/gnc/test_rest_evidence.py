@@ -2,8 +2,6 @@
 a world that is not the named one, in which what is found is doubted or refused.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from pathlib import Path

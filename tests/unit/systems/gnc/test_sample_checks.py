@@ -2,8 +2,6 @@
 unit's clock against the bench clock, from stamps made here by plain arithmetic.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

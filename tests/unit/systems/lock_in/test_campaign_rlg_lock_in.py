@@ -2,8 +2,6 @@
 made by hand, each against its own definition.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

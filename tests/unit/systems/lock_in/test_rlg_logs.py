@@ -2,8 +2,6 @@
 rate with known noise, rounded to whole counts.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -2,8 +2,6 @@
 comparator may do to edges; crossings round the turnarounds of a dither known in closed form, and what gates them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

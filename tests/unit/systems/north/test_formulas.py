@@ -2,8 +2,6 @@
 methods against the scatter of many sets; constants of both lock-ins against a fit by another program.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import fog_material as sim

@@ -1,7 +1,5 @@
 """What is left out and named, what departs just below and well above what is doubted, and the analysis of a log."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

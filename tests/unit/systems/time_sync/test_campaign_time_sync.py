@@ -2,8 +2,6 @@
 recording may lack, and what each lack says; the track of the flight against positions made on the ellipsoid.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace

@@ -2,8 +2,6 @@
 past states with the corrections made since, and how observability is told.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -2,8 +2,6 @@
 nothing to see, nothing to use.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -2,8 +2,6 @@
 figures of its cuts, and what navigation errors do to it: an aperture of the paper's radar over point targets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

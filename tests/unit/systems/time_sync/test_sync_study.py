@@ -2,8 +2,6 @@
 its document from results made by formula: every tolerance can fail, and nothing else fails with it.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import pickle
