@@ -15,6 +15,14 @@ LEAST_TRACE = 8.0  # threshold of a thousand columns that differ at one campaign
 _WIDER = 1.2  # than in the right world: the product was told
 
 
+PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
+
+
+def changed(right: type[Any], **parts: Any) -> type[Any]:
+    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by."""
+    return type("Wrong", (right,), parts)
+
+
 @dataclass(frozen=True)
 class Switch:
     """One respect in which a world is wrong, and the sizes that are tried.
