@@ -80,13 +80,6 @@ def lived_through(rehearsal: Rehearsal) -> None:
     assert worst_u(rehearsal) < 1.0
 
 
-def test_a_bench_without_faults(tmp_path: Path, rehearse: Start) -> None:
-    found = rehearse(tiny_plan(tmp_path))
-    lived_through(found)
-    assert found.run.outcome.unsafe == ()
-    assert_safe(found.world)
-
-
 def test_a_trip_during_a_dwell_takes_the_point_again(tmp_path: Path, rehearse: Start) -> None:
     trip = at_record(TRIPPED_POINT, lambda world: trip_calibrator(world, world.clock.now_ns() + 5 * NS))
     found = rehearse(tiny_plan(tmp_path), act=trip)
