@@ -87,13 +87,6 @@ def test_a_right_world_is_not_doubted(worlds: Any, seeds: int) -> None:
         assert [entry.reasons for entry in seen.entries if entry.quality != "sound"] == [], seed
 
 
-@pytest.mark.sweep
-def test_right_worlds_of_the_meter_are_doubted_once_in_five_hundred() -> None:
-    doubted = [seed for seed in range(500) if codes_of(of_meter.seen(seed, None, 0.0))]
-    print(f"seeds 0 to 499: doubted {doubted}")
-    assert len(doubted) <= 5
-
-
 def test_what_is_hidden_is_named_with_a_size() -> None:
     """By ``bench check`` before the campaign and by the report after it."""
     for worlds, campaign in ((of_counts, sim.simulate(1).campaign), (of_meter, {"analysis": "dmm_method"})):
