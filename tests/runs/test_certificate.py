@@ -39,12 +39,6 @@ TOKENS = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    """A copy of the smallest campaign."""
-    return writable_copy(golden, tmp_path / golden.name)
-
-
 def request(session: Path, **more: Any) -> CertificateRequest:
     given: dict[str, Any] = {"laboratory": None, "out": None, "schema": None, "specimen": True}
     return CertificateRequest(session, **(given | more))

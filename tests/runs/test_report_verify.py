@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rehearsal import ROOT, writable_copy
+from rehearsal import ROOT
 
 from bench.commands.certificate import certificate
 from bench.commands.fit import fit, report
@@ -30,11 +30,6 @@ HEADER, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END, FOOTER = 0x01, 0x06, 0x07, 
 
 
 Alter = Callable[[Path], object]
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    return writable_copy(golden, tmp_path / golden.name)
 
 
 REPORTS: dict[str, Report] = {}  # by the results they show, which name the hash of the recording

@@ -46,11 +46,6 @@ def doubts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Doubts:
 
 
 @pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    return writable_copy(golden, tmp_path / golden.name)
-
-
-@pytest.fixture
 def compensating(short: tuple[Path, Any], tmp_path: Path) -> Path:
     """A copy of a session of several temperatures: it gives coefficients."""
     folder = next(path.parent for path in short[0].rglob("results.json"))

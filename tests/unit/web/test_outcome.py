@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import writable_copy
 from report_sample import unsound
 
 from bench.record import OPEN_MARKER, SessionWriter
@@ -20,11 +19,6 @@ from bench.web.recorded.recording import RecordedState
 
 SAFE = ("safe", {"failures": []})
 END = {"steps": 3, "records": 1, "slip_s": 0.0, "overruns": 0, "retaken": 0, "lateness_ms": [0.0, 0.0, 0.0]}
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    return writable_copy(golden, tmp_path / golden.name)
 
 
 def outcome(folder: Path) -> SessionOutcome:
