@@ -1,6 +1,4 @@
-"""What ``pip install inertial-bench`` runs, records and judges without any extra, and how an extra that is asked for
-and missing is named: in one line.
-"""
+"""What ``pip install inertial-bench`` does without any extra, and how an extra that is missing is named."""
 
 import json
 import os

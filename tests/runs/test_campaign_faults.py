@@ -1,6 +1,4 @@
-"""Faults of the simulated bench while a campaign runs, and before it begins: it survives or ends safely, and nothing is
-left where it could not begin.
-"""
+"""Faults of the simulated bench before and in a campaign: it survives or ends safely, and nothing is left on."""
 
 import shutil
 from collections.abc import Callable

@@ -1,6 +1,4 @@
-"""``bench certificate`` on recorded sessions, every reason for which none is written; reports of both campaigns on
-paper.
-"""
+"""``bench certificate`` on recorded sessions, every reason for which none is written; reports on paper."""
 
 import json
 from collections.abc import Callable

@@ -1,6 +1,4 @@
-"""Time offset through ports, frames and records, against the direct simulation; and a flight that was broken off:
-nothing of it is joined to another one.
-"""
+"""Time offset through ports, frames and records, against the direct simulation; flights that were broken off."""
 
 import json
 import shutil
