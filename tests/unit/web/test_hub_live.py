@@ -1,6 +1,4 @@
-"""A living run on a page: a feed made from the protocol document, a real server, a client of its own; and the feed as
-the event loop asks it.
-"""
+"""A living run on a page: a feed made from the protocol document, a real server, a client of its own."""
 
 import asyncio
 import json

@@ -1,6 +1,4 @@
-"""Gyroscope triad from turns: recovery, intervals, the equations as printed, both mounts, damaged records; attitude on
-the table and the Earth's rate in it, against scipy's rotations and closed forms.
-"""
+"""Gyroscope triad from turns, the equations as printed; attitude and earth rate against scipy and closed forms."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,6 +1,4 @@
-"""North from eight samples: every azimuth, what the printed formulas do, senses, placements, errors; uncertainty of the
-methods against the scatter of many sets; constants of both lock-ins against a fit by another program.
-"""
+"""North from eight samples, the printed formulas, uncertainties against scatter, constants by another program."""
 
 from collections.abc import Callable
 
