@@ -85,19 +85,6 @@ def test_the_chamber_ramps_as_planned_and_the_unit_lags(replayed: Replayed) -> N
     assert 15.0 < top.air_degC - top.unit_degC < 25.0
 
 
-@pytest.mark.sweep
-@pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated"])
-def test_900_windows_of_25_hours_and_none_lost(tmp_path: Path, rehearse, name: str) -> None:  # type: ignore[no-untyped-def]
-    done: Rehearsal = rehearse(compile_sequence(name))
-    assert done.run.outcome.error is None
-    rows = list(done.run.outcome.rows)
-    assert len(rows) == 900
-    assert {(row.lost, int(row.quality)) for row in rows} == {(0, 0)}
-    assert contiguous(row.window for row in rows)
-    assert (rows[-1].window.t_end_ns - rows[0].window.t_start_ns) / NS == pytest.approx(90_000.0, abs=2.0)
-    assert (done.run.counts["frames_bad"], done.run.counts["frames_lost"]) == (0, 0)
-
-
 SEED = 1
 CUTS = (
     ("sequence: dmm_method", "sequence: tiny"),
