@@ -47,6 +47,11 @@ def test_what_is_wrong_is_named_with_its_size(name: str, size: float, doubted: i
     assert all(word in said for word in words), said
 
 
+def test_where_one_departure_does_not_explain_the_headings_no_azimuth_is_sure() -> None:
+    entries = worlds.seen(0, switch_of("restless"), 0.5).entries
+    assert {entry.quality for entry in entries if entry.quantity in ("azimuth", "azimuth_error")} == {"doubtful"}
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
     assert [entry.reasons for entry in right_world(worlds, seed).entries if entry.quality != "sound"] == []
