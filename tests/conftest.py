@@ -1,7 +1,5 @@
 """Campaigns for all system tests, recorded once per test run, and a way to run a plan and reach the simulated world."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import json
@@ -29,6 +27,7 @@ from rehearsal import (
     record_short,
     recorded,
     rehearsed,
+    writable_copy,
 )
 from two_ends import TwoEnds, arrange
 
@@ -97,6 +96,12 @@ def golden(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of the smallest campaign with an analysis, with results and report; for reading only."""
     out = recorded(tmp_path_factory, "golden", record_golden)
     return next(path.parent for path in out.glob("*/results.json"))
+
+
+@pytest.fixture
+def session(golden: Path, tmp_path: Path) -> Path:
+    """Return a copy of the smallest campaign with an analysis, for writing."""
+    return writable_copy(golden, tmp_path / golden.name)
 
 
 @pytest.fixture(scope="session")

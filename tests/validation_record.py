@@ -3,8 +3,6 @@
 A test leaves its figure with ``record_property("obtained", "rms error 0.12 ppm, limit 0.5")``.
 """
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterator
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """The browser, the page server and a shown run for all browser tests; skipped where there is no Chromium."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """axe-core finds nothing on any page that people see, in either theme; who has no mouse reaches everything."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What an operator does on the page, with the keyboard alone from the login on, and where a question is answered."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

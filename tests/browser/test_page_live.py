@@ -1,8 +1,4 @@
-"""The live page in a real browser, and a finished session on the same page: what is shown, how it looks, and that it
-never claims what is not so.
-"""
-
-from __future__ import annotations
+"""The live page in a real browser, and a finished session on it: what is shown, never what is not so."""
 
 import json
 import re

@@ -1,7 +1,5 @@
 """The scripts of the page against documents nobody here wrote, and against Python's own reading of the same bytes."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from typing import Any

@@ -3,8 +3,6 @@
 ``make situations`` takes the pictures, for a person to look at.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Each revision runs its own code: by commands, and by ``views.py`` for what no co
 replays each session of the base. The exit status is 1 for a difference that ``differences.toml`` does not name.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import resource

@@ -3,8 +3,6 @@
 Nothing here and in ``cases.toml`` names a module of the product: commands, sequences and mappings only.
 """
 
-from __future__ import annotations
-
 import shutil
 import tomllib
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 Sessions message by message, JSON field by field, pages by what a reader sees, other texts by line.
 """
 
-from __future__ import annotations
-
 import difflib
 import json
 import re

@@ -1,7 +1,5 @@
 """The two sides of a comparison: trees of this repository whose commands run on this machine, each on its own code."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The comparison of two revisions: a tree beside itself is identical, and a change is told by name."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -5,8 +5,6 @@ page shows of one that is over; ``plans OUT SEQUENCE…`` writes ``SEQUENCE.plan
 neither name nor form that is expected here, the file says so.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

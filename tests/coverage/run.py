@@ -4,8 +4,6 @@ A block of seeds is written to rows.csv as soon as it is done, so it can be stop
 rows of this revision end. Exit status 1 if 95 % lies outside the exact 99.9 % interval of what a quantity shows.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

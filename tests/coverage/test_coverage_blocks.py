@@ -1,7 +1,5 @@
 """Intervals of generated campaigns hold the truth as often as they say; 2,000 of each kind are ``run.py``."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -3,8 +3,6 @@
 A key is the beginning of a command line as a page has it. The list gets no longer: what a page newly shows runs.
 """
 
-from __future__ import annotations
-
 _LIVING = "talks to a living run; tests/runs/test_control_commands.py does that"
 _SERVES = "serves until it is stopped; tests/browser and tests/runs do that"
 _REAL = "needs instruments"

@@ -1,7 +1,5 @@
 """The blocks of code in the pages: cut out by a Markdown parser, sorted by what they are."""
 
-from __future__ import annotations
-
 import functools
 import re
 import shlex

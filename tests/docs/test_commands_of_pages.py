@@ -1,8 +1,4 @@
-"""Every block of the pages: commands are run, or checked in place of a long run, or at least parsed; the tutorial is
-executed by a shell and shows what it prints; YAML holds the schema of what it is, Python runs.
-"""
-
-from __future__ import annotations
+"""Every block of the pages is run, checked in place of a long run, held against its schema, or at least parsed."""
 
 import json
 import os

@@ -5,8 +5,6 @@ recorded there already is fitted again. Each is a row of published.csv, and rows
 Exit status 1 if more than four campaigns are doubted, or if one has no results.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -6,8 +6,6 @@ Exit status 1 if a number is confidently wrong that could have been seen, or tha
 one right campaign in a hundred is doubted.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """How wrong worlds are counted: what must not be is found, and the tables are of the rows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

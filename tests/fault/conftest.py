@@ -1,7 +1,5 @@
 """A simulated bench served by a process of its own, once for the tests of a file: idle it costs too."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Row 1 behind the last step: killed before the session was closed, or before its results were written."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import dataclass
 from pathlib import Path

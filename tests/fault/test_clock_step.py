@@ -1,7 +1,5 @@
 """Row 5: the clock of the machine is set, or the machine sleeps: an event within a second, and no duration changes."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -4,8 +4,6 @@
 through the seam of the file layer are in tests/unit/record/test_writer.py.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

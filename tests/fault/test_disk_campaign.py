@@ -1,7 +1,5 @@
 """Rows 3, 4 and 28 in a whole campaign: a disk that is full for a while, for good, or hangs for ten seconds."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -2,8 +2,6 @@
 that sleeps. What counts is what the simulated instruments really do, never a readback of the bench's own.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

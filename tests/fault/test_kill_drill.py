@@ -3,8 +3,6 @@
 Several benches at once, each a process with instruments of its own; every run and every resumption is a process too.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence

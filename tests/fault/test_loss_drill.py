@@ -4,8 +4,6 @@ Twenty losses of some seconds here, three in each run, several benches side by s
 five minutes and for good, one in each run.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """The judge of lost networks on series made by hand, what is drawn by a seed, and the proxies; no bench is run."""
 
-from __future__ import annotations
-
 import math
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Row 19: no name in a YAML file, a command or a recorded session leads out of the folders it may name."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator

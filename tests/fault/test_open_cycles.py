@@ -1,7 +1,5 @@
 """Row 24: a thousand benches that were opened, failed and closed leave no descriptor and no thread behind."""
 
-from __future__ import annotations
-
 import gc
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Row 14 on a real air bath: 38 hours of ramps and holds that somebody else recorded, as the unit's temperature."""
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """``bench sim`` begun again in its folder: the same ports, so that a session begun on it can be resumed."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

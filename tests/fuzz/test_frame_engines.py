@@ -1,7 +1,5 @@
 """Both engines on damaged streams: identical offsets, counts and fields, whatever the chunks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 ``make definitions`` tries 200,000 of them; BENCH_SEEDS=FIRST:LAST tries a part, so that a sweep can be resumed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from itertools import chain

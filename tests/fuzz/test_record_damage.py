@@ -3,8 +3,6 @@
 One flipped bit anywhere is noticed and costs one chunk at most, with exit status 5.
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

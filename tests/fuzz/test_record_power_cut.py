@@ -5,8 +5,6 @@ up to the last sync is on the disk, each 512-byte sector behind it is kept, zero
 follows, and the file may end in zeros.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One wrong byte anywhere in a YAML file of the repository: a clean error with its position, or a valid plan."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@
 small; ``docs/history.md`` says how a release records them. One seed and few digits: the same on every machine.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

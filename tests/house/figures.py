@@ -3,8 +3,6 @@
 ``--row`` prints them as the next row of that table.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import json

@@ -3,8 +3,6 @@
 Run by ``make structure``, for another tree by ``python tests/house/structure.py FOLDER``.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import Counter

@@ -1,8 +1,4 @@
-"""Who imports whom: no circles, models alone, packages through their faces, contracts that hold; and what a command
-loads: a mistyped name costs no numpy, a check no fit.
-"""
-
-from __future__ import annotations
+"""Who imports whom, by contracts that hold; and what a command loads: a mistyped name no numpy, a check no fit."""
 
 import json
 import math

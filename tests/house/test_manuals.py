@@ -1,7 +1,5 @@
 """Each driver has a table of its commands, and its page in docs/instruments is written from it (``make manuals``)."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

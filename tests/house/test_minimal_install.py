@@ -1,8 +1,4 @@
-"""What ``pip install inertial-bench`` runs, records and judges without any extra, and how an extra that is asked for
-and missing is named: in one line.
-"""
-
-from __future__ import annotations
+"""What ``pip install inertial-bench`` does without any extra, and how an extra that is missing is named."""
 
 import json
 import os

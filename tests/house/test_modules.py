@@ -3,8 +3,6 @@
 Only files whose text holds what is looked for are parsed; the pattern lets none through that could break the rule.
 """
 
-from __future__ import annotations
-
 import ast
 import gc
 import re

@@ -1,7 +1,5 @@
 """What works on a machine without POSIX, and how the rest is refused; each process blocks what Windows lacks."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -3,8 +3,6 @@
 A ceiling is lowered to what ``make figures`` prints whenever a piece of work is done.
 """
 
-from __future__ import annotations
-
 from figures import counted, last_row, tokens_and_lines, walked
 from tree import TOP
 from ways import Walk

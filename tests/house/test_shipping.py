@@ -1,8 +1,4 @@
-"""The repository as somebody else gets it: complete packages, clean locks, nothing alone; pages whose links lead
-somewhere; and an engine that names no system.
-"""
-
-from __future__ import annotations
+"""The repository as somebody else gets it: complete, clean locks, links that lead somewhere, no name of a system."""
 
 import ast
 import re

@@ -1,7 +1,5 @@
 """What the house tests look at: the files of this repository, read once."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import os

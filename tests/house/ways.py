@@ -4,8 +4,6 @@ Runs a short rehearsal and notes the file of every function that is called meanw
 another. Run by ``make ways``.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

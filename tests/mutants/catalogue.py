@@ -4,8 +4,6 @@ They stand in ``catalogue.toml``. The tests of a mutant take a few seconds at mo
 matter here.
 """
 
-from __future__ import annotations
-
 import csv
 import tomllib
 from pathlib import Path

@@ -4,8 +4,6 @@
 if its text is no longer found once, or if its tests fail or are missing without it.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -5,8 +5,6 @@ nearest: files of tests that import its module, then those of the room, as many 
 so one that comes to ``LONGEST_S`` is the mutant's doing. Rows are added to ``survivors.csv``.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import csv
@@ -187,14 +185,16 @@ class Copy:
         return cpu_s() - before_s if status == 0 else math.inf
 
     def fate(self, mutant: Mutant, tests: Sequence[str]) -> str:
-        """Return what became of a mutant: killed, survived, timed out, or no test where none is near."""
+        """Return what became of a mutant: killed, survived, timed out, no test where none is near, or not made."""
         if not tests:
             return "no test"
         path = self.folder / mutant.file
         plain = path.read_text(encoding="utf-8")
-        path.write_text(mutant.text(plain), encoding="utf-8")
         try:
+            path.write_text(mutant.text(plain), encoding="utf-8")
             status = self._pytest(["-x", *tests], LONGEST_S)
+        except AttributeError:  # cosmic-ray does not replace an exception whose name has dots
+            return "not made"
         finally:
             path.write_text(plain, encoding="utf-8")
         return {0: "survived", None: "timed out"}.get(status, "killed")

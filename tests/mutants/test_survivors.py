@@ -1,7 +1,5 @@
 """How survivors are counted: which tests are near, what is not mutated, the interval of a rate."""
 
-from __future__ import annotations
-
 import pytest
 from survivors import Mutant, mutants_of, nearest, wilson
 

@@ -5,8 +5,6 @@ pyrtcm, pyubx2 (their tests), space_packet_parser (the file of JPSS-1) and gpsd 
 xsens-go (testdata/N/output.bin and output.golden) stand there as xsens_go_N.bin and .golden.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import struct

@@ -4,8 +4,6 @@ Its import name is that of our drivers, so it lives in a virtual environment of 
 Python of it (InstrumentKit and PyVISA-py installed); without it the test is skipped.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

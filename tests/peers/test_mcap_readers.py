@@ -4,8 +4,6 @@ They are not part of this project. BENCH_NODE_READERS names a folder where ``npm
 @mcap/support @protobufjs/base64 typescript@5`` was done; BENCH_LICHTBLICK, optional, a checkout of Lichtblick.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

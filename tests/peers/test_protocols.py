@@ -6,8 +6,6 @@ that writes down what is expected. A question whose reply the tests make up is a
 the instrument has a command that sets it, and must then tell the same; any other must have a reply of the same kind.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

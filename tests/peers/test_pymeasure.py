@@ -4,8 +4,6 @@
 refuses it too, is listed here with the reason.
 """
 
-from __future__ import annotations
-
 import importlib
 import warnings
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 How a row is read stands in ``tests/support/simulated/exchanges.py``.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

@@ -1,7 +1,5 @@
 """The bus seen through a driver: time limits, transcript, and every rung of the recovery ladder by exact events."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

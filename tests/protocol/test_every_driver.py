@@ -1,7 +1,5 @@
 """Walks over all drivers: what every one of them must declare and do; numbers sent with every digit."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import math

@@ -4,8 +4,6 @@ How a row is read stands in ``tests/support/simulated/exchanges.py``; the pages 
 models (``instruments/*.yaml``), in which every command of a row must stand.
 """
 
-from __future__ import annotations
-
 import threading
 from unittest.mock import ANY
 

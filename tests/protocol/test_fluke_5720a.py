@@ -1,7 +1,5 @@
 """Exact exchanges of the calibrator; how a row is read stands in ``tests/support/simulated/exchanges.py``."""
 
-from __future__ import annotations
-
 from unittest.mock import ANY
 
 import pytest

@@ -1,7 +1,5 @@
 """Exact exchanges of the lock-in amplifier; how a row is read stands in ``tests/support/simulated/exchanges.py``."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,8 +1,4 @@
-"""Faults of the simulated bench while a campaign runs, and before it begins: it survives or ends safely, and nothing is
-left where it could not begin.
-"""
-
-from __future__ import annotations
+"""Faults of the simulated bench before and in a campaign: it survives or ends safely, and nothing is left on."""
 
 import shutil
 from collections.abc import Callable
@@ -80,13 +76,6 @@ def lived_through(rehearsal: Rehearsal) -> None:
     assert rehearsal.run.outcome.error is None
     assert len(rehearsal.run.outcome.rows) == 15
     assert worst_u(rehearsal) < 1.0
-
-
-def test_a_bench_without_faults(tmp_path: Path, rehearse: Start) -> None:
-    found = rehearse(tiny_plan(tmp_path))
-    lived_through(found)
-    assert found.run.outcome.unsafe == ()
-    assert_safe(found.world)
 
 
 def test_a_trip_during_a_dwell_takes_the_point_again(tmp_path: Path, rehearse: Start) -> None:

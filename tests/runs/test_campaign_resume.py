@@ -1,7 +1,5 @@
 """Resume after a crash anywhere: nothing acknowledged is lost or taken twice, same results, the splice is marked."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager

@@ -1,7 +1,5 @@
 """Salvage: the shortest make-up sequence, a session made with it, both together; and who may go on with a session."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import zlib

@@ -1,7 +1,5 @@
 """The short campaign end to end: same seed same bytes, replay, copies, schema, truth; and watched, the same bytes."""
 
-from __future__ import annotations
-
 import json
 import socket
 import sys
@@ -131,7 +129,7 @@ class Crowd:
         self._out, self._ended = out, threading.Event()
         self._threads = [threading.Thread(target=one) for one in (self._poll, self._ask_and_never_read, self._watch)]
 
-    def __enter__(self) -> Crowd:
+    def __enter__(self) -> "Crowd":
         for thread in self._threads:
             thread.start()
         return self

@@ -1,9 +1,8 @@
 """Campaigns that go another way: held up at random instants, on the wall clock; a replay agrees."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +27,16 @@ station: af_bench_sim
 frame: {port_a: ngu_a, port_b: ngu_b}
 unit_commands:
   start_stream: {code: 2, payload: "64"}
-timeline:
-  - {at: 0 s, call: {supply.configure: {voltage: 18 V, current_limit: 2 A, over_voltage: 21 V}}}
-  - {at: 1 s, call: supply.output_on}
-  - {at: 3 s, unit: {port_b: start_stream}}
-  - {at: 4 s, record: 1 s}
-  - {at: 5.2 s, record: 1 s}
-  - {at: 6.4 s, record: 1 s}
-  - {at: 7.6 s, record: 1 s}
+prepare:
+  - supply.configure: {voltage: 18 V, current_limit: 2 A, over_voltage: 21 V}
+  - supply.output_on
+  - settle: 3 s
+  - unit: {port_b: start_stream}
+  - settle: 1 s
+steps:
+  - record: {seconds: 500 ms, windows: 6, pulse_timing: true, conditions: {route: open}}
+  - supply.measure_current
+  - record: {seconds: 500 ms, windows: 4, follows: true, pulse_timing: true, conditions: {route: open}}
 """
 Moment = tuple[float, float, str]  # seconds from the start, seconds of the hold, kind
 
@@ -79,8 +80,9 @@ def check_replay(run: Conducted) -> None:
 
 
 def comparable(row: Any) -> tuple[object, ...]:
-    sums = {name: value.tolist() for name, value in row.sums.items()}
-    return row.window, sums, (row.frames, row.lost, row.bad), row.quality, dict(row.context)
+    sums, timing = ({name: value.tolist() for name, value in each.items()} for each in (row.sums, row.timing))
+    counts = row.frames, row.lost, row.bad, row.duplicate, row.suspect
+    return row.window, sums, timing, counts, row.quality, dict(row.context)
 
 
 def check_true(plan: Plan, run: Conducted) -> None:
@@ -154,5 +156,8 @@ def test_a_run_under_the_wall_clock_replays_row_by_row(tmp_path: Path) -> None:
     run = rehearsed(tmp_path / "out", plan, clock=WallClock(), seed=1).run
     assert (run.outcome.error, run.outcome.unsafe) == (None, ())
     print(f"timed waits ended {run.outcome.lateness_ms} ms late (median, 99 %, worst)")
-    assert [(row.frames, row.lost, row.bad, row.quality) for row in run.outcome.rows] == [(100, 0, 0, 0)] * 4
+    found = [(row.frames, row.lost, row.bad, row.quality, len(row.timing)) for row in run.outcome.rows]
+    assert found == [(50, 0, 0, 0, 12)] * 10
+    windows = [row.window for row in run.outcome.rows]
+    assert all(after.first_counter == before.first_counter + before.frames for before, after in pairwise(windows))
     check_replay(run)

@@ -1,8 +1,4 @@
-"""``bench certificate`` on recorded sessions, every reason for which none is written; reports of both campaigns on
-paper.
-"""
-
-from __future__ import annotations
+"""``bench certificate`` on recorded sessions, every reason for which none is written; reports on paper."""
 
 import json
 from collections.abc import Callable
@@ -39,12 +35,6 @@ TOKENS = {
     "A/degC3": r"\ampere\kelvin\tothe{-3}", "degC": r"\kelvin", "min": r"\minute",
     "A*s^0.5": r"\ampere\second\tothe{0.5}", "A/h^0.5": r"\ampere\hour\tothe{-0.5}",
 }  # fmt: skip
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    """A copy of the smallest campaign."""
-    return writable_copy(golden, tmp_path / golden.name)
 
 
 def request(session: Path, **more: Any) -> CertificateRequest:

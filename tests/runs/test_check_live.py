@@ -1,7 +1,5 @@
 """``bench check --live`` and ``bench commission`` on benches in this process and on served ones."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

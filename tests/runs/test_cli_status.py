@@ -1,7 +1,5 @@
 """Every exit status of the contract, and how the command line speaks: one line per error, one JSON document."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import signal

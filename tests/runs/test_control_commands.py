@@ -1,7 +1,5 @@
 """Pause, look, let go on and abort a run from another process, as a person at another terminal does."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -4,8 +4,6 @@ The board is made for the test (exchange_rig); every 20th frame, on the average,
 among them. Nothing may be done twice, nothing may be answered wrongly, and what is not completed says so.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import select

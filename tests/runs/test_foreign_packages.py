@@ -3,8 +3,6 @@
 Needs a package index; ``make sweep`` runs it.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

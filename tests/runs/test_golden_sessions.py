@@ -3,8 +3,6 @@
 Everything is done by commands: modules move, commands and files stay.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

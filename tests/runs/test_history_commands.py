@@ -1,7 +1,5 @@
 """``bench history`` from the command line: what it says, its exit statuses, its one JSON document."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Real pseudo-terminals under the wall clock: a port that goes and comes back, a disk that stalls, a stuck stream."""
 
-from __future__ import annotations
-
 import os
 import pty
 import subprocess

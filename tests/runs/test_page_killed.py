@@ -3,8 +3,6 @@
 The other run of this seed was watched by nobody, so the same seed gives the same bytes.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

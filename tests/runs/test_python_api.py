@@ -1,7 +1,5 @@
 """``import bench`` and ``bench doctor``, and the revision that a session names: light, and as on the command line."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import os

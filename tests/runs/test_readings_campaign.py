@@ -1,8 +1,4 @@
-"""A campaign without a serial unit: records of readings in run, page, fit, replay, resume, history and certificate; and
-what the check refuses of sequences without a link.
-"""
-
-from __future__ import annotations
+"""A campaign without a serial unit, from its check to its certificate: records are of readings."""
 
 import json
 import shutil

@@ -1,7 +1,5 @@
 """bench report --verify: what was altered in a session or in what was computed from it is named; nothing is written."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
@@ -13,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rehearsal import ROOT, writable_copy
+from rehearsal import ROOT
 
 from bench.commands.certificate import certificate
 from bench.commands.fit import fit, report
@@ -32,11 +30,6 @@ HEADER, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END, FOOTER = 0x01, 0x06, 0x07, 
 
 
 Alter = Callable[[Path], object]
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    return writable_copy(golden, tmp_path / golden.name)
 
 
 REPORTS: dict[str, Report] = {}  # by the results they show, which name the hash of the recording

@@ -1,7 +1,5 @@
 """``bench sim`` as a process of its own: what it serves, to whom, how it ends, a run that uses it, and its faults."""
 
-from __future__ import annotations
-
 import json
 import signal
 from collections.abc import Iterator

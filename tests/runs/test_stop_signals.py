@@ -1,7 +1,5 @@
 """Ctrl-C once or twice and SIGTERM at random instants of a run in real time: safe within 5 s, session closed."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

@@ -5,8 +5,6 @@ any time and goes on where the rows end. A seed that violates an invariant becom
 1 if there is one, 130 if it was stopped.
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing
 import os

@@ -3,8 +3,6 @@
 The run is fed at a hundred times its speed (23 minutes): 1000 points a second, a hundred times as many as live.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

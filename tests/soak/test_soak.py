@@ -4,8 +4,6 @@ Here are some, what shows that a violation is seen, how seeds are soaked in bloc
 after which memory, descriptors and threads stay what they were. ``make soak`` soaks any number (tests/soak/run.py).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

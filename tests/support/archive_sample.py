@@ -5,8 +5,6 @@ another one. The calibrator of the bench ``a`` has a wrong certificate from 2001
 60 ppm that the calibrator does not have. Everything else is as it should be. A session takes a third of a second.
 """
 
-from __future__ import annotations
-
 import functools
 import json
 import os

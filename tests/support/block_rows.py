@@ -1,7 +1,5 @@
 """Blocks of seeds as rows of a committed file: a row stays once it is written, and what has one is not done again."""
 
-from __future__ import annotations
-
 import csv
 import os
 import subprocess
@@ -12,7 +10,6 @@ from typing import Any, TypeVar
 
 ROOT = Path(__file__).resolve().parents[2]
 Row = TypeVar("Row")
-_KINDS = {"int": int, "float": float, "str": str}
 
 
 def read_rows(form: type[Row], path: Path) -> list[Row]:
@@ -20,9 +17,7 @@ def read_rows(form: type[Row], path: Path) -> list[Row]:
     if not path.exists():
         return []
     with path.open(encoding="utf-8", newline="") as stream:
-        return [
-            form(**{name: _KINDS[kind](row[name]) for name, kind in _columns(form)}) for row in csv.DictReader(stream)
-        ]
+        return [form(**{name: kind(row[name]) for name, kind in _columns(form)}) for row in csv.DictReader(stream)]
 
 
 def add_row(row: Any, path: Path) -> None:
@@ -64,5 +59,5 @@ def revision_of(judged: Sequence[str]) -> str:
     return changed + ("+" if git("status", "--porcelain", "--", *judged) else "")
 
 
-def _columns(form: type[Any]) -> list[tuple[str, str]]:
-    return [(field.name, str(field.type)) for field in fields(form)]
+def _columns(form: type[Any]) -> list[tuple[str, Any]]:
+    return [(field.name, field.type) for field in fields(form)]

@@ -1,7 +1,5 @@
 """A test board made from the text of the protocol alone: own packing, own search for frames, the CRC of the library."""
 
-from __future__ import annotations
-
 import binascii
 import struct
 from collections import Counter

@@ -1,7 +1,5 @@
 """Timed lists of faults for a world: written down by hand, or drawn from a seed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 

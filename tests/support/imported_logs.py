@@ -1,7 +1,5 @@
 """Logs as the tests import them: a mapping and a file, the session they become; recordings of other people."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

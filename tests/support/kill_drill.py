@@ -4,8 +4,6 @@ Everything is judged from outside: what the simulated instruments really do, wha
 say. Instants are seconds since the start of a process, so they also fall into its start and into its end.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -4,8 +4,6 @@
 Every package that is installed here and not needed by the dependencies of pyproject.toml cannot be imported.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import sys

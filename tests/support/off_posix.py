@@ -6,8 +6,6 @@ flags and signals that Windows lacks are gone, before anything of the bench is l
 their own for Windows take their part for Linux, because the system underneath is Linux.
 """
 
-from __future__ import annotations
-
 import builtins
 import contextlib
 import io

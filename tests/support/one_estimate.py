@@ -1,7 +1,5 @@
 """The one estimate of a quantity under some conditions, from what an analysis, a prediction or a document gives."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

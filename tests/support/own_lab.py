@@ -1,7 +1,5 @@
 """A lab folder with code of its own: the example of this repository, copied with rights that only its owner has."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

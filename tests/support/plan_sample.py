@@ -1,7 +1,5 @@
 """A small sequence on a copy of the simulated bench, and ways to break it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small files of records: sessions and disks for them, streams of frames whole or damaged, tables, captures."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 from collections.abc import Callable, Mapping
@@ -69,7 +67,7 @@ def digest(folder: Path) -> str:
 class FaultyFile:
     """Passes on to a real file; asks first whether call ``n`` of a kind shall fail or be short."""
 
-    def __init__(self, inner: AppendFile, disk: FaultyFiles) -> None:
+    def __init__(self, inner: AppendFile, disk: "FaultyFiles") -> None:
         self._inner = inner
         self._disk = disk
 

@@ -4,8 +4,6 @@ Words: folder, seconds, resume|new. Each second: bytes of a link, a "record" eve
 it is brought to the disk, and only then the second is acknowledged. A disk that refuses is waited for, as in a run.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -9,8 +9,6 @@
 Simulated benches without a run are in ``sim_bench``, served ones in ``served``, files of records in ``record_sample``.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

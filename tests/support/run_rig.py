@@ -4,8 +4,6 @@ Everything lives on one VirtualClock. The unit ends a gate each 10 ms and needs 
 points as a campaign has them, and somebody beside the sequencer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
@@ -46,7 +44,7 @@ def frame(name: str) -> FrameDefinition:
 class Instrument:
     """Notes every call with its time; ``fail`` maps a method to the error it raises, ``slow_s`` to its duration."""
 
-    def __init__(self, role: str, rig: Rig) -> None:
+    def __init__(self, role: str, rig: "Rig") -> None:
         self.role, self._rig = role, rig
         self.fail: dict[str, Exception] = {}
         self.slow_s: dict[str, float] = {}

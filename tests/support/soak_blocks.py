@@ -1,7 +1,5 @@
 """Blocks of soaked seeds: one process soaks one, one row in a file that is committed says what came out."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

@@ -9,8 +9,6 @@ its own, as what went on before would hide or feign a growth of what it needs ea
 words: sequence, seed, folder and, if what Python and numpy have allocated is to be traced, held.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import json

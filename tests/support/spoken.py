@@ -1,7 +1,5 @@
 """What a Korean reader of an analysis still gets in English."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass

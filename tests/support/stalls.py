@@ -5,8 +5,6 @@ adds up how late it is: a test that fails while that comes to more than the limi
 run again, at most ``REPEATS`` times, and the summary names it. On a machine that is not late a failure is a failure.
 """
 
-from __future__ import annotations
-
 import contextlib
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Frames are packed by numpy, ``binascii`` and ``zlib`` alone: nothing here comes from ``bench``.
 """
 
-from __future__ import annotations
-
 import binascii
 import json
 import re
@@ -107,7 +105,7 @@ class Session:
             conditions=conditions,
         )  # fmt: skip
 
-    def without(self, path: Sequence[str]) -> Session:
+    def without(self, path: Sequence[str]) -> "Session":
         """The same session without a key: of the manifest, of an event of a kind, or of the conditions of records."""
         other = object.__new__(Session)
         other.__dict__ = dict(self.__dict__)
@@ -123,7 +121,7 @@ class Session:
         assert gone, path
         return other
 
-    def renamed(self, link: str, field: str) -> Session:
+    def renamed(self, link: str, field: str) -> "Session":
         """The same session whose frame definition has another name for a field."""
         other = object.__new__(Session)
         other.__dict__ = dict(self.__dict__)

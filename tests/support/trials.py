@@ -1,7 +1,5 @@
 """Tables of the report left out: the Monte Carlo takes half a second per campaign, and some tests analyse hundreds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """How test files are shared out: those that wait have workers of their own while those that compute use the cores."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

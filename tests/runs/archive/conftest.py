@@ -1,7 +1,5 @@
 """The archive that the tests of this folder share."""
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 from pathlib import Path

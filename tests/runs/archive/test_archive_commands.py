@@ -1,7 +1,5 @@
 """``bench archive`` from the command line: what it enters, finds, computes again, and says would change."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Folders of 27 kinds of damage, each in one count; refits that are stopped in every way lose and double nothing."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

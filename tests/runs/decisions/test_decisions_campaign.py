@@ -1,8 +1,4 @@
-"""A campaign that decides by what it reads: run, killed at any place and gone on with, replayed; and a point with a
-decision inside, held, taken again and skipped.
-"""
-
-from __future__ import annotations
+"""A campaign that decides by what it reads: run, held, killed at any place and gone on with, replayed."""
 
 import shutil
 from collections.abc import Callable

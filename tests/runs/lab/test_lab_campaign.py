@@ -1,7 +1,5 @@
 """Driver, simulator and analysis in a lab folder: the whole line, moved elsewhere, without the folder, changed."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

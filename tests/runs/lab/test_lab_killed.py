@@ -1,7 +1,5 @@
 """A run with a driver of a lab folder is killed: its guard makes the bench safe with that driver, resume demands it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

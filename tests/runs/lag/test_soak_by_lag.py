@@ -3,8 +3,6 @@
 The lags of chamber and unit are a tenth of the usual ones.
 """
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import dataclass
 from pathlib import Path

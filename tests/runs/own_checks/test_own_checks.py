@@ -1,7 +1,5 @@
 """Checks of a fictional unit in a lab folder without a line of Python, and what is expected of what a unit says."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -4,8 +4,6 @@ Temperatures are integrated step by step (trapezoidal rule, 2 s), the play moves
 counts are whole quanta of the charge that really flowed. Nothing of bench.systems or sim_instruments is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache

@@ -3,8 +3,6 @@
 A physics of its own (``fit_simulation``), which shares no line with the product's simulators.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 The errors are drawn here and enter the physics of ``fit_simulation``; the analysis knows the register alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

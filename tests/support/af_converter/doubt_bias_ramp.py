@@ -4,21 +4,19 @@ Heat, slack, walk and whole pulses are those of ``bias_simulation``; nothing of 
 is a charge beside that of the right world of the same seed.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import bias_simulation as sim
 import numpy as np
-from doubt_classes import Seen, Switch
+from doubt_classes import PROVENANCE, Seen, Switch, changed
 
 from bench.analysis import Material, Trace, build_results, estimates_of
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.analysis import analyse
 
 SYSTEM = "bias_ramp"
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 CHANNEL = 1
 _LAG_s = 1500.0
 _PROMISED = 7
@@ -55,90 +53,6 @@ class World:
         return unit_degC
 
 
-class SeveralPlays(World):
-    """A share of the loop is that of operators of other half-widths."""
-
-    def added_A(self, at: Course) -> Array:
-        return self.size * (_loop(at, _HALVES) - _loop(at, (1.0,)))
-
-
-class ManyPlays(World):
-    """A share of the loop has half-widths from 0.15 to 5 times as wide, fewer the wider."""
-
-    def added_A(self, at: Course) -> Array:
-        wide = np.geomspace(0.15, 5.0, 12)
-        weights = np.exp(-wide / 1.5)
-        spread = sum(w * _loop(at, (times,)) for w, times in zip(weights / weights.sum(), wide, strict=True))
-        return self.size * (spread - _loop(at, (1.0,)))
-
-
-class SecondLag(World):
-    """A share of the bias follows the air within 150 min."""
-
-    def added_A(self, at: Course) -> Array:
-        slow = sim.follow(at.air_degC, 9000.0)
-        return self.size * at.unit.polynomial[1] * (slow - at.unit_degC)
-
-
-class Step(World):
-    def added_A(self, at: Course) -> Array:
-        return self.size * at.unit.width_A * (at.hours > 0.6 * at.length_h)
-
-
-class Drift(World):
-    """``size``: within 25 hours."""
-
-    def added_A(self, at: Course) -> Array:
-        return self.size * at.unit.width_A * (at.hours - at.length_h / 2.0) / 25.0
-
-
-class WidthOverTemperature(World):
-    def added_A(self, at: Course) -> Array:
-        return self.size * (at.unit_degC - sim.REFERENCE_degC) / 30.0 * _loop(at, (1.0,))
-
-
-class Bend(World):
-    """From 30 degC on the bias has another slope."""
-
-    def added_A(self, at: Course) -> Array:
-        return self.size * at.unit.polynomial[1] * np.maximum(at.unit_degC - 30.0, 0.0)
-
-
-class DailyRhythm(World):
-    """The bias follows the hour of the day, as mains or sunlight may make it."""
-
-    def added_A(self, at: Course) -> Array:
-        return self.size * at.unit.width_A * np.sin(2.0 * np.pi * at.hours / 24.0)
-
-
-class Relaxation(World):
-    """After each turn a part of the loop is lost within three hours."""
-
-    def added_A(self, at: Course) -> Array:
-        return self.size * (sim.follow(_loop(at, (1.0,)), 10_800.0) - _loop(at, (1.0,)))
-
-
-class SensorScale(World):
-    """The unit's own sensor errs by a share of its distance from 20 degC."""
-
-    def shown_degC(self, unit_degC: Array) -> Array:
-        return unit_degC + self.size * (unit_degC - sim.REFERENCE_degC)
-
-
-SWITCHES = (
-    Switch("several_plays", SeveralPlays, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("many_plays", ManyPlays, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("second_lag", SecondLag, (0.01, 0.1, 0.5), "shape_of_the_bias"),
-    Switch("step_of_bias", Step, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("drift_of_bias", Drift, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("width_over_temperature", WidthOverTemperature, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("bend", Bend, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("daily_rhythm", DailyRhythm, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("relaxation", Relaxation, (0.01, 0.1, 1.0), "shape_of_the_bias"),
-    Switch("sensor_scale", SensorScale, (1e-3, 1e-2, 1e-1), "temperature_sensor_gain"),
-)
-
-
 def _loop(at: Course, parts: tuple[float, ...]) -> Array:
     """Half the loop of play operators of equal widths, their half-widths in parts of the unit's."""
     found = np.zeros_like(at.hours)
@@ -146,6 +60,62 @@ def _loop(at: Course, parts: tuple[float, ...]) -> Array:
         half = part * at.unit.half_width_degC
         found += (sim.slack(at.unit_degC, half) - at.unit_degC) / (2.0 * half * len(parts))
     return at.unit.width_A * found
+
+
+def current(added_A: Callable[[World, Course], Array]) -> type[World]:
+    """The bias has this part besides."""
+    return changed(World, added_A=added_A)
+
+
+def many_plays_A(w: World, at: Course) -> Array:
+    """A share of the loop has half-widths from 0.15 to 5 times as wide, fewer the wider."""
+    wide = np.geomspace(0.15, 5.0, 12)
+    weights = np.exp(-wide / 1.5)
+    spread = sum(weight * _loop(at, (times,)) for weight, times in zip(weights / weights.sum(), wide, strict=True))
+    return w.size * (spread - _loop(at, (1.0,)))
+
+
+def of_loop(part: Callable[[Course], Array]) -> type[World]:
+    """The bias has this part of the width of its loop besides."""
+    return current(lambda w, at: w.size * at.unit.width_A * part(at))
+
+
+def of_slope(part: Callable[[Course], Array]) -> type[World]:
+    """The bias has this part of its slope besides, of degrees."""
+    return current(lambda w, at: w.size * at.unit.polynomial[1] * part(at))
+
+
+def _switch(name: str, world: type[World], largest: float = 1.0) -> Switch:
+    return Switch(name, world, (0.01, 0.1, largest), "shape_of_the_bias")
+
+
+SWITCHES = (
+    # a share of the loop is that of operators of other half-widths
+    _switch("several_plays", current(lambda w, at: w.size * (_loop(at, _HALVES) - _loop(at, (1.0,))))),
+    _switch("many_plays", current(many_plays_A)),
+    # a share of the bias follows the air within 150 min
+    _switch("second_lag", of_slope(lambda at: sim.follow(at.air_degC, 9000.0) - at.unit_degC), 0.5),
+    _switch("step_of_bias", of_loop(lambda at: at.hours > 0.6 * at.length_h)),
+    _switch("drift_of_bias", of_loop(lambda at: (at.hours - at.length_h / 2.0) / 25.0)),  # within 25 hours
+    _switch(
+        "width_over_temperature",
+        current(lambda w, at: w.size * (at.unit_degC - sim.REFERENCE_degC) / 30.0 * _loop(at, (1.0,))),
+    ),
+    _switch("bend", of_slope(lambda at: np.maximum(at.unit_degC - 30.0, 0.0))),  # another slope from 30 degC on
+    # the bias follows the hour of the day, as mains or sunlight may make it
+    _switch("daily_rhythm", of_loop(lambda at: np.sin(2.0 * np.pi * at.hours / 24.0))),
+    # after each turn a part of the loop is lost within three hours
+    _switch(
+        "relaxation", current(lambda w, at: w.size * (sim.follow(_loop(at, (1.0,)), 10_800.0) - _loop(at, (1.0,))))
+    ),
+    # the unit's own sensor errs by a share of its distance from 20 degC
+    Switch(
+        "sensor_scale",
+        changed(World, shown_degC=lambda w, unit_degC: unit_degC + w.size * (unit_degC - sim.REFERENCE_degC)),
+        (1e-3, 1e-2, 1e-1),
+        "temperature_sensor_gain",
+    ),
+)
 
 
 def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:

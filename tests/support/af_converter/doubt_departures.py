@@ -4,8 +4,6 @@ What departs (the calibrator's gain, a counter, the current that arrives, the th
 value, in a shape of time, temperature, level or history. Physics and judge share no line with the product.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -13,7 +11,7 @@ from typing import Any
 
 import fit_simulation as sim
 import numpy as np
-from doubt_classes import Seen, Switch
+from doubt_classes import PROVENANCE, Seen, Switch
 from trials import without_budgets
 
 from bench.analysis import Estimate, Material, build_results, estimates_of
@@ -24,7 +22,6 @@ KINDS = {1: "gyro", 3: "gyro", 4: "gyro", 7: "accelerometer"}
 REPEATED = 1
 QUANTITIES = ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc0", "dsf_n_tc1", "dsf_n_tc2", "dsf_p_tc0", "dsf_p_tc1",
               "dsf_p_tc2")  # fmt: skip
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 TAIL_s = 45.0
 _NOT_SEEN = "not_seen"  # the table of the report that computes what a campaign cannot show
 SEEN = 7.5  # of |P d|: a threshold of about 4.5 and a power of 99.9 %

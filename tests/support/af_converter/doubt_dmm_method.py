@@ -3,98 +3,69 @@
 Counts by ``fit_simulation``, readings by ``dmm_simulation``: neither shares a line with the product's simulators.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import dmm_simulation as dmm
 import fit_simulation as sim
 import numpy as np
-from doubt_classes import Seen, Switch
-from doubt_scale_factor import Clipped, EvenOrder, SoftSaturation, Wrong
+from doubt_classes import PROVENANCE, Seen, Switch, changed
+from doubt_scale_factor import CLIPPED, EVEN_ORDER, SOFT_SATURATION, Wrong, instead, miscounted
 
 from bench.analysis import Reading, build_results, estimates_of
 from bench.systems.af_converter.dmm_method.analysis import analyse
 
 SYSTEM = "dmm_method"
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 QUANTITIES = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _LEVELS_A = sim.KIND["accelerometer"]["levels_A"]
 _LENGTH_s = 9000.0 + 45 * 120.0
 
 
-class SwappedLeads(Wrong):
+def swapped_A(w: Wrong, current_A: float, at: sim.Place) -> float:
     """The leads are swapped up to a share of the levels."""
-
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        swapped = at.step[1] <= _LEVELS_A[round(self.size * len(_LEVELS_A)) - 1]
-        return -current_A if self.of_channel(at) and swapped else current_A
+    return -current_A if at.step[1] <= _LEVELS_A[round(w.size * len(_LEVELS_A)) - 1] else current_A
 
 
-class OneBadRecord(Wrong):
-    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
-        hit = self.of_channel(at) and (at.step[1], at.step[2]) == (5e-3, 1)
-        return counts | {"n": counts["n"] * (1.0 + self.size)} if hit else counts
+def misread(where: Callable[[float, float, int], float]) -> type[Wrong]:
+    """The meter shows more by a part, where: range, time and number of the reading."""
+    return changed(Wrong, read_A=lambda w, value_A, *at: value_A * (1.0 + w.size * where(*at)))
 
 
-class ClockMisread(Wrong):
-    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
-        hit = self.of_channel(at) and at.step[1] >= 1e-3 and at.step[2] == 1
-        return counts | {"af": counts["af"] * (1.0 + self.size)} if hit else counts
-
-
-class SwitchLeaks(Wrong):
-    """A part of the current of both polarities goes past the unit."""
-
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        return current_A * (1.0 - self.size)
-
-
-class MeterRange(Wrong):
-    """One range of the meter is off by more than its specification."""
-
-    def read_A(self, value_A: float, range_A: float, at_s: float, number: int) -> float:
-        return value_A * (1.0 + self.size) if range_A == 1e-2 else value_A
-
-
-class MeterGain(Wrong):
-    """All ranges of the meter are off by the same."""
-
-    def read_A(self, value_A: float, range_A: float, at_s: float, number: int) -> float:
-        return value_A * (1.0 + self.size)
-
-
-class MeterDrifts(Wrong):
-    def read_A(self, value_A: float, range_A: float, at_s: float, number: int) -> float:
-        return value_A * (1.0 + self.size * at_s / _LENGTH_s)
-
-
-class OneBadReading(Wrong):
-    def read_A(self, value_A: float, range_A: float, at_s: float, number: int) -> float:
-        return value_A * (1.0 + self.size) if number == 100 else value_A
-
-
-class StuckMeter(Wrong):
+def stuck_A(w: Wrong, value_A: float, range_A: float, at_s: float, number: int) -> float:
     """For a share of the campaign the meter repeats the reading that it had before, whatever flows."""
-
-    def read_A(self, value_A: float, range_A: float, at_s: float, number: int) -> float:
-        return 1e-3 if 60 <= number < 60 + self.size else value_A
+    return 1e-3 if 60 <= number < 60 + w.size else value_A
 
 
 SWITCHES = (
-    Switch("swapped_leads", SwappedLeads, (0.34, 0.67, 1.0)),
-    Switch("soft_saturation", SoftSaturation, (1e-5, 1e-4, 1e-3), "linear_at_full_scale"),
-    Switch("clipped", Clipped, (1e-5, 1e-3, 1e-1), "linear_at_full_scale"),
-    Switch("even_order", EvenOrder, (1e-5, 1e-4, 1e-3), "linear_at_full_scale"),
-    Switch("one_bad_record", OneBadRecord, (1e-5, 1e-4, 1e-2)),
-    Switch("clock_misread", ClockMisread, (1e-6, 1e-5, 1e-3), "clock_of_polarity"),
-    Switch("switch_leaks", SwitchLeaks, (1e-5, 1e-4, 1e-1), "all_current_through_the_unit"),
-    Switch("meter_range", MeterRange, (1e-5, 1e-4, 1e-3), "meter_gain"),
-    Switch("meter_gain", MeterGain, (1e-5, 1e-4, 1e-1), "meter_gain"),
-    Switch("meter_drifts", MeterDrifts, (1e-6, 1e-5, 1e-3), "steady_meter"),
-    Switch("one_bad_reading", OneBadReading, (1e-5, 1e-3, 1e-1)),
-    Switch("stuck_meter", StuckMeter, (1.0, 6.0, 30.0)),
+    Switch("swapped_leads", instead(swapped_A), (0.34, 0.67, 1.0)),
+    Switch("soft_saturation", SOFT_SATURATION, (1e-5, 1e-4, 1e-3), "linear_at_full_scale"),
+    Switch("clipped", CLIPPED, (1e-5, 1e-3, 1e-1), "linear_at_full_scale"),
+    Switch("even_order", EVEN_ORDER, (1e-5, 1e-4, 1e-3), "linear_at_full_scale"),
+    Switch(
+        "one_bad_record",
+        miscounted("n", lambda w, at: w.of_channel(at) and at.step[1:3] == (5e-3, 1)),
+        (1e-5, 1e-4, 1e-2),
+    ),
+    Switch(
+        "clock_misread",
+        miscounted("af", lambda w, at: w.of_channel(at) and at.step[1] >= 1e-3 and at.step[2] == 1),
+        (1e-6, 1e-5, 1e-3),
+        "clock_of_polarity",
+    ),
+    # a part of the current of both polarities goes past the unit
+    Switch(
+        "switch_leaks",
+        changed(Wrong, input_A=lambda w, current_A, at: current_A * (1.0 - w.size)),
+        (1e-5, 1e-4, 1e-1),
+        "all_current_through_the_unit",
+    ),
+    # one range of the meter is off by more than its specification, or all by the same
+    Switch("meter_range", misread(lambda range_A, at_s, number: range_A == 1e-2), (1e-5, 1e-4, 1e-3), "meter_gain"),
+    Switch("meter_gain", misread(lambda range_A, at_s, number: 1.0), (1e-5, 1e-4, 1e-1), "meter_gain"),
+    Switch("meter_drifts", misread(lambda range_A, at_s, number: at_s / _LENGTH_s), (1e-6, 1e-5, 1e-3), "steady_meter"),
+    Switch("one_bad_reading", misread(lambda range_A, at_s, number: number == 100), (1e-5, 1e-3, 1e-1)),
+    Switch("stuck_meter", changed(Wrong, read_A=stuck_A), (1.0, 6.0, 30.0)),
 )
 
 

@@ -3,20 +3,18 @@
 A physics of its own (``fit_simulation``), which shares no line with the product's simulators.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import fit_simulation as sim
 import numpy as np
-from doubt_classes import Seen, Switch
+from doubt_classes import PROVENANCE, Seen, Switch, changed
 
 from bench.analysis import Material, build_results, estimates_of
 from bench.systems.af_converter.scale_factor.analysis import analyse
 
 SYSTEM = "scale_factor"
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 WRONG = 2  # the channel that is wrong, where one is
 QUANTITIES = ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc0", "dsf_n_tc1", "dsf_n_tc2", "dsf_p_tc0", "dsf_p_tc1",
               "dsf_p_tc2")  # fmt: skip
@@ -38,102 +36,78 @@ class Wrong(sim.World):
         return value_A
 
 
-class SwappedLeads(Wrong):
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        return -current_A if self.of_channel(at) and at.nominal_degC < -20.0 + 100.0 * self.size else current_A
+def instead(current_A: Callable[[Wrong, float, sim.Place], float]) -> type[Wrong]:
+    """Another current reaches the integrator of the wrong channel."""
+    return changed(Wrong, input_A=lambda w, right_A, at: current_A(w, right_A, at) if w.of_channel(at) else right_A)
 
 
-class SoftSaturation(Wrong):
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        return current_A * (1.0 - self.size * (current_A / _FULL_A) ** 4) if self.of_channel(at) else current_A
+def miscounted(name: str, where: Callable[[Wrong, sim.Place], bool]) -> type[Wrong]:
+    """These counts are larger by a part where this holds."""
+    return changed(Wrong, counted=lambda w, counts, at: counts | {name: counts[name] * (1.0 + w.size * where(w, at))})
 
 
-class Clipped(Wrong):
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        most_A = 20e-3 * (1.0 - self.size)
-        return float(np.clip(current_A, -most_A, most_A)) if self.of_channel(at) else current_A
+def stuck_bits(w: Wrong, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
+    if not w.of_channel(at):
+        return counts
+    return counts | {name: float(counts[name] // w.size * w.size) for name in ("n", "p")}
 
 
-class CalibratorStep(Wrong):
-    def gain(self, at: sim.Place) -> float:
-        return self.size if at.share > 0.6 else 0.0
+BAD_RECORD = (20.0, 5e-3, 1)  # temperature, level, polarity
 
 
-class CalibratorDrift(Wrong):
-    def gain(self, at: sim.Place) -> float:
-        return self.size * (at.share - 0.5)
+def is_bad(conditions: dict[str, Any]) -> bool:
+    """Return whether a record is the bad one."""
+    at = conditions["temperature_degC"], conditions["current_A"], conditions["polarity"]
+    return conditions["channel"] == WRONG and at == BAD_RECORD
 
 
-class EvenOrder(Wrong):
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        return current_A * (1.0 + self.size * current_A / _FULL_A) if self.of_channel(at) else current_A
-
-
-class OneBadRecord(Wrong):
-    AT = (20.0, 5e-3, 1)  # temperature, level, polarity
-
-    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
-        hit = self.of_channel(at) and (at.nominal_degC, at.step[1], at.step[2]) == self.AT
-        return counts | {"n": counts["n"] * (1.0 + self.size)} if hit else counts
-
-    def hits(self, conditions: dict[str, Any]) -> bool:
-        """Return whether a record is the bad one."""
-        at = conditions["temperature_degC"], conditions["current_A"], conditions["polarity"]
-        return conditions["channel"] == WRONG and at == self.AT
-
-
-class StuckBits(Wrong):
-    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
-        if not self.of_channel(at):
-            return counts
-        return counts | {name: float(counts[name] // self.size * self.size) for name in ("n", "p")}
-
-
-class DielectricTail(Wrong):
-    """After a change of the range the first record lacks a part: the smallest level of each range."""
-
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        first = at.step[2] == 1 and at.step[1] in (0.5e-3, 5e-3)
-        return current_A * (1.0 - self.size) if self.of_channel(at) and first else current_A
-
-
-class OnePolarityRelay(Wrong):
-    """The switch leaks to the other pole: a part of the current of negative polarity is lost."""
-
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        return (
-            current_A * (1.0 - self.size * abs(current_A) / _FULL_A)
-            if self.of_channel(at) and at.step[2] < 0
-            else current_A
-        )
-
-
-class SensorGain(Wrong):
-    def sensed_degC(self, unit_degC: float) -> float:
-        return 20.0 + (unit_degC - 20.0) * (1.0 + self.size)
-
-
-class ClockSteps(Wrong):
-    """The AF clock of the wrong channel's records is read short by a part of a thousand in one visit."""
-
-    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
-        hit = at.nominal_degC == 20.0 and at.step[1] >= 1e-3 and at.step[2] == 1
-        return counts | {"af": counts["af"] * (1.0 + self.size)} if hit else counts
-
-
+SOFT_SATURATION = instead(lambda w, current_A, at: current_A * (1.0 - w.size * (current_A / _FULL_A) ** 4))
+CLIPPED = instead(lambda w, current_A, at: float(np.clip(current_A, -20e-3 * (1.0 - w.size), 20e-3 * (1.0 - w.size))))
+EVEN_ORDER = instead(lambda w, current_A, at: current_A * (1.0 + w.size * current_A / _FULL_A))
+CALIBRATOR_STEP = changed(Wrong, gain=lambda w, at: w.size * (at.share > 0.6))
+CALIBRATOR_DRIFT = changed(Wrong, gain=lambda w, at: w.size * (at.share - 0.5))
+ONE_BAD_RECORD = miscounted("n", lambda w, at: w.of_channel(at) and (at.nominal_degC, *at.step[1:3]) == BAD_RECORD)
+STUCK_BITS = changed(Wrong, counted=stuck_bits)
 SWITCHES = (
-    Switch("swapped_leads", SwappedLeads, (0.25, 0.5, 1.0)),
-    Switch("soft_saturation", SoftSaturation, (1e-5, 1e-4, 1e-3), "converter_linearity"),
-    Switch("clipped", Clipped, (1e-5, 1e-3, 1e-1)),
-    Switch("calibrator_step", CalibratorStep, (1e-6, 1e-5, 1e-3), "calibrator_drift"),
-    Switch("calibrator_drift", CalibratorDrift, (3e-6, 3e-5, 3e-3), "calibrator_drift"),
-    Switch("even_order", EvenOrder, (1e-5, 1e-4, 1e-3)),
-    Switch("one_bad_record", OneBadRecord, (1e-5, 1e-4, 1e-2)),
-    Switch("stuck_bits", StuckBits, (8.0, 256.0, 4096.0)),
-    Switch("first_of_a_range", DielectricTail, (1e-5, 1e-4, 1e-3)),
-    Switch("one_polarity_lost", OnePolarityRelay, (1e-5, 1e-4, 1e-3)),
-    Switch("sensor_gain", SensorGain, (1e-3, 1e-2, 1e-1), "temperature_sensor_gain"),
-    Switch("clock_misread", ClockSteps, (1e-6, 1e-5, 1e-3), "clock_counts"),
+    Switch(
+        "swapped_leads",
+        instead(lambda w, current_A, at: -current_A if at.nominal_degC < -20.0 + 100.0 * w.size else current_A),
+        (0.25, 0.5, 1.0),
+    ),
+    Switch("soft_saturation", SOFT_SATURATION, (1e-5, 1e-4, 1e-3), "converter_linearity"),
+    Switch("clipped", CLIPPED, (1e-5, 1e-3, 1e-1)),
+    Switch("calibrator_step", CALIBRATOR_STEP, (1e-6, 1e-5, 1e-3), "calibrator_drift"),
+    Switch("calibrator_drift", CALIBRATOR_DRIFT, (3e-6, 3e-5, 3e-3), "calibrator_drift"),
+    Switch("even_order", EVEN_ORDER, (1e-5, 1e-4, 1e-3)),
+    Switch("one_bad_record", ONE_BAD_RECORD, (1e-5, 1e-4, 1e-2)),
+    Switch("stuck_bits", STUCK_BITS, (8.0, 256.0, 4096.0)),
+    # after a change of the range the first record lacks a part: the smallest level of each range
+    Switch(
+        "first_of_a_range",
+        instead(
+            lambda w, current_A, at: current_A * (1.0 - w.size * (at.step[2] == 1 and at.step[1] in (0.5e-3, 5e-3)))
+        ),
+        (1e-5, 1e-4, 1e-3),
+    ),
+    # the switch leaks to the other pole: a part of the current of negative polarity is lost
+    Switch(
+        "one_polarity_lost",
+        instead(lambda w, current_A, at: current_A * (1.0 - w.size * abs(current_A) / _FULL_A * (at.step[2] < 0))),
+        (1e-5, 1e-4, 1e-3),
+    ),
+    Switch(
+        "sensor_gain",
+        changed(Wrong, sensed_degC=lambda w, unit_degC: 20.0 + (unit_degC - 20.0) * (1.0 + w.size)),
+        (1e-3, 1e-2, 1e-1),
+        "temperature_sensor_gain",
+    ),
+    # the AF clock is read short by a part of a thousand in one visit
+    Switch(
+        "clock_misread",
+        miscounted("af", lambda w, at: at.nominal_degC == 20.0 and at.step[1] >= 1e-3 and at.step[2] == 1),
+        (1e-6, 1e-5, 1e-3),
+        "clock_counts",
+    ),
 )
 
 

@@ -5,8 +5,6 @@ charge, so counts are floors of a phase. Nothing of bench.systems is used to mak
 product makes of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -4,8 +4,6 @@
 which test_fit_record_rate holds against the loop. Rows are trials (or channels), columns frames.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

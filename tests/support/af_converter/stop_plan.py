@@ -1,7 +1,5 @@
 """A campaign of one channel and a few levels whose points may end early, made of the shipped short one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from plan_sample import reworded

@@ -1,7 +1,5 @@
 """Points of an AF converter as a stranger records them: pulses by adding charge up, a meter beside, one temperature."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

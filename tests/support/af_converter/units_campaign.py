@@ -1,7 +1,5 @@
 """A campaign of a few minutes that several units share, made of the shipped one, and its values beside single ones."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

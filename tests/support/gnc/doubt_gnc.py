@@ -5,15 +5,14 @@ product or its simulators makes them. One world is two sets of positions and tur
 seven attitudes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import imu_material as imu
 import numpy as np
-from doubt_classes import Seen, Switch
+from doubt_classes import PROVENANCE, Seen, Switch, changed
 from scipy import linalg
 
 from bench.analysis import Material, build_results, estimates_of
@@ -24,7 +23,6 @@ from bench.systems.gnc.magnetometer import analyse as analyse_magnetometer
 
 SYSTEM = "gnc"
 FIELD_gauss = 0.45
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 RATE_Hz, SPIN_s, CONE_s = 200.0, 8.0, 3.0
 RATE_deg_s = 370.0
 POSE = {"middle": -37.5, "outer": -20.0}  # inner axis along that of the Earth
@@ -74,9 +72,7 @@ class World:
         return output
 
 
-def wrong(**parts: Any) -> type[World]:
-    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by."""
-    return type("Wrong", (World,), parts)
+wrong = partial(changed, World)
 
 
 def tilted(w: World, pose_g: Any, record: int = 0) -> Any:

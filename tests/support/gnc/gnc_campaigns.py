@@ -3,8 +3,6 @@
 Motions are closed forms of the planned calls, written here; the fits see rows as they see those of a session.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Mapping
@@ -46,7 +44,7 @@ class Taken:
     begin_s: float
     end_s: float
     conditions: dict[str, Any]
-    table: Table
+    table: "Table"
 
 
 def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
@@ -85,7 +83,7 @@ def records_of(plan: Plan) -> list[Taken]:
     return found
 
 
-def _table(conditions: Any, begin_s: float, turns: list[tuple[float, Any]]) -> Table:
+def _table(conditions: Any, begin_s: float, turns: list[tuple[float, Any]]) -> "Table":
     motion = [at(conditions[f"{name}_deg"]) for name in ("outer", "middle", "inner")]
     if "rate_deg_s" in conditions:
         motion[2].angle = lambda t_s: conditions["inner_deg"] + conditions["rate_deg_s"] * (t_s - begin_s)

@@ -4,8 +4,6 @@ Frames and payloads are packed and taken apart here by hand, with the check of t
 CRC-16/CCITT-FALSE with 0xFFFF to begin with): not with the frame file that the simulated board uses.
 """
 
-from __future__ import annotations
-
 import binascii
 import pickle
 import struct

@@ -4,8 +4,6 @@ Angles of the table and their integrals are closed forms of a trapezoid; rotatio
 mean over the interval that ends at its time stamp.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

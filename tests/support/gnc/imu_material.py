@@ -3,8 +3,6 @@
 Nothing here comes from bench.fit. Sensor form N = S (input + b) for gyros, N = S f + b for accelerometers, in LSB.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,8 +1,4 @@
-"""A GNC module on a three-axis table as a stranger records it: frames of docs/session-format.md, the poses and sensors
-of ``imu_material``.
-"""
-
-from __future__ import annotations
+"""A GNC module as a stranger records it: frames of docs/session-format.md, poses and sensors of ``imu_material``."""
 
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Ring-laser records of 2 s whose intervals are held against the truth, in the right world of ``doubt_lock_in``."""
 
-from __future__ import annotations
-
 import doubt_lock_in as worlds
 from coverage_blocks import in_right_world
 

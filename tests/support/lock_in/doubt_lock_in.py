@@ -4,16 +4,14 @@ A physics of its own (``laser_physics``), which shares no line with the product'
 of 2 s, so that a hundred of them are quick.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from doubt_classes import Seen, Switch
+from doubt_classes import PROVENANCE, Seen, Switch, changed
 from laser_physics import KNOTS, Array, Cycles, World, blocks, crossings, half_cycles
 from rlg_rig import as_row, material
 
@@ -24,7 +22,6 @@ from bench.systems.lock_in.records import laser_records
 from bench.systems.lock_in.result import LaserResult, laser_result
 
 SYSTEM = "lock_in"
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 QUANTITIES = ("lock_in_rate", "backscatter_phase", "angle_random_walk", "alignment_time", "random_walk_ratio",
               "alignment_time_ratio")  # fmt: skip
 _PROMISED = 8  # rate, phase; walk and time before and behind the global fit; two ratios
@@ -33,12 +30,7 @@ _SENSOR = 0.01  # standard uncertainty of the dither's sensor
 _EARTH_deg_h, _LATITUDE_deg, _ERROR_deg = 15.041067, 37.0, 360.0 / 6400.0
 
 
-def wrong(*, spoils: bool = False, **parts: Any) -> type[World]:
-    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by.
-
-    ``spoils``: the crossings are not where the phase is.
-    """
-    return type("Wrong", (World,), parts | ({"spoils": True} if spoils else {}))
+wrong = partial(changed, World)  # ``spoils``: the crossings are not where the phase is
 
 
 def turned(of: Callable[[World, Array], Array]) -> type[World]:

@@ -5,8 +5,6 @@ and s = 1 at a maximum; lock-in adds X with dX / dv = -g sin(psi0 + beta - s v^2
 shares no line with the simulators.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

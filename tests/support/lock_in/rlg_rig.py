@@ -1,8 +1,4 @@
-"""Records of a ring laser for tests of the analysis: blocks of edges by ``struct``, word for word as docs and
-frames/time_tags.yaml say.
-"""
-
-from __future__ import annotations
+"""Records of a ring laser: blocks of edges by ``struct``, word for word as docs and frames/time_tags.yaml say."""
 
 import struct
 from collections.abc import Mapping

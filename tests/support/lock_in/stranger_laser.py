@@ -1,8 +1,4 @@
-"""Edges of a dithered ring laser as a stranger's time tagger records them: crossings of ``laser_physics`` in frames of
-docs/session-format.md.
-"""
-
-from __future__ import annotations
+"""Edges of a ring laser of ``laser_physics`` in frames of docs/session-format.md, as a stranger records them."""
 
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """A store of objects in memory, URL ``away://...``, whose package raises errors of its own when it does not answer."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import fsspec

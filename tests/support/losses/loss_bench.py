@@ -1,7 +1,5 @@
 """A served bench whose network can be taken away: its process, the ways to it, and somebody who looks at its world."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

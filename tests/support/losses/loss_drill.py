@@ -4,8 +4,6 @@
 goes on where the rows end. What was wrong is kept below build/losses.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

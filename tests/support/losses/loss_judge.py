@@ -13,8 +13,6 @@ itself. ``begin`` and ``end`` of a loss are the moments at which the network was
 Behind the end the 5 s count from the moment the ways are open again, whatever a system's timers make of that.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ or are taken, and nothing is forwarded; what is held meanwhile comes through aft
 brings it when a network is back.
 """
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import struct

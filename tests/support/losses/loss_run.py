@@ -1,7 +1,5 @@
 """One run on a bench that loses its network: the moments of its losses, the person who comes, and what is seen."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

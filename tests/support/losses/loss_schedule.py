@@ -1,7 +1,5 @@
 """Losses of instruments, drawn by seed: what is lost, how, at which moment of a run, and for how long. Pure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

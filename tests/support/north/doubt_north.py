@@ -4,14 +4,13 @@ A physics of its own, which shares no line with the product's simulators: one si
 as means over each record. Every switch changes one step of it.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from doubt_classes import Seen, Switch
+from doubt_classes import PROVENANCE, Seen, Switch, changed
 from fog_material import record_row
 
 from bench.analysis import Material, Reading, build_results, estimates_of
@@ -22,7 +21,6 @@ from bench.systems.north.sets import north_sets
 from bench.systems.north.solve import site_of, solve
 
 SYSTEM = "north"
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 LATITUDE_DEG, MARK_DEG, FIELD_DEG, MARK_STD_DEG = 37.0, 20.0, 213.4, 0.02
 HEADS_DEG = tuple(45.0 * k for k in range(8))
 CALIBRATIONS, REPEATS, SEARCHES = 4, 2, 3
@@ -85,162 +83,111 @@ class World:
         return value
 
 
-class OncePerTurn(World):
-    """A magnet or a motor on the bench: it turns with the dividing head and not with the Earth."""
-
-    def signal_V(self, heading_deg: float, theta_deg: Any, at: Place) -> Any:
-        return super().signal_V(heading_deg, theta_deg, at) + self.size * np.cos(np.deg2rad(70.0 - theta_deg))
+wrong = partial(changed, World)
 
 
-class FieldMagnet(World):
-    """A magnetic effect at the place to be found, across north: nothing but north changes by it."""
-
-    def signal_V(self, heading_deg: float, theta_deg: Any, at: Place) -> Any:
-        turned = np.cos(np.deg2rad(heading_deg + 90.0 - theta_deg)) if at.item == "search" else 0.0
-        return super().signal_V(heading_deg, theta_deg, at) + self.size * turned
+def turned(by: Callable[[World, Place], float]) -> type[World]:
+    """The true heading is another one by so many degrees."""
+    return wrong(heading_deg=lambda w, at: World.heading_deg(w, at) + by(w, at))
 
 
-class FieldMotor(World):
-    """The same along north: the amplitude changes as well."""
+def beside(of_deg: Callable[[float, Any], Any], item: str = "") -> type[World]:
+    """To the signal a part is added that is a sine of this angle, of heading and table; ``item``: there alone."""
 
-    def signal_V(self, heading_deg: float, theta_deg: Any, at: Place) -> Any:
-        turned = np.cos(np.deg2rad(heading_deg + 45.0 - theta_deg)) if at.item == "search" else 0.0
-        return super().signal_V(heading_deg, theta_deg, at) + self.size * turned
+    def signal_V(w: World, heading_deg: float, theta_deg: Any, at: Place) -> Any:
+        part = np.cos(np.deg2rad(of_deg(heading_deg, theta_deg))) if at.item.startswith(item) else 0.0
+        return World.signal_V(w, heading_deg, theta_deg, at) + w.size * part
+
+    return wrong(signal_V=signal_V)
 
 
-class Modulated(World):
+def modulated_V(w: World, heading_deg: float, theta_deg: Any, at: Place) -> Any:
     """The gain goes with twice the angle of the table."""
-
-    def signal_V(self, heading_deg: float, theta_deg: Any, at: Place) -> Any:
-        gain = 1.0 + self.size * np.cos(np.deg2rad(2.0 * theta_deg + 25.0))
-        return gain * super().signal_V(heading_deg, theta_deg, at)
+    gain = 1.0 + w.size * np.cos(np.deg2rad(2.0 * theta_deg + 25.0))
+    return gain * World.signal_V(w, heading_deg, theta_deg, at)
 
 
-class MarkWrong(World):
-    """The mark is another way than the sequence states."""
-
-    def heading_deg(self, at: Place) -> float:
-        return super().heading_deg(at) + (self.size if at.item != "search" else 0.0)
-
-
-class HeadScale(World):
-    """The dividing head turns too far by a part of the angle."""
-
-    def heading_deg(self, at: Place) -> float:
-        return super().heading_deg(at) + self.size * at.head_deg
-
-
-class BenchTurns(World):
-    """The bench turns slowly on its feet, at the mark."""
-
-    def heading_deg(self, at: Place) -> float:
-        return super().heading_deg(at) + (self.size * at.share if at.item != "search" else 0.0)
-
-
-class BenchKnocked(World):
-    """Somebody runs against the bench in the middle of the tests."""
-
-    def heading_deg(self, at: Place) -> float:
-        return super().heading_deg(at) + (self.size if at.item == "test" and at.share > 0.5 else 0.0)
-
-
-class Restless(World):
-    """North is another one in every set, by more than the noise."""
-
-    def heading_deg(self, at: Place) -> float:
-        wandered = np.random.default_rng(at.number).standard_normal()
-        return super().heading_deg(at) + self.size * float(wandered)
-
-
-class DelayAfterMove(World):
-    """The lock-ins' reference comes later after the bench was carried."""
-
-    def pulse_deg(self, letter: str, at: Place) -> float:
-        return super().pulse_deg(letter, at) + (self.size if at.item == "search" else 0.0)
-
-
-class OneBadReading(World):
-    """One reading of one lock-in is off by a part of its amplitude."""
-
-    AT = ("test", 90.0, 1, 2)
-
-    def read_V(self, x_V: float, number: int, at: Place) -> float:
-        hit = (at.item, at.head_deg, at.repeat, at.index) == self.AT and number == 1
-        return x_V + self.size if hit else x_V
-
-
-class Clipped(World):
-    """The output of the gyroscope ends at a level."""
-
-    def output_V(self, u_V: Any, at: Place) -> Any:
-        return np.minimum(u_V, 2.0 - self.size)
-
-
-class Frozen(World):
+def frozen_V(w: World, u_V: Any, at: Place) -> Any:
     """A part of every record's samples stands still, the lock-ins work on."""
-
-    def output_V(self, u_V: Any, at: Place) -> Any:
-        cut = len(u_V) - round(self.size * len(u_V))
-        return np.concatenate((u_V[:cut], np.full(len(u_V) - cut, u_V[cut - 1])))
+    cut = len(u_V) - round(w.size * len(u_V))
+    return np.concatenate((u_V[:cut], np.full(len(u_V) - cut, u_V[cut - 1])))
 
 
-class Spike(World):
+def spiked_V(w: World, u_V: Any, at: Place) -> Any:
     """One sample of one record is far off."""
-
-    def output_V(self, u_V: Any, at: Place) -> Any:
-        spiked = u_V.copy()
-        if (at.item, at.repeat, at.index) == ("search", 2, 3):
-            spiked[100] += self.size
-        return spiked
+    return u_V + w.size * ((at.item, at.repeat, at.index) == ("search", 2, 3)) * (np.arange(len(u_V)) == 100)
 
 
-class NoisyField(World):
-    """There is more noise at the place to be found."""
-
-    def noise_V(self, at: Place) -> float:
-        return NOISE_V * (1.0 + self.size if at.item == "search" else 1.0)
+def badly_read_V(w: World, x_V: float, number: int, at: Place) -> float:
+    """One reading of one lock-in is off by a part of its amplitude."""
+    return x_V + w.size * ((at.item, at.head_deg, at.repeat, at.index, number) == ("test", 90.0, 1, 2, 1))
 
 
-class EncoderSlips(World):
-    """The zero of the encoder lies beside the one that is stated."""
-
-    def shown_deg(self, theta_deg: Any, at: Place) -> Any:
-        return theta_deg + self.size
-
-
-class RateStated(World):
-    """The sequence states another rate of the table."""
-
-    def told(self, name: str, value: float) -> float:
-        return value * (1.0 - self.size) if name == "rate_deg_s" else value
-
-
-class LatitudeStated(World):
-    """The sequence states another latitude; the bench is level, so that nothing depends on it."""
-
-    def told(self, name: str, value: float) -> float:
-        return value + self.size if name == "latitude_deg" else value
-
-
+# A magnet or a motor on the bench turns with the dividing head and not with the Earth.
+ONCE_PER_TURN = beside(lambda heading_deg, theta_deg: 70.0 - theta_deg)
+ONE_BAD_READING, FROZEN, SPIKE = wrong(read_V=badly_read_V), wrong(output_V=frozen_V), wrong(output_V=spiked_V)
+CLIPPED = wrong(output_V=lambda w, u_V, at: np.minimum(u_V, 2.0 - w.size))
 SWITCHES = (
-    Switch("once_per_turn", OncePerTurn, (1e-4, 1e-2, 1e-1), "magnetic_effect"),
-    Switch("field_magnet", FieldMagnet, (1e-3, 1e-2, 1e-1), "magnetic_effect"),
-    Switch("field_motor", FieldMotor, (1e-3, 1e-2, 1e-1), "magnetic_effect"),
-    Switch("modulated", Modulated, (1e-4, 1e-2, 1e-1), "magnetic_effect"),
-    Switch("mark_wrong", MarkWrong, (1e-3, 0.5, 5.0), "azimuth_of_mark"),
-    Switch("head_scale", HeadScale, (1e-5, 3e-3, 3e-2), "dividing_head"),
-    Switch("bench_turns", BenchTurns, (0.01, 1.0, 10.0), "dividing_head"),
-    Switch("bench_knocked", BenchKnocked, (0.01, 1.0, 10.0), "dividing_head"),
-    Switch("restless", Restless, (0.01, 0.5, 5.0), "dividing_head"),
-    Switch("delay_after_move", DelayAfterMove, (0.01, 1.0, 10.0), "delay_of_lock_ins"),
-    Switch("one_bad_reading", OneBadReading, (1e-3, 0.1, 1.0)),
-    Switch("clipped", Clipped, (0.1, 0.9, 1.5)),
-    Switch("frozen", Frozen, (0.01, 0.1, 0.5)),
-    Switch("spike", Spike, (1.0, 100.0, 1000.0)),
-    Switch("noisy_field", NoisyField, (0.1, 1.0, 10.0)),
-    Switch("encoder_slips", EncoderSlips, (1e-3, 1.0, 10.0), "zero_of_table"),
-    Switch("rate_stated", RateStated, (1e-3, 0.5, 2.0)),
-    Switch("latitude_stated", LatitudeStated, (0.1, 5.0, 30.0), "latitude"),
+    Switch("once_per_turn", ONCE_PER_TURN, (1e-4, 1e-2, 1e-1), "magnetic_effect"),
+    # a magnetic effect at the place to be found, across north: nothing but north changes by it
+    Switch("field_magnet", beside(lambda h, t: h + 90.0 - t, "search"), (1e-3, 1e-2, 1e-1), "magnetic_effect"),
+    # the same along north: the amplitude changes as well
+    Switch("field_motor", beside(lambda h, t: h + 45.0 - t, "search"), (1e-3, 1e-2, 1e-1), "magnetic_effect"),
+    Switch("modulated", wrong(signal_V=modulated_V), (1e-4, 1e-2, 1e-1), "magnetic_effect"),
+    Switch("mark_wrong", turned(lambda w, at: w.size * (at.item != "search")), (1e-3, 0.5, 5.0), "azimuth_of_mark"),
+    Switch("head_scale", turned(lambda w, at: w.size * at.head_deg), (1e-5, 3e-3, 3e-2), "dividing_head"),
+    # the bench turns slowly on its feet, at the mark; somebody runs against it in the middle of the tests
+    Switch(
+        "bench_turns",
+        turned(lambda w, at: w.size * at.share * (at.item != "search")),
+        (0.01, 1.0, 10.0),
+        "dividing_head",
+    ),
+    Switch(
+        "bench_knocked",
+        turned(lambda w, at: w.size * (at.item == "test" and at.share > 0.5)),
+        (0.01, 1.0, 10.0),
+        "dividing_head",
+    ),
+    # north is another one in every set, by more than the noise
+    Switch(
+        "restless",
+        turned(lambda w, at: w.size * float(np.random.default_rng(at.number).standard_normal())),
+        (0.01, 0.5, 5.0),
+        "dividing_head",
+    ),
+    # the lock-ins' reference comes later after the bench was carried
+    Switch(
+        "delay_after_move",
+        wrong(pulse_deg=lambda w, letter, at: World.pulse_deg(w, letter, at) + w.size * (at.item == "search")),
+        (0.01, 1.0, 10.0),
+        "delay_of_lock_ins",
+    ),
+    Switch("one_bad_reading", ONE_BAD_READING, (1e-3, 0.1, 1.0)),
+    Switch("clipped", CLIPPED, (0.1, 0.9, 1.5)),
+    Switch("frozen", FROZEN, (0.01, 0.1, 0.5)),
+    Switch("spike", SPIKE, (1.0, 100.0, 1000.0)),
+    Switch(
+        "noisy_field", wrong(noise_V=lambda w, at: NOISE_V * (1.0 + w.size * (at.item == "search"))), (0.1, 1.0, 10.0)
+    ),
+    Switch(
+        "encoder_slips",
+        wrong(shown_deg=lambda w, theta_deg, at: theta_deg + w.size),
+        (1e-3, 1.0, 10.0),
+        "zero_of_table",
+    ),
+    # the sequence states another rate of the table, another latitude; the bench is level, so that nothing depends on it
+    Switch(
+        "rate_stated",
+        wrong(told=lambda w, name, value: value * (1.0 - w.size * (name == "rate_deg_s"))),
+        (1e-3, 0.5, 2.0),
+    ),
+    Switch(
+        "latitude_stated",
+        wrong(told=lambda w, name, value: value + w.size * (name == "latitude_deg")),
+        (0.1, 5.0, 30.0),
+        "latitude",
+    ),
 )
 
 

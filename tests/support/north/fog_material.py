@@ -3,8 +3,6 @@
 Nothing here comes from bench.systems or sim_instruments. East, north, up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache

@@ -9,8 +9,6 @@ Source: FOG paper (digital north finding), equations (1) to (14); its (7) replac
 swing of varying frequency is the integral of the frequency.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace

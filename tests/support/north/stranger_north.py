@@ -1,7 +1,5 @@
 """A turning gyroscope and two lock-in amplifiers as a stranger records them; angles by plain trigonometry."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Noise of known power laws for tests of the Allan deviation; nothing here comes from bench.fit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Calibrations in control, and with a step: how long the charts run until they signal."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

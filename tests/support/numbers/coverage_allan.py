@@ -1,7 +1,5 @@
 """Allan deviations of few averages whose limits are held against the truth, of noise that goes on and that changes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -3,8 +3,6 @@
 One estimate of a quantity in each campaign, so that all are independent and their number inside is binomial.
 """
 
-from __future__ import annotations
-
 import importlib
 import time
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Blocks of wrong and right worlds: what the estimates of some seeds are, in a row of a committed file."""
 
-from __future__ import annotations
-
 import importlib
 import time
 from collections import Counter

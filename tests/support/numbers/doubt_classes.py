@@ -1,7 +1,5 @@
 """How the estimates of a wrong world are sorted; the truth is known here and nowhere in the analysis."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -15,6 +13,14 @@ _MISSED, _WRONG = 1.0, 1.5  # expanded uncertainties off
 _MOVED = 1.0  # of them, by the violation: less is the chance of the seed
 LEAST_TRACE = 8.0  # threshold of a thousand columns that differ at one campaign in 500, 4.9, and 3: power 99.9 %
 _WIDER = 1.2  # than in the right world: the product was told
+
+
+PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
+
+
+def changed(right: type[Any], **parts: Any) -> type[Any]:
+    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by."""
+    return type("Wrong", (right,), parts)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """The tables of docs/doubt.md, from the rows of one revision, and what they must not show."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 

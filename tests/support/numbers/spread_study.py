@@ -1,7 +1,5 @@
 """Predicted uncertainties against the spread of estimates about the truth, over many campaigns."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field

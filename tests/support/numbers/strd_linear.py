@@ -4,8 +4,6 @@ Certified values were computed there in 500-digit arithmetic and are quoted to 1
 given by x and an order, the others by their columns.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``amqtt_program.py PORT FILE USER PASSWORD``: a broker on loopback that lets one user in; FILE gets the hash."""
 
-from __future__ import annotations
-
 import asyncio
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A page server as a process of its own, and pages of a real browser that complain of what must never happen."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """``bench`` whose page server fits a living run every two seconds, as if it were fast: 40 estimates that settle."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

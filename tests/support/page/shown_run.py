@@ -1,7 +1,5 @@
 """A run that is only shown: feed and control socket made from docs/live-protocol.md; the test decides what is seen."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

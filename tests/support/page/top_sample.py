@@ -1,7 +1,5 @@
 """A run as the terminal view meets it: state documents by docs/live-protocol.md, and a feed that serves them."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Mapping
 from contextlib import suppress

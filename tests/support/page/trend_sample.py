@@ -1,7 +1,5 @@
 """A short recorded run with its trend, and frames with known values."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, load_frame

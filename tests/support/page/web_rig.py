@@ -1,7 +1,5 @@
 """A page server on a real port of this machine, spoken to by clients that know nothing of its framework."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Checks a certificate against the facts of the schema, and writes those facts as an XSD for another validator."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET

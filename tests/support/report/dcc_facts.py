@@ -4,8 +4,6 @@ Taken from the published schemas, not from the code under test. ``name:type`` is
 ( | ) is a choice, & in front of a model means any order. A type without a model is simple: PATTERNS, WORDS, LISTS.
 """
 
-from __future__ import annotations
-
 ANY_ID = "id refId refType"
 DCC_TYPES: dict[str, tuple[str, str]] = {
     "digitalCalibrationCertificate": (

@@ -1,7 +1,5 @@
 """A made-up calibration for the tests of the certificate, and a reader that knows nothing of the writer."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A synthetic campaign for the tests of the report: ten channels, five temperatures, seeded numbers, no physics."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator
@@ -213,7 +211,7 @@ class Box:
     text: str
     corners: NDArray[np.float64]  # (4, 2), pixel
 
-    def meets(self, other: Box) -> bool:
+    def meets(self, other: "Box") -> bool:
         """Separating axes: two convex shapes are apart if the normal of one side tells them apart."""
         for shape in (self.corners, other.corners):
             for side in np.diff(np.vstack((shape, shape[:1])), axis=0):

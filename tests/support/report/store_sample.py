@@ -1,7 +1,5 @@
 """Documents of calibrations that never were: one unit with a plausible drift, seen through one calibrator."""
 
-from __future__ import annotations
-
 import atexit
 import functools
 import itertools
@@ -128,7 +126,7 @@ class Server:
 
     port: int
     user: str
-    numbers: itertools.count[int] = field(default_factory=itertools.count)
+    numbers: "itertools.count[int]" = field(default_factory=itertools.count)
 
     def url(self, database: str) -> str:
         return f"postgresql://{self.user}@127.0.0.1:{self.port}/{database}"

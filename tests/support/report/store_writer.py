@@ -1,7 +1,5 @@
 """A process that writes calibrations into a history until it is killed."""
 
-from __future__ import annotations
-
 import functools
 import os
 import signal

@@ -1,7 +1,5 @@
 """A fault that no person can switch at the served bench: the calibrator trips at a time that is known before."""
 
-from __future__ import annotations
-
 from bench.model.clock import NS
 from sim_instruments.worlds.common.world import World
 

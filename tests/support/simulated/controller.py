@@ -4,8 +4,6 @@ Acts: "none"; "slow": who is asked answers after a while; "hang": the sequencer'
 it never reads the chamber's air itself; "late_disk": the next two fsyncs, of session and step journal, take 8 s each.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -1,7 +1,5 @@
 """Exchanges with a driver as rows of a table: what it is told, what goes over the bus for that, what comes of it."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """A turntable whose firmware words three replies in another way than ours."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from sim_instruments.acutrol_3000 import Acutrol3000

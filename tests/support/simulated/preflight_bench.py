@@ -1,7 +1,5 @@
 """A bench for tests of the pre-flight: a plan on a station that is not in this process, fake instruments, a machine."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date

@@ -4,8 +4,6 @@ World and analysis are a stranger's. Probe 1 and 2 hang at channels 101 and 102 
 meter; all follow the chamber's unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A sequence that decides by what it reads, on the bench of probes: it warms up until the air has reached 35 degC."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A VISA resource that plays an exact script: any other byte, order or omission fails the test."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -52,7 +50,7 @@ def flatten(pairs: Sequence[tuple[Any, Any]]) -> list[tuple[str, Any]]:
 class ScriptedLibrary:
     """Reads bytes as they are: a reply that is a list of chunks comes in as many calls."""
 
-    def __init__(self, resource: ScriptedResource) -> None:
+    def __init__(self, resource: "ScriptedResource") -> None:
         self._resource = resource
 
     def read(self, session: int, count: int) -> tuple[bytes, StatusCode]:

@@ -1,7 +1,5 @@
 """What tests find served: a bench, its faults and what it really does; controllers that run on it; a page of runs."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """A served bench and who works at it: stock VISA sessions to its instruments, a listener at its terminals."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

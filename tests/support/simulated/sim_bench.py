@@ -1,7 +1,5 @@
 """A simulated bench for tests: the ten instruments, and a unit that only writes down what its inputs see."""
 
-from __future__ import annotations
-
 import socket
 import struct
 import threading

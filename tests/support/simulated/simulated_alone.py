@@ -1,7 +1,5 @@
 """One simulated instrument alone, on a bus that takes messages and gives replies as text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any

@@ -5,8 +5,6 @@ A cycle of the compressor lies on top. Nothing of it is taken from the worlds of
 overshoot nor cycle.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -48,7 +46,7 @@ class Character:
     second_lag_s: float
 
     @classmethod
-    def drawn(cls, draw: np.random.Generator) -> Character:
+    def drawn(cls, draw: np.random.Generator) -> "Character":
         return cls(
             loop_per_s=2.0 * math.pi / draw.uniform(500.0, 1200.0),
             damping=float(draw.uniform(0.3, 0.8)),

@@ -1,7 +1,5 @@
 """Recordings of a time offset whose intervals are held against the truth, in the right world of ``doubt_time_sync``."""
 
-from __future__ import annotations
-
 import doubt_time_sync as worlds
 from coverage_blocks import in_right_world
 

@@ -1,12 +1,11 @@
 """Wrong worlds of a time offset: what the model says of two units on one vehicle is not so, by a stated size."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
-from doubt_classes import Seen, Switch
+from doubt_classes import PROVENANCE, Seen, Switch, changed
 from sync_physics import DRIFT, IMU_CLOCK, TURNING, LONG_s, OFFSET_s, Recording, Solutions, World, in_body
 
 from bench.analysis import build_results, estimates_of
@@ -14,13 +13,10 @@ from bench.systems.time_sync.analysis import analyse
 
 Array = Any
 SYSTEM = "time_sync"
-PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 JUDGED = ("time_offset", "time_offset_from_stamps", "time_offset_drift", "clock_rate")
 
 
-def wrong(**parts: Any) -> type[World]:
-    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by."""
-    return type("Wrong", (World,), parts)
+wrong = partial(changed, World)
 
 
 def ages(of: Callable[[World, Array], Array]) -> type[World]:

@@ -1,8 +1,4 @@
-"""A flight round a turn as two navigation units of a stranger record it, each by its own clock: the drive of
-``sync_physics`` in frames of docs/session-format.md.
-"""
-
-from __future__ import annotations
+"""A flight of ``sync_physics`` round a turn as a stranger records it, in frames of docs/session-format.md."""
 
 import numpy as np
 from stranger_page import Session, documented_campaign, packed, shipped

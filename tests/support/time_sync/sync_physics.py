@@ -4,8 +4,6 @@ A physics of its own, which shares no line with the product or its simulators: a
 the Earth, increments by Simpson's rule, errors of both units as their makers state them, frames by their stamps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise

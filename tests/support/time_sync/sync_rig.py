@@ -1,7 +1,5 @@
 """A simulated time-offset bench for tests, without a controller: power, flight, frames by an own reader."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from dataclasses import dataclass, replace
@@ -132,7 +130,7 @@ class Flight:
     def egi(self, offsets_s: tuple[float, ...]) -> EgiRuns:
         return EgiRuns(self.path, self.errors, np.array(offsets_s))
 
-    def white(self) -> Flight:
+    def white(self) -> "Flight":
         """The same with EGI errors of the same sizes, white from sample to sample."""
         rng = np.random.default_rng(SEED)
         parts = [

@@ -1,7 +1,5 @@
 """Short campaigns end to end: the bias ramp, and the DMM method with zeros in every range."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable
 from itertools import pairwise
@@ -10,20 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import Rehearsal, Watched, rehearsed
+from rehearsal import Rehearsal, rehearsed
 from units_campaign import cut
 
 from bench.analysis import Material, analyse
 from bench.commands.run import view_of
-from bench.model.clock import NS, WallClock
+from bench.model.clock import NS
 from bench.model.events import Environment
 from bench.model.ports import RecordWindow
 from bench.plan import Plan, check_plan, compile_sequence
-from bench.record import RecordRow
 from bench.replay import replay_rows
 from bench.replay.rows import Replayed
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 from bench.session.predicted import predicted
 from bench.session.service import read_view
 from bench.session.view import KEPT_EVENTS, material_of
@@ -88,64 +83,6 @@ def test_the_chamber_ramps_as_planned_and_the_unit_lags(replayed: Replayed) -> N
     assert top.unit_degC is not None
     assert top.air_degC == pytest.approx(45.0 - 2.0, abs=0.8)  # two minutes of lag, and the sensor's own offset
     assert 15.0 < top.air_degC - top.unit_degC < 25.0
-
-
-def same(first: RecordRow, second: RecordRow) -> None:
-    assert first.window == second.window
-    assert (first.frames, first.lost, first.bad) == (second.frames, second.lost, second.bad)
-    assert (first.quality, first.duplicate, first.suspect) == (second.quality, second.duplicate, second.suspect)
-    assert dict(first.context) == dict(second.context)
-    for one, other in ((first.sums, second.sums), (first.timing, second.timing)):
-        assert {k: v.tolist() for k, v in one.items()} == {k: v.tolist() for k, v in other.items()}
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated"])
-def test_900_windows_of_25_hours_and_none_lost(tmp_path: Path, rehearse, name: str) -> None:  # type: ignore[no-untyped-def]
-    done: Rehearsal = rehearse(compile_sequence(name))
-    assert done.run.outcome.error is None
-    rows = list(done.run.outcome.rows)
-    assert len(rows) == 900
-    assert {(row.lost, int(row.quality)) for row in rows} == {(0, 0)}
-    assert contiguous(row.window for row in rows)
-    assert (rows[-1].window.t_end_ns - rows[0].window.t_start_ns) / NS == pytest.approx(90_000.0, abs=2.0)
-    assert (done.run.counts["frames_bad"], done.run.counts["frames_lost"]) == (0, 0)
-
-
-WALL = """\
-sequence: wall
-station: af_bench_sim
-frame: {port_a: ngu_a, port_b: ngu_b}
-unit_commands:
-  start_stream: {code: 2, payload: "64"}
-prepare:
-  - supply.configure: {voltage: 18 V, current_limit: 2 A, over_voltage: 21 V}
-  - supply.output_on
-  - settle: 3 s
-  - unit: {port_b: start_stream}
-  - settle: 1 s
-steps:
-  - record: {seconds: 500 ms, windows: 6, pulse_timing: true, conditions: {route: open}}
-  - supply.measure_current
-  - record: {seconds: 500 ms, windows: 4, follows: true, pulse_timing: true, conditions: {route: open}}
-"""
-
-
-@pytest.mark.slow
-def test_windows_are_contiguous_under_the_wall_clock_too(tmp_path: Path) -> None:
-    path = tmp_path / "wall.yaml"
-    path.write_text(WALL)
-    plan = compile_sequence(path, None, {})
-    assert check_plan(plan) == []
-    watched = Watched(lambda world, step: None, worlds=[None])  # type: ignore[list-item]
-    run = conduct(plan, clock=WallClock(), seed=1, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched)
-    assert run.outcome.error is None
-    again = replay_rows(run.folder, strict=True)
-    assert len(run.outcome.rows) == 10
-    for first, second in zip(run.outcome.rows, again.measurement_rows, strict=True):
-        assert (first.frames, first.lost, first.quality, len(first.timing)) == (50, 0, 0, 12)
-        same(first, second)
-    assert all(b.first_counter == a.first_counter + a.frames for a, b in pairwise(r.window for r in run.outcome.rows))
 
 
 SEED = 1

@@ -1,7 +1,5 @@
 """The engine of doubt on scale-factor campaigns: what departs is named with its size, what does not is left alone."""
 
-from __future__ import annotations
-
 import doubt_departures as worlds
 import fit_simulation as sim
 import numpy as np

@@ -1,7 +1,5 @@
 """The 38-hour ramp of the project tckit, read without edits, against what its own columns say by other means."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

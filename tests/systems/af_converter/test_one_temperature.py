@@ -4,8 +4,6 @@ The campaigns are those of ``fit_simulation``: the unit warms by 0.43 degC with 
 calibrator is steady.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from typing import Any

@@ -6,8 +6,6 @@ method the gains of the ranges have one cause, which is what the stated uncertai
 noise of a digit, which the prediction takes for unknown scatter (seeds from 2000 on). Ramps: seeds from 1000 on.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import math

@@ -1,7 +1,5 @@
 """Three AF converters in one chamber, under the virtual clock: proof, results of each, one that fails, its export."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -12,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import ROOT, SEED, Rehearsal, Watched, compiled, main_of, rehearsed
+from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
 from scipy.stats import binom
 from units_campaign import compared, events_of, normalised, ramp_plan, single_values, units_plan
 
 from bench.archive.refit import RefitTask, refit
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import VirtualClock
 from bench.model.errors import InputError, InstrumentError, OperatorStop
 from bench.model.ports import RecordWindow
 from bench.plan import UNIT, Step
@@ -362,32 +360,3 @@ def test_units_agree_with_single_campaigns_as_often_as_chance_says(tmp_path: Pat
     counts = [sum(column) for column in zip(*inside, strict=True)]
     print(f"within 1 of {len(inside)}: {counts}; by chance {least} to {most}")
     assert all(least <= count <= most for count in counts)
-
-
-@pytest.mark.sweep
-def test_a_unit_unplugged_in_hour_2_of_the_whole_campaign(tmp_path: Path) -> None:
-    """The shipped campaign of four units: C is confirmed off, the others have all their records and results."""
-    began_ns: list[int] = []
-    pulled: list[int] = []
-
-    def pull(world: World, step: Step) -> None:
-        began_ns.append(world.clock.now_ns())
-        if not pulled and world.clock.now_ns() - began_ns[0] >= 7200 * NS:
-            pulled.append(step.number)
-            world.switches.switch("unplug", "c_port_a")
-
-    plan = compiled(ROOT / "sequences" / "scale_factor_units.yaml")
-    run = rehearsed(tmp_path, plan, act=pull).run
-    assert run.outcome.error is None
-    assert run.outcome.unsafe == ()
-    (out,) = events_of(run.folder, "unit_left_out")
-    assert (out["uut"], out["slot"], out["confirmed"]) == ("SIM-3", "C", ["calibrator", "switch", "supply_c"])
-    history = f"sqlite:///{tmp_path / 'history.sqlite'}"
-    finished_of = {unit.serial: unit.finished for unit in finish_units(run.folder, history)}
-    for serial in ("SIM-1", "SIM-2", "SIM-4"):
-        finished = finished_of[serial]
-        assert (finished.results["quality"]["records"], finished.results.get("incomplete", False)) == (765, False)
-        errors = compared(finished.results, run.truth, serial)
-        print(serial, {name: f"{error:+.1f} ppm, u {own:.1f}" for name, (error, own) in errors.items()})
-    page = (run.folder / "units" / "SIM-3" / "report.html").read_text()
-    assert "unit SIM-3 in slot C is left out" in page

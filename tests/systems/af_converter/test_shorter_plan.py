@@ -4,8 +4,6 @@ Counts are those of the physics of ``fit_simulation`` at the planned times; one 
 are alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import replace
@@ -179,7 +177,9 @@ def seen(points: list[sim.Point], seed: int, world: Any) -> Seen:
     return Seen(entries, [campaign.truth(entry) for entry in entries], 0.0, wrong._promised(campaign))
 
 
-@pytest.mark.parametrize(("world", "told"), [(wrong.CalibratorStep(1e-5), True), (wrong.CalibratorDrift(1e-5), False)])
+@pytest.mark.parametrize(
+    ("world", "told"), [(wrong.CALIBRATOR_STEP(1e-5), True), (wrong.CALIBRATOR_DRIFT(1e-5), False)]
+)
 def test_a_step_of_the_calibrator_is_told_from_a_steady_drift(world: Any, told: bool) -> None:
     """Of 10 ppm, seed 0: the visits in the middle and at the end lie on a line, or they do not."""
     analysis = analysed(simulate_plan(0, planned_points(SHORTER), world=world))
@@ -189,7 +189,7 @@ def test_a_step_of_the_calibrator_is_told_from_a_steady_drift(world: Any, told: 
     assert any(one.quantity == "dsf_n_tc1" for seen in heard for one in seen.entries) == told
 
 
-class FirstOfRange(wrong.DielectricTail):
+class FirstOfRange(wrong.Wrong):
     """The tail at the smallest level of each range that a plan uses, whichever that is."""
 
     def __init__(self, size: float, levels_A: list[float]) -> None:

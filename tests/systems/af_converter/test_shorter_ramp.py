@@ -1,7 +1,5 @@
 """The bias ramp that ``bench plan`` makes of that of 25 hours: its rules, ramps simulated by it, and wrong worlds."""
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections import Counter

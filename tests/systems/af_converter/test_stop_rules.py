@@ -1,8 +1,4 @@
-"""Points that end early: whether their intervals are true, by blocks of seeds, and a campaign of them that is killed
-and gone on with.
-"""
-
-from __future__ import annotations
+"""Points that end early: whether their intervals are true; a campaign of them is killed and gone on with."""
 
 import math
 import shutil

@@ -1,8 +1,4 @@
-"""The shortest calibration of a GNC module that ``bench plan`` finds: what it reaches, held against the truth of
-simulated modules.
-"""
-
-from __future__ import annotations
+"""The shortest calibration of a GNC module that ``bench plan`` finds, held against the truth of simulated modules."""
 
 from collections import Counter
 from collections.abc import Callable

@@ -4,8 +4,6 @@ against formulas of white noise; what predictions name as missing.
 What simulated modules answer to the commands of a plan is packed here, with the truth of what is made of it.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable

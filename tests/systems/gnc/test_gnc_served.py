@@ -1,7 +1,5 @@
 """The simulated GNC bench as a process of its own: a terminal for its link, a socket for what a person does."""
 
-from __future__ import annotations
-
 import binascii
 import json
 import struct

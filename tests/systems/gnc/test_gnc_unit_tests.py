@@ -1,8 +1,4 @@
-"""The shipped unit tests: modules with faults, each of which fails exactly the items of its faults; and a campaign of
-modules that is killed and gone on with.
-"""
-
-from __future__ import annotations
+"""The shipped unit tests: each fault of a module fails exactly its items; killed and gone on with."""
 
 import json
 import math

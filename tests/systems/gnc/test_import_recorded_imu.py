@@ -1,7 +1,5 @@
 """Two recordings of other people's sensors, read without edits, against what numpy reads in the same files."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -3,8 +3,6 @@
 Samples are made from the physics alone (``doubt_gnc``); nothing of the product or its simulators makes them.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import doubt_gnc as gnc

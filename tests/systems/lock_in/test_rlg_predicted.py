@@ -3,8 +3,6 @@ that shares no line with the product (``laser_physics``). What compensators of s
 there estimates scatter about what is predicted, by as much as is predicted, or both are wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

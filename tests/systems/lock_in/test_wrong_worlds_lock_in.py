@@ -3,8 +3,6 @@
 Crossings are made from the physics alone (``laser_physics``); nothing of the product or its simulators makes them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

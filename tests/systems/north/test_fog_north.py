@@ -1,7 +1,5 @@
 """North finding through drivers, simulated lock-ins, serial port and records, against the simulated truth."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ a table that swings, a mark that is not quite where it should be. Nothing here c
 no noise is estimated.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

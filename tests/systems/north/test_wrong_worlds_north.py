@@ -4,8 +4,6 @@ Samples and readings are made from the physics alone (``doubt_north``); nothing 
 them.
 """
 
-from __future__ import annotations
-
 import doubt_north as worlds
 import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, is_hidden, right_world, sorted_classes
@@ -47,6 +45,11 @@ def test_what_is_wrong_is_named_with_its_size(name: str, size: float, doubted: i
     assert sorted_classes(wrong, right_world(worlds, 1))[DOUBTED if words else REFUSED] >= doubted
     said = " ".join(reason.sentence for entry in wrong.entries for reason in entry.reasons)
     assert all(word in said for word in words), said
+
+
+def test_where_one_departure_does_not_explain_the_headings_no_azimuth_is_sure() -> None:
+    entries = worlds.seen(0, switch_of("restless"), 0.5).entries
+    assert {entry.quality for entry in entries if entry.quantity in ("azimuth", "azimuth_error")} == {"doubtful"}
 
 
 @pytest.mark.parametrize("seed", range(5))

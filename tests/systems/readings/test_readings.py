@@ -1,8 +1,4 @@
-"""The analysis of plain readings: repeatability, fits by condition, what is refused; and predicted values against the
-spread of simulated campaigns.
-"""
-
-from __future__ import annotations
+"""The analysis of plain readings, and its predictions against the spread of simulated campaigns."""
 
 import json
 import math

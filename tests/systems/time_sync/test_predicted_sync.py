@@ -4,8 +4,6 @@ lane: an offset of its own each, errors of both units as declared.
 The path and the increments are the simulator's; the errors of the EGI wander by a recursion of their own.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """``bench study`` as a person starts it: files, exit status, and the same bytes from any number of workers."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -3,8 +3,6 @@
 Increments, solutions and stamps are made from the physics alone (``doubt_time_sync``).
 """
 
-from __future__ import annotations
-
 import doubt_time_sync as worlds
 import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, codes_of, right_world, sorted_classes

@@ -1,7 +1,5 @@
 """The engine of doubt on least squares by hand: what is seen, how surely, and which estimates are doubted for it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

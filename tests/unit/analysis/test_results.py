@@ -1,7 +1,5 @@
 """results.json: form and schema; doubt, assumptions, check standards, predictions beside what was reached."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

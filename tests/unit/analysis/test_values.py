@@ -1,7 +1,5 @@
 """Numbers: printed, found in replies, named by a sequence with their limits, and records that are joined."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Archived sessions: found on any file system and looked at, a refit that anything may stop, and what would change."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -1,7 +1,5 @@
 """``--accept``: the value of a doubtful estimate is released, by name, for that value and those doubts alone."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
@@ -45,11 +43,6 @@ def doubts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Doubts:
 
     monkeypatch.setattr(view_module, "analyse", doubted)
     return held
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    return writable_copy(golden, tmp_path / golden.name)
 
 
 @pytest.fixture

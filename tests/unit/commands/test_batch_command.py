@@ -1,7 +1,5 @@
 """``bench batch``: which sessions are found, what is left out and why, and the exit status."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

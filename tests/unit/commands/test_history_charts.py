@@ -1,7 +1,5 @@
 """Commands on recorded sessions: charts of a history, coefficients merged and written, a log that becomes one."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """A laboratory's own folder: made, found from inside, its files before installed ones; where a study is computed."""
 
-from __future__ import annotations
-
 import json
 import logging
 import os

@@ -1,8 +1,4 @@
-"""What a person meets at the terminal: questions, plain lines, waits, holds and tables while a run goes on, and the
-command line itself.
-"""
-
-from __future__ import annotations
+"""What a person meets at the terminal while a run goes on, and the command line itself."""
 
 import io
 import os

@@ -1,7 +1,5 @@
 """The parts of a shorter plan that belong to no system; and the search against designs published as the best."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, product

@@ -1,7 +1,5 @@
 """Raw captures: as tables, why frames are bad, and those that want more memory or time than is there."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import gzip

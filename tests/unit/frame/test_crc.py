@@ -1,7 +1,5 @@
 """CRC and checksum engines against the published check values and against crccheck."""
 
-from __future__ import annotations
-
 import zlib
 from functools import reduce
 from itertools import accumulate

@@ -1,7 +1,5 @@
 """The definition language: what it can say, and what it refuses with a code and a position; bytes made by struct."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The encoder refuses what does not fit; payloads of commands against bytes written by hand."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Escaped frames: vectors that were published, a second way of escaping, damage and chunks."""
 
-from __future__ import annotations
-
 import io
 import struct
 

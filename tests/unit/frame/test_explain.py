@@ -1,7 +1,5 @@
 """What captures show of their own frames, by bytes of struct and crccheck; and what nothing may be read from."""
 
-from __future__ import annotations
-
 import ast
 import base64
 import bisect

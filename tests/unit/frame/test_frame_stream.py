@@ -1,7 +1,5 @@
 """One link: counters without wrap, queue, stamps, counts, and frames that are given up behind a silence of the line."""
 
-from __future__ import annotations
-
 import struct
 from itertools import pairwise, product
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Shipped frame files against golden bytes that struct and crccheck made, and against nothing of the product."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 

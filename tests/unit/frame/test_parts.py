@@ -1,7 +1,5 @@
 """Groups, optional parts, items, integers of any bits, and lines of text: against struct, and published sentences."""
 
-from __future__ import annotations
-
 import csv
 import json
 import struct

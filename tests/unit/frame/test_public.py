@@ -1,7 +1,5 @@
 """Public wire formats: bytes that other people published, and a capture made by strangers with their decode."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

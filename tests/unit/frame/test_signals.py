@@ -1,7 +1,5 @@
 """Signals and their rates, against a struct-by-hand decoder and sums of the counts that were put in."""
 
-from __future__ import annotations
-
 import struct
 from binascii import crc_hqx
 from pathlib import Path

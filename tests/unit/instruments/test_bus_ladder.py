@@ -1,7 +1,5 @@
 """The recovery of the bus on the simulated bench: no reply out of step, no long silence, nothing set in vain."""
 
-from __future__ import annotations
-
 import importlib
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The same recovery over real connections, HiSLIP and raw sockets on loopback, and calls that do not return."""
 
-from __future__ import annotations
-
 import importlib
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Allan deviations against published tables, the definition and another package; noise terms on known records."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import allantools

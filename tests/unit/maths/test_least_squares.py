@@ -1,7 +1,5 @@
 """The least-squares core on certified problems, against numpy and scipy; clocks, polynomials, noise by other ways."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 

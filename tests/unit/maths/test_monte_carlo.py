@@ -1,7 +1,5 @@
 """Propagation against published examples and drawn numbers; variances, repeats, correlations, tail probabilities."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """How a temperature comes to rest: closed forms, another library's fit, slow parts that hide, rooms that never do."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Strapdown integration against motions in closed form; geodesy against published worked examples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

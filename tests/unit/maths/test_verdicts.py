@@ -1,7 +1,5 @@
 """Verdicts and budgets: decision rules and their risk, limits on both sides, worked examples of the guides."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The two clocks behind one interface; what is not there off POSIX, its equivalents and its refusal."""
 
-from __future__ import annotations
-
 import errno
 import os
 import socket

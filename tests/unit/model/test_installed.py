@@ -1,7 +1,5 @@
 """What is installed: names that two distributions offer, packages that are foreign or damaged, old metadata."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

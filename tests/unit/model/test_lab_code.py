@@ -1,7 +1,5 @@
 """Code of a lab folder: what is loaded, what is refused before it is executed, for a user who is not root too."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sys

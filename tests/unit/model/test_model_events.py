@@ -1,7 +1,5 @@
 """Events are read back as written; errors, extras and shipped files: what a technician reads."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import MISSING, fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Catalogues of texts and names of quantities: complete, English where a language has none."""
 
-from __future__ import annotations
-
 import copy
 import json
 import pickle

@@ -1,7 +1,5 @@
 """The strict YAML loader and quantities: what they accept, what they refuse, and where the mistake is."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

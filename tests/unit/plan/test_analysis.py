@@ -1,7 +1,5 @@
 """What an analysis, a named value and 'until' ask of the records is asked before the run."""
 
-from __future__ import annotations
-
 import math
 import shutil
 from pathlib import Path

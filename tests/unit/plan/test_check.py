@@ -1,7 +1,5 @@
 """The static check against brute-force models of bench and table; mistakes that come together, without an echo."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Decisions in a plan: how they are unrolled, what can be compared, and what every way through them must keep."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -218,7 +216,7 @@ class Sum(Followed):
     def __init__(self, total: int = 0) -> None:
         self.total = total
 
-    def copy(self) -> Sum:
+    def copy(self) -> "Sum":
         return Sum(self.total)
 
     def key(self) -> int:

@@ -1,7 +1,5 @@
 """Each mistake of a sequence: its code, the line it is reported on, which is where it is declared, and what is said."""
 
-from __future__ import annotations
-
 import re
 import sys
 from binascii import crc_hqx

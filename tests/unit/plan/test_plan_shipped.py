@@ -1,7 +1,5 @@
 """The shipped sequences against the paper's own figures, by plain loops; several units in one chamber."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

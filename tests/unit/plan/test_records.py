@@ -1,7 +1,5 @@
 """Records and soaks: what they say of themselves against what the bench was told, and their form in a plan file."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

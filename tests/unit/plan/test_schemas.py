@@ -1,7 +1,5 @@
 """Schemas, graphs and mappings: the same as the loader says, a mistake in every key with its place."""
 
-from __future__ import annotations
-
 import json
 from datetime import date
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Station files: standards, ranges, safe order, options, certificates, interlocks, and each mistake with its place."""
 
-from __future__ import annotations
-
 from datetime import date
 from pathlib import Path
 

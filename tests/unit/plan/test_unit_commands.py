@@ -1,7 +1,5 @@
 """Commands of the frame, tests, prompts in every unit, pure numbers, records of samples: from the file to the plan."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Records and moments of their pulses against plain Python sums: any damage, any chunking, windows over any edge."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -25,13 +23,18 @@ def window(number: int, first: int, frames: int, **conditions: object) -> Record
 
 
 def cut(
-    pieces: list[tuple[int, bytes]], windows: list[RecordWindow], flush_each: int = 1, until_ns: int | None = None
+    pieces: list[tuple[int, bytes]],
+    windows: list[RecordWindow],
+    flush_each: int = 1,
+    until_ns: int | None = None,
+    *,
+    timed: bool = False,
 ) -> list[RecordRow]:
     """Rows of all windows, flushing the decoder after every ``flush_each`` pieces (receive time, bytes)."""
     decoder = LinkDecoder(frame("ngu_a"))
     cutter = RecordCutter(frame("ngu_a"))
     for item in windows:
-        cutter.open(item, until_ns=until_ns)
+        cutter.open(item, until_ns=until_ns, timed=timed)
     rows = []
     for index, (t_ns, chunk) in enumerate(pieces):
         decoder.push(t_ns, chunk)
@@ -286,18 +289,6 @@ def test_long_records_at_full_rate_are_exact_to_the_last_digit() -> None:
     assert int(found["ppp.moment2"][0]) == each * n * (n + 1) * (2 * n + 1) // 6 > 2**53
 
 
-def timed_rows(pieces: list[tuple[int, bytes]], windows: list[RecordWindow], flush_each: int) -> list[RecordRow]:
-    decoder, cutter = LinkDecoder(frame("ngu_a")), RecordCutter(frame("ngu_a"))
-    for item in windows:
-        cutter.open(item, timed=True)
-    for index, (t_ns, chunk) in enumerate(pieces):
-        decoder.push(t_ns, chunk)
-        if index % flush_each == 0:
-            cutter.feed(decoder.flush())
-    cutter.feed(decoder.flush())
-    return sorted(cutter.finished() + cutter.close_all(), key=lambda row: row.window.number)
-
-
 def timed_window(number: int, first: int, frames: int) -> RecordWindow:
     return RecordWindow(number, "port_a", first, frames, first * FRAME_NS, (first + frames) * FRAME_NS)
 
@@ -308,7 +299,8 @@ def test_a_records_timing_comes_from_its_own_frames_however_they_arrive(flush_ea
     npp, ppp = (rng.integers(0, 2, (700, 10)) * (rng.random((700, 10)) < 0.05) for _ in range(2))
     made = constant_stream(npp, ppp, first_counter=65_500)  # the counter wraps inside
     pieces = [((k + 7) * FRAME_NS, made.frames[k : k + 7].tobytes()) for k in range(0, 700, 7)]
-    first, second = timed_rows(pieces, [timed_window(1, 65_510, 300), timed_window(2, 65_810, 300)], flush_each)
+    windows = [timed_window(1, 65_510, 300), timed_window(2, 65_810, 300)]
+    first, second = cut(pieces, windows, flush_each, timed=True)
     for row, at in ((first, 10), (second, 310)):
         for name, counts in (("npp", npp), ("ppp", ppp)):
             due = by_hand(counts[at : at + 300].tolist(), 65_500 + at)

@@ -1,7 +1,5 @@
 """The step journal, never a step that did not happen; what a damaged session still holds."""
 
-from __future__ import annotations
-
 import errno
 import json
 import subprocess

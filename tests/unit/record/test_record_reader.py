@@ -1,7 +1,5 @@
 """Damage of every kind: reported with its place, never fatal; chunks read by the block; segments that lie."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import struct

@@ -1,7 +1,5 @@
 """What is kept of records, packed or in a file; the trend on the disk against a plain loop, whatever is cut or torn."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Strangers write sessions of all systems with the stock MCAP library, by docs/session-format.md alone."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Sessions as the stock MCAP library sees them, and what the writer promises while the disk fails at every call."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Records as events tell them, parts on one axis, rows as in the run; and delimited text as loggers write it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Many sessions as one, the report as PDF, and the timetable: verdicts, yield, figures inside the page."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """The first page: one page of A4, every clause on it, numbers of results.json, a rule with the risk that it carries."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

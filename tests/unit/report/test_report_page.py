@@ -1,7 +1,5 @@
 """The report page: self-contained, the same bytes for the same numbers, and never too proud; what its figures draw."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from dataclasses import replace

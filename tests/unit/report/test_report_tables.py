@@ -1,7 +1,5 @@
 """What the tables of a report say: amounts, limits, what is refused, missing or not counted, and what was predicted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The sequencer and its observers: order, journal, retakes, and that every way out leaves the bench safe."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

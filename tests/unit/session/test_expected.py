@@ -1,7 +1,5 @@
 """What a session was to give and will come to, in part and at its end; its happenings in words."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Results that are kept, the end of a run without any, and certificates held against what they were made from."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

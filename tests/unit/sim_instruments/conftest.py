@@ -1,7 +1,5 @@
 """A simulated bench in virtual time, and one served in real time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

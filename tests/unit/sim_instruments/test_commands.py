@@ -6,8 +6,6 @@ the queue, ``stb&4 -> 4`` a serial poll, ``wait 2.5`` seconds of bench time; any
 Sources: the manuals named in ``instruments/*.yaml``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -3,8 +3,6 @@
 Judged by the physics of the simulated bench and not by what reads back; a driver may also say what is wrong.
 """
 
-from __future__ import annotations
-
 import importlib
 import struct
 from collections.abc import Callable

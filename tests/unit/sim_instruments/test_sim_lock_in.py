@@ -1,7 +1,5 @@
 """The simulated lock-in amplifier, its filter and the level: signal processing in closed form, and over the bus."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any

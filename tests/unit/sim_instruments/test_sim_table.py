@@ -1,7 +1,5 @@
 """The simulated turntable by hand and through its driver: what it obeys, what it refuses, and its way to rest."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Simulated standards at their terminals: errors of calibrator and meters, resistances, ranges, channels."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulated time tagger: its blocks byte by byte, the stream of the driver, restarts, faults of the bus."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

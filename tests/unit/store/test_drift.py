@@ -1,7 +1,5 @@
 """Drift line, E_n, control limits and time to a limit against scipy, published figures and closed forms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calibrations enter the history once, in one transaction; sessions of the archive are found in it."""
 
-from __future__ import annotations
-
 import copy
 import math
 import time

@@ -1,7 +1,5 @@
 """Comparison of a unit's calibrations: drift found again, agreement, control, due dates, what stays out."""
 
-from __future__ import annotations
-
 import copy
 import csv
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A history that is missing, locked, damaged, of another version, or killed while written: one error, nothing half."""
 
-from __future__ import annotations
-
 import multiprocessing
 import signal
 import sqlite3

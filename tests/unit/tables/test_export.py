@@ -1,7 +1,5 @@
 """Exports read back by the libraries of others, and logs in binary form that come back to the last digit."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The live view of Jupyter at a feed that was made from docs/live-protocol.md; a real run is watched in tests/runs."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable, Iterator

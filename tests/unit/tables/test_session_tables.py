@@ -1,7 +1,5 @@
 """Tables of a session: the numbers that its readers give, on one axis; as xarray too."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil

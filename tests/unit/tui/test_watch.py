@@ -1,7 +1,5 @@
 """``bench top``: what is known of a run that is watched, how each state is drawn, and the view as a person meets it."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import shutil

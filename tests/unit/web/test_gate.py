@@ -1,7 +1,5 @@
 """The gate before the page server: every route, every refusal, over a real socket."""
 
-from __future__ import annotations
-
 import asyncio
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Lists of runs and calibrations, history requests, partial fits; and no view says OUTPUTS OFF while that is not so."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

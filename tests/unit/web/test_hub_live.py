@@ -1,8 +1,4 @@
-"""A living run on a page: a feed made from the protocol document, a real server, a client of its own; and the feed as
-the event loop asks it.
-"""
-
-from __future__ import annotations
+"""A living run on a page: a feed made from the protocol document, a real server, a client of its own."""
 
 import asyncio
 import json

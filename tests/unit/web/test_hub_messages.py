@@ -1,7 +1,5 @@
 """What pages are sent: the messages of a room, and a recording that is shown like a living run."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import struct

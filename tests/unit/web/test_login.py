@@ -1,7 +1,5 @@
 """Logging in: the form, the cookie, and the tokens it is held against."""
 
-from __future__ import annotations
-
 import json
 import os
 import stat

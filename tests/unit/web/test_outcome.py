@@ -1,7 +1,5 @@
 """The outcome of a session in the list: its seal, its last events and its results, and which of them counts."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -10,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import writable_copy
 from report_sample import unsound
 
 from bench.record import OPEN_MARKER, SessionWriter
@@ -22,11 +19,6 @@ from bench.web.recorded.recording import RecordedState
 
 SAFE = ("safe", {"failures": []})
 END = {"steps": 3, "records": 1, "slip_s": 0.0, "overruns": 0, "retaken": 0, "lateness_ms": [0.0, 0.0, 0.0]}
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    return writable_copy(golden, tmp_path / golden.name)
 
 
 def outcome(folder: Path) -> SessionOutcome:

@@ -1,7 +1,5 @@
 """Pages and texts of the browser side: nothing missing, nothing unused; colours that no checker of pages sees."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import json

@@ -1,7 +1,5 @@
 """``bench serve`` and its server: what it says, whom it lets in, and connections that do not wait for ever."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

@@ -1,7 +1,5 @@
 """Commands of the page: who may, what reaches the run, and that nothing is done twice."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Iterator

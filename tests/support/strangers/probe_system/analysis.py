@@ -1,7 +1,5 @@
 """The analysis of the probes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.analysis import Analysis, Material, estimate

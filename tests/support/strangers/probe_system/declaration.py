@@ -1,7 +1,5 @@
 """What the engine is told of the probes."""
 
-from __future__ import annotations
-
 from bench.model.declaration import AnalysisDeclaration, System
 
 DECLARATION = System(

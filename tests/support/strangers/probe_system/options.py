@@ -1,7 +1,5 @@
 """Nothing can be chosen at this bench."""
 
-from __future__ import annotations
-
 OPTIONS: dict[str, str] = {}
 NUMBERS: dict[str, tuple[str, float, float]] = {}
 TEXTS: dict[str, tuple[str, tuple[str, ...]]] = {}

@@ -1,7 +1,5 @@
 """Three resistances that follow the chamber's unit: two at the scanner, the reference at the meter."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``bench import --guess``: what it proposes reads the log as soon as each FILL_IN is replaced."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import re

@@ -1,7 +1,5 @@
 """Charts: predictions, the common mode of units and run lengths against mixed models, tables and counted points."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The certificate: in order by the facts of the schema, every estimate in it to the last digit, a specimen marked."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from datetime import date

@@ -1,7 +1,5 @@
 """What a certificate is held against: the schema, the file of the laboratory, units in D-SI."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

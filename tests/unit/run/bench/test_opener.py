@@ -1,7 +1,5 @@
 """The bench of a run: opened, asked side by side, made safe, served; the first contact with an instrument."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading
@@ -287,7 +285,7 @@ class Mute:
         self.limits_s: list[float | None] = []
         self._limit_s: float | None = None
 
-    def quick(self, limit_s: float) -> Mute:
+    def quick(self, limit_s: float) -> "Mute":
         self._limit_s = limit_s
         return self
 

@@ -1,8 +1,4 @@
-"""A question that several may answer, and early verdicts by another process: whatever becomes of either, the run goes
-on.
-"""
-
-from __future__ import annotations
+"""A question that several may answer, and early verdicts: whatever becomes of either, the run goes on."""
 
 import errno
 import json

@@ -1,7 +1,5 @@
 """The control socket: what it answers, that no client can hold a run up, and alarms that are shelved through it."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

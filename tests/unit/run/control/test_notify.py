@@ -1,7 +1,5 @@
 """Who is told of a run: people, by a real program, web server and mail conversation, and the service manager."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

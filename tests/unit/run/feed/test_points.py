@@ -1,8 +1,4 @@
-"""What a run is drawn with: points of 0.1 s against a plain loop over every frame; and the state of the bench by its
-replies.
-"""
-
-from __future__ import annotations
+"""Points of 0.1 s against a plain loop over every frame; the state of the bench by its replies."""
 
 import json
 import math

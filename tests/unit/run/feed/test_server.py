@@ -1,7 +1,5 @@
 """The feed's socket: the protocol byte by byte, and that no client can hold a run up or grow its memory."""
 
-from __future__ import annotations
-
 import errno
 import json
 import math

@@ -1,7 +1,5 @@
 """The state document: what a run does, waits for and has done, by events alone and told by a living run; alarms."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """When the guard acts: the edges of silence, limits and goodbyes; and what the controller tells it, and when."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

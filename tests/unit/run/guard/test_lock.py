@@ -1,7 +1,5 @@
 """One controller at a time: against the kernel's own locks and other processes."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

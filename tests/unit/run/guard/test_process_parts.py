@@ -1,7 +1,5 @@
 """The parts of the guard process: its brief, its diary, its last words, the handle on its controller, its start."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """After a hold nothing is energised before somebody at the bench arms it, or the station says why nobody does."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path

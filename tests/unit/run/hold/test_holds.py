@@ -1,7 +1,5 @@
 """Standing still, taking a point again and skipping it, through the whole sequencer on a fake bench."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

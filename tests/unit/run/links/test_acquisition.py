@@ -1,7 +1,5 @@
 """Acquisition and who looks after its links: order, ticks, stale values, faults of a port; the listener's safety."""
 
-from __future__ import annotations
-
 import math
 import threading
 from contextlib import ExitStack

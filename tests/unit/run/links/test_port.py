@@ -1,7 +1,5 @@
 """Where bytes of a link come from: a port that is read, counted and opened again, and the buffer of an instrument."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

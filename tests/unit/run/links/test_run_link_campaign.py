@@ -1,7 +1,5 @@
 """Links that are pulled out or fall silent in the middle of a campaign: the run waits, and nothing is done twice."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path

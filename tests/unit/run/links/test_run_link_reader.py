@@ -1,7 +1,5 @@
 """Counts of a damaged link, bounds of what waits, the state a link is in; turns of the virtual clock taken at once."""
 
-from __future__ import annotations
-
 import math
 import threading
 import tracemalloc

@@ -1,7 +1,5 @@
 """What the pre-flight says about the machine, its disk and its serial ports."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

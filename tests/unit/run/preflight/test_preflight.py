@@ -1,7 +1,5 @@
 """The pre-flight: what it refuses and tells, that no check can raise or hang, and what it says about instruments."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import nullcontext

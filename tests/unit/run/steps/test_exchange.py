@@ -3,8 +3,6 @@
 The simulated board counts the erases of its FLASH itself: one that is done twice shows in every later answer.
 """
 
-from __future__ import annotations
-
 import struct
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Where a stopped run goes on, from a journal and events of which either may have lost its end."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

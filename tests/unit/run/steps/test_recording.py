@@ -1,7 +1,5 @@
 """Records: cut by the counter from the first whole gate on, taken again when frames are lost, and without a gap."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The way back into a plan: what is done again, in which order, and when the unit is soaked again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Single steps and the timeline: readings, prompts, commands, waits, slip; and soaks that the lag of the unit ends."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext

@@ -1,7 +1,5 @@
 """A table stands where the plan says: made safe on the way, at a point that is taken again, behind one left out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

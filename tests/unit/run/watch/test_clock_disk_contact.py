@@ -1,7 +1,5 @@
 """What holds a run from beside it: a machine that slept, a disk that is late, an instrument that is on and gone."""
 
-from __future__ import annotations
-
 import threading
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Deviations that nobody declared, told in time and once; the trend beside a run, which changes nothing."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext

@@ -1,7 +1,5 @@
 """Interlocks: one at the edges of its levels, its dwell and its time-out; and beside the sequencer of a fake bench."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """PyVISA backend @bench: pyvisa-sim's own promises, and what live instruments add to them."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Every fault of the list, in virtual time: its effect through VISA, the port or the wires, its rate and its end."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Simulated instruments over HiSLIP and raw sockets, reached by stock PyVISA with pyvisa-py; late replies."""
 
-from __future__ import annotations
-
 import gc
 import socket
 import subprocess

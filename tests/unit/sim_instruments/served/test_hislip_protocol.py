@@ -1,7 +1,5 @@
 """The HiSLIP server against bytes made by hand from IVI-6.1, for what PyVISA does not let a user send."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

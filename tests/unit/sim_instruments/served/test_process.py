@@ -1,7 +1,5 @@
 """Parts of the served bench one by one: terminals, control socket, output watch, station, rate, time constants."""
 
-from __future__ import annotations
-
 import json
 import socket
 from collections.abc import Iterator

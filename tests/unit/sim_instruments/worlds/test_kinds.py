@@ -1,7 +1,5 @@
 """Every kind of simulated bench shows the same face: made from clock, seed and options; ports, load, acts and truth."""
 
-from __future__ import annotations
-
 import zlib
 from importlib import import_module
 

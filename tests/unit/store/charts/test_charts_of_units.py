@@ -1,7 +1,5 @@
 """Charts of units, certificates and benches: what signals and what does not; drift never across an adjustment."""
 
-from __future__ import annotations
-
 import copy
 import math
 import shutil

@@ -3,8 +3,6 @@
 Counts come from ``fit_simulation``; what the meter says is made here from its specification, without the fit.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import sys

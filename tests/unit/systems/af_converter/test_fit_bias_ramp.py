@@ -1,7 +1,5 @@
 """The analysis bias_ramp on simulated records: estimates against the truth, what is missing, what is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

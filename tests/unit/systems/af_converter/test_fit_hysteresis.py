@@ -1,7 +1,5 @@
 """The joint fit of bias, hysteresis and thermal lag against simulated ramps and a second method."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Play, lag, gate means, level, branches: each against its definition or a closed form; gaps in a drive."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The analysis of a temperature ramp on logs made here: segments, a step, a lag, a drift; refusals; what it shows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Estimators of a 100 s record: against the three-state charge balance clock by clock, and their stated intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

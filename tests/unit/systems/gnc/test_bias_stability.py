@@ -1,8 +1,4 @@
-"""Bias, stability, repeatability and flip: theory of known noise, other packages, and what must be refused; declared
-noise of sensors against sums over time, textbook formulas and the estimators that measure it.
-"""
-
-from __future__ import annotations
+"""Bias, stability, repeatability and flip against theory of known noise and textbook formulas."""
 
 import math
 from collections.abc import Callable

@@ -1,8 +1,4 @@
-"""The magnetometer of a simulated unit by both methods, its roll angles and its table; logs of readings distorted by
-known iron; recordings of other people, one against the figures its author printed, the other against a fit by scipy.
-"""
-
-from __future__ import annotations
+"""The magnetometer by both methods: a simulated unit, logs distorted by known iron, other people's recordings."""
 
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Compensation of an IMU out: the document, the merge of two sessions, and the header in a real compiler."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -3,8 +3,6 @@
 Readings are written from the definition of the errors, without the code of the fits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

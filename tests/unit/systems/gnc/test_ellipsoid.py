@@ -1,8 +1,4 @@
-"""Hard and soft iron: units whose errors are known, other algebra, readings that determine nothing; noise that is not
-independent from reading to reading; one bad reading among thousands.
-"""
-
-from __future__ import annotations
+"""Hard and soft iron: units whose errors are known, other algebra, readings and noise that determine nothing."""
 
 from collections.abc import Callable
 

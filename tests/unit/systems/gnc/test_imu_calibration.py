@@ -1,7 +1,5 @@
 """Accelerometer triad from poses, and the calibration of a simulated unit found again: intervals, what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction

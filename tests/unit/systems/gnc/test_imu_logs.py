@@ -3,8 +3,6 @@ poses found again; recordings made by other people, a hand-held Ferraris calibra
 give the figures known of them.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

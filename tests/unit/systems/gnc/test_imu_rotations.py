@@ -1,8 +1,4 @@
-"""Gyroscope triad from turns: recovery, intervals, the equations as printed, both mounts, damaged records; attitude on
-the table and the Earth's rate in it, against scipy's rotations and closed forms.
-"""
-
-from __future__ import annotations
+"""Gyroscope triad from turns, the equations as printed; attitude and earth rate against scipy and closed forms."""
 
 from collections.abc import Callable
 from dataclasses import replace

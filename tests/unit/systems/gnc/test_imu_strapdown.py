@@ -1,8 +1,4 @@
-"""Rests, drift over them and between them, against closed forms and motions made by scipy's rotations; analysis
-imu_strapdown: simulated logs with known drift, wrong rates, bursts, counts; other people's recordings.
-"""
-
-from __future__ import annotations
+"""Drift over rests and between them, against closed forms and scipy's rotations; analysis imu_strapdown."""
 
 import json
 import os

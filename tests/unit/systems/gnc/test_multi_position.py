@@ -1,7 +1,5 @@
 """Calibration without a table: intervals at rest, norm of gravity, gyroscopes between rests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from itertools import pairwise

@@ -1,8 +1,4 @@
-"""Bias, stability and repeatability of a unit at rest, of a simulated one and of logs whose noise is known; records of
-a world that is not the named one, in which what is found is doubted or refused.
-"""
-
-from __future__ import annotations
+"""Bias, stability and repeatability at rest, of units and logs whose noise is known, and of worlds that are wrong."""
 
 import csv
 from collections.abc import Callable

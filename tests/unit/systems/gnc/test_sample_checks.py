@@ -1,8 +1,4 @@
-"""Samples that are wrong before anybody fits them: each fault put in by hand, and none seen where there is none; the
-unit's clock against the bench clock, from stamps made here by plain arithmetic.
-"""
-
-from __future__ import annotations
+"""Samples that are wrong, each fault put in by hand, none where there is none; the clock of the unit."""
 
 from collections.abc import Callable, Sequence
 

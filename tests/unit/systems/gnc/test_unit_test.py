@@ -1,7 +1,5 @@
 """The unit tests of a module judged from what was sent and what came back."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable

@@ -1,8 +1,4 @@
-"""Ring lasers from blocks to results: gaps, harm said aloud, limits; and the numbers that a reader sees, of results
-made by hand, each against its own definition.
-"""
-
-from __future__ import annotations
+"""Ring lasers from blocks to results, and each number that a reader sees against its own definition."""
 
 import json
 import math

@@ -3,8 +3,6 @@
 Limits belong to short records; those of whole ones are held by the sweeps of ``tests/systems/lock_in``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,8 +1,4 @@
-"""Angle random walk, quantisation, alignment time and the theory beside them; and what the global fit states of
-lock-in.
-"""
-
-from __future__ import annotations
+"""Angle random walk, quantisation, alignment time and the theory beside them; what the global fit states."""
 
 import math
 from dataclasses import replace

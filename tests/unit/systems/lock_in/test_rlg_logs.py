@@ -1,8 +1,4 @@
-"""Imported logs of ring lasers: edges of a physics of its own (``laser_physics``), whose lock-in is known; counts of a
-rate with known noise, rounded to whole counts.
-"""
-
-from __future__ import annotations
+"""Imported logs of ring lasers: edges of ``laser_physics``, and counts of a rate with known noise."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,4 @@
-"""From blocks of a time tagger to turnarounds: bytes by hand and gaps; levels counted through all that a tagger and a
-comparator may do to edges; crossings round the turnarounds of a dither known in closed form, and what gates them.
-"""
-
-from __future__ import annotations
+"""From blocks of a time tagger to turnarounds: bytes by hand, levels counted, a dither known in closed form."""
 
 from dataclasses import replace
 from typing import Any

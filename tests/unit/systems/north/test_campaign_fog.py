@@ -1,7 +1,5 @@
 """Numbers of the analysis of a north finder against plain arithmetic, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

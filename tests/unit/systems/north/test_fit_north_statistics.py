@@ -1,8 +1,4 @@
-"""North in noise: errors against the bound, parameters that vary, harmonics, and whether every interval holds the
-truth.
-"""
-
-from __future__ import annotations
+"""North in noise: errors against the bound, and whether every interval holds the truth."""
 
 from collections.abc import Callable
 from functools import cache

@@ -1,8 +1,4 @@
-"""North from eight samples: every azimuth, what the printed formulas do, senses, placements, errors; uncertainty of the
-methods against the scatter of many sets; constants of both lock-ins against a fit by another program.
-"""
-
-from __future__ import annotations
+"""North from eight samples, the printed formulas, uncertainties against scatter, constants by another program."""
 
 from collections.abc import Callable
 
@@ -40,6 +36,14 @@ def test_exact_at_every_azimuth(method: Callable[..., North]) -> None:
     np.testing.assert_allclose(found.offset_1, 0.3, atol=1e-12)
     np.testing.assert_allclose(found.offset_2, -0.2, atol=1e-12)
     assert found.std_deg.max() < 1e-9
+
+
+def test_lock_ins_of_unlike_gain_are_told_apart() -> None:
+    """U1 = 2 sin(phi + 20 deg), U2 = 0.5 cos(phi - 10 deg) are made cos phi + i sin phi again."""
+    phi = np.deg2rad(EVERY)
+    of_1, of_2 = phasors._unmixed((2.0, 0.5), 20.0, -10.0)
+    found = of_1 * 2.0 * np.sin(phi + np.deg2rad(20.0)) + of_2 * 0.5 * np.cos(phi - np.deg2rad(10.0))
+    np.testing.assert_allclose(found, np.exp(1j * phi), atol=1e-12)
 
 
 @pytest.mark.validates(

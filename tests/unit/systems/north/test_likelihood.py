@@ -1,7 +1,5 @@
 """North from raw samples, its bound and its time against other fits; tilt of the axis against turned vectors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace

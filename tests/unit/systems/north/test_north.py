@@ -1,8 +1,6 @@
 """North from records and readings made by hand: every method at every azimuth, what excludes a set, what is told;
 constant and varying parameters side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

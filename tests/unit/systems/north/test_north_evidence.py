@@ -1,7 +1,5 @@
 """What is left out and named, what departs just below and well above what is doubted, and the analysis of a log."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +40,7 @@ def material_of(world: worlds.World, seed: int = SEED) -> Any:
 
 def test_the_size_of_a_wave_is_that_of_ordinary_least_squares() -> None:
     """Errors of likelihood at all known azimuths on sine and cosine of the heading, by hand; the mark is known well."""
-    material = material_of(worlds.OncePerTurn(0.1))
+    material = material_of(worlds.ONCE_PER_TURN(0.1))
     (seen,) = (one for one in analyse(material).evidence if one.code == "departs")
     solution = solve(north_sets(material), site_of(material.campaign))
     error_deg = wrapped_deg(solution.by_method["likelihood"].azimuth_deg - solution.known_deg)
@@ -82,12 +80,12 @@ def test_a_signal_that_drowns_is_refused() -> None:
 
 
 def test_one_bad_reading_costs_its_set_and_is_named_as_a_lock_in_that_stands_still() -> None:
-    bad = analyse(material_of(worlds.OneBadReading(0.1)))
+    bad = analyse(material_of(worlds.ONE_BAD_READING(0.1)))
     (sentence,) = bad.missing
     assert "test at head 90 deg, repeat 1: lock_in_1 reads" in sentence
     (entry,) = (one for one in bad.estimates if one.quantity == "azimuth_error" and one.conditions["head_deg"] == 90.0)
     assert (entry.n, entry.dropped) == (1, 1)
-    assert analyse(material_of(worlds.OneBadReading(1e-3))).missing == []
+    assert analyse(material_of(worlds.ONE_BAD_READING(1e-3))).missing == []
     rig = campaign(NorthRig(SEED, Gyro(noise_V=0.01)), (0.0, 90.0), 1)
     stuck = [k for k, one in enumerate(rig.readings) if one.role == "lock_in_2"][4:8]
     for k in stuck[1:]:
@@ -97,7 +95,7 @@ def test_one_bad_reading_costs_its_set_and_is_named_as_a_lock_in_that_stands_sti
 
 
 def test_one_far_sample_is_left_out_and_named_without_a_loss() -> None:
-    spiked, right = (analyse(material_of(worlds.Spike(size))) for size in (100.0, 0.0))
+    spiked, right = (analyse(material_of(worlds.SPIKE(size))) for size in (100.0, 0.0))
     assert any("1 of 3000 samples are unlike all others" in note for note in spiked.notes)
     assert spiked.missing == []
     values = [[one.value for one in each.estimates if one.quantity == "azimuth"] for each in (spiked, right)]
@@ -106,7 +104,7 @@ def test_one_far_sample_is_left_out_and_named_without_a_loss() -> None:
 
 @pytest.mark.parametrize(
     ("world", "said"),
-    [(worlds.Frozen(0.1), "output stands still for 76 samples"), (worlds.Clipped(0.9), "samples are pinned at 1.1 V")],
+    [(worlds.FROZEN(0.1), "output stands still for 76 samples"), (worlds.CLIPPED(0.9), "samples are pinned at 1.1 V")],
 )
 def test_a_waveform_that_stands_still_or_is_pinned_is_left_out(world: worlds.World, said: str) -> None:
     analysis = analyse(material_of(world))

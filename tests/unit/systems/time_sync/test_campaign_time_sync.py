@@ -1,8 +1,4 @@
-"""Time offset of two units from recordings of ``sync_physics``: value, interval, clocks of any epoch, losses; what a
-recording may lack, and what each lack says; the track of the flight against positions made on the ellipsoid.
-"""
-
-from __future__ import annotations
+"""Time offset from recordings of ``sync_physics``: value, interval, what may lack; the track on the ellipsoid."""
 
 from dataclasses import replace
 from functools import cache

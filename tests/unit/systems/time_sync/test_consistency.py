@@ -1,8 +1,4 @@
-"""The filter against what it is the filter of: errors as large as it says, the error model against its mechanisation,
-past states with the corrections made since, and how observability is told.
-"""
-
-from __future__ import annotations
+"""The filter against what it filters: errors as large as it says, the error model against its mechanisation."""
 
 import numpy as np
 import pytest

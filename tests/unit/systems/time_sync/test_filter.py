@@ -1,8 +1,4 @@
-"""The filter of the time offset on short flights: what it finds; tags off the grid, lost samples of both links,
-nothing to see, nothing to use.
-"""
-
-from __future__ import annotations
+"""The filter of the time offset on short flights: tags off the grid, lost samples, nothing to see or to use."""
 
 from dataclasses import replace
 

@@ -3,8 +3,6 @@ matched filter (Gorham and Moore, Proc. SPIE 7699 (2010) 769906, the sum over pu
 widths.
 """
 
-from __future__ import annotations
-
 import re
 from io import BytesIO
 from pathlib import Path

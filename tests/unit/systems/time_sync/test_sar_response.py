@@ -1,8 +1,4 @@
-"""Targets in the pulses and focusing against plain double-precision sums; the impulse response against closed forms,
-figures of its cuts, and what navigation errors do to it: an aperture of the paper's radar over point targets.
-"""
-
-from __future__ import annotations
+"""Focusing against plain sums, the impulse response against closed forms, and what navigation errors do to it."""
 
 from collections.abc import Callable
 from functools import cache

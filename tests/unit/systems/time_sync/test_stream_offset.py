@@ -1,7 +1,5 @@
 """Imported logs of two clocks, and a unit's clock by its receive stamps: rate and offset within their uncertainty."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

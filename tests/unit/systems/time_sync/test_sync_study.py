@@ -1,8 +1,4 @@
-"""The study of the time offset: what is flown, how it is cut into tasks, how a value is held against its tolerance; and
-its document from results made by formula: every tolerance can fail, and nothing else fails with it.
-"""
-
-from __future__ import annotations
+"""The study of the time offset: tasks, tolerances; its document by formula, in which every tolerance can fail."""
 
 import json
 import math

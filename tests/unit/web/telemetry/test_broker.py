@@ -1,7 +1,5 @@
 """A broker of another project receives what the page server tells; one that dies or refuses harms nobody."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import importlib.util
@@ -88,7 +86,7 @@ class Subscriber:
             assert came, self.told
             return self.told[topic]
 
-    def __enter__(self) -> Subscriber:
+    def __enter__(self) -> "Subscriber":
         return self
 
     def __exit__(

@@ -1,7 +1,5 @@
 """``GET /metrics``: read by the parsers of prometheus_client, held against the state document that the page shows."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re

@@ -1,7 +1,5 @@
 """The charge-balance converter in closed form, and counts of gates, against loops over every edge of the clock."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The simulated unit in time, its commands and ports through pySerial; what it sends whoever reads when."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import serial

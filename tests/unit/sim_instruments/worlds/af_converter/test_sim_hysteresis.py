@@ -1,7 +1,5 @@
 """What is true of a simulated unit: its random walk, and the hysteresis of its bias, what drives it, its past."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

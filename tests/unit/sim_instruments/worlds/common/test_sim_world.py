@@ -1,7 +1,5 @@
 """The world as a whole: opening, errors, truth, threads, the same seed giving the same transcript; its wires."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """Temperatures and motions in closed form against numerical integration of the same equations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

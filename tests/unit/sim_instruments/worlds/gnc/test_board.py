@@ -1,7 +1,5 @@
 """The simulated test board: commands, answers, refusals and the stream of samples, bytes packed here by hand."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The body's motion, and the simulated sensors of a module: errors, ranges, power, noise, fields."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Simulated truth of the sensors: against what is put in, and what many units scatter."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

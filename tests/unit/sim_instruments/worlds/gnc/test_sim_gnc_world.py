@@ -1,7 +1,5 @@
 """The simulated GNC bench: what a person does at it, its modules, their memories, their faults."""
 
-from __future__ import annotations
-
 import math
 import re
 import struct

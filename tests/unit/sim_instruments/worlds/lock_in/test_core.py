@@ -1,7 +1,5 @@
 """Phase and edges of the simulated ring laser against an integrator and formulas that nobody here wrote."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

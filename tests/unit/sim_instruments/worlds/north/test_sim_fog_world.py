@@ -1,7 +1,5 @@
 """The gyroscope and the bench of the north finder: supply, output, Earth's rate, headings, acts, truth."""
 
-from __future__ import annotations
-
 import binascii
 import struct
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Errors of the simulated EGI: their model against whole navigators, what its filter believes, their colour."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

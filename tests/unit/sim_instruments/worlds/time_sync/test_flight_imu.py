@@ -1,7 +1,5 @@
 """Paths, increments and places of the simulated vehicle against quadrature, an integrator and published figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The simulated time-offset bench: streams against the direct simulation, flight, radar, echoes, truth, operations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
