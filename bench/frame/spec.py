@@ -49,7 +49,7 @@ class FieldSpec(StrictModel):
     role: Literal["counter", "own_counter"] | None = None
     wrap: Annotated[int, Limits(strict=True, ge=4)] | None = None
     per: Literal["frame", "cumulative", "sample"] | None = None
-    bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
+    bits: dict[Name, Annotated[int, Limits(strict=True)] | str] | None = None
     constant: Annotated[int, Limits(strict=True)] | str | None = None
     default: Annotated[int, Limits(strict=True)] | str | None = None
     form: Literal["hex", "time", "latitude", "longitude", "text"] | None = None

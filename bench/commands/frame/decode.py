@@ -22,11 +22,14 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
 
     Exit status 1 if no frame is good. Raises: InputError B-FRAME-030 (the capture cannot be read), -032, -033.
     """
-    definition = load_frame(named_file("frames", frame))
+    definition = load_frame(source := named_file("frames", frame))
     if parquet is not None and parquet.suffix != ".parquet":
         raise InputError("B-FRAME-032", "does not end in .parquet", where=parquet, next_step="name it so")
     with ExitStack() as open_tables:
         tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
+        for path in (path for table in tables for path in table.paths.values() if path.is_file()):
+            if path.samefile(source) or (file.is_file() and path.samefile(file)):
+                raise InputError("B-FRAME-032", "is what is read", where=path, next_step="name another file")
         counted = _decoded(definition, file, tables)
     if as_json:
         print_json(counted.summary())
@@ -93,7 +96,7 @@ def _nothing_good(counted: Counted) -> str:
     seen = counted.counts
     if not seen.bytes:
         return "nothing good: the capture is empty"
-    if seen.other:
+    if seen.other > seen.bad:
         right = "with a right check " if counted.definition.layout.check.size else ""
         return f"nothing good: {seen.other} frames {right}are of types that the definition does not list"
     if seen.bad:

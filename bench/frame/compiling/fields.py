@@ -20,7 +20,7 @@ Fail = Callable[[str, Path_, str, str], None]
 _HEX = re.compile(r"(?:[0-9a-fA-F]{2}\s*)*")
 _WORD = 64
 _COUNTER_BITS = 48
-_BIT_RANGE = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?")
+_BIT_RANGE = re.compile(r"([0-9]{1,2})(?:-([0-9]{1,2}))?")
 _ALWAYS_THERE = ("role", "per", "constant", "default")
 _BYTES = 4
 _SAYS = "name an unsigned integer that stands in front of it in every frame, or bits of one"
@@ -93,7 +93,7 @@ def place_fields(specs: Sequence[FieldSpec], path: Path_, endian: str, fail: Fai
 
 def _field(spec: FieldSpec, where: Path_, bit: int, endian: str, fail: Fail) -> Field:
     kind = "b" if spec.type == "bytes" else spec.type[0]
-    count = 0 if spec.count == "rest" else spec.count
+    count = {"b": 0}.get(kind) if spec.count == "rest" else spec.count
     _check_options(spec, kind, where, fail)
     width = 8 if kind == "b" else int(spec.type[1:])
     field = Field(
@@ -248,7 +248,7 @@ class _Work:
 
     def take(self, spec: AnyField, where: Path_) -> None:
         """Place a field, or all of a group, an optional part or items."""
-        if isinstance(spec, FieldSpec) and spec.count != "rest":
+        if isinstance(spec, FieldSpec) and (spec.count != "rest" or spec.type != "bytes"):
             self._placer.add(spec, where)
             return
         name = spec.name if isinstance(spec, FieldSpec) else _name_of(spec)
