@@ -269,7 +269,7 @@ class CounterUnwrapper:
 
     A step is the one, modulo the wrap, that is nearest to what the receive times and the rate predict; so gaps longer
     than a wrap are resolved. A step back by at most 64 is a repeated frame, if no frame with that counter had other
-    contents. A step that is a quarter of a wrap or 16,384 frames ahead of the prediction, or further back, is
+    contents, and one may have been there. A step that is a quarter of a wrap or 16,384 frames ahead of the prediction, or further back, is
     implausible: that frame is suspect and carries the last counter. If the next frame goes on from it, the unit has
     restarted its counter, or more frames are lost than it tells: counting goes on as the time predicts; without times
     that is a jump, of which nobody knows how long it was.
@@ -282,7 +282,7 @@ class CounterUnwrapper:
         self._started = False
         self._raw = 0  # counter as sent of the last trusted frame
         self._last = 0  # its unwrapped counter
-        self._highest = 0
+        self._highest = self._first = 0
         self._t_ns = 0
         self._begun_ns: int | None = None  # stamp of the first frame: until another one comes, nobody knows the time
         self._recent: dict[int, bytes] = {}  # contents of the last frames by counter
@@ -303,7 +303,7 @@ class CounterUnwrapper:
             return Unwrapped(np.empty(0, np.int64), np.empty(0, np.bool_), 0, 0)
         if not self._started:
             self._started = True
-            self._raw = self._last = self._highest = int(raw[0]) - 1
+            self._raw = self._last = self._highest = self._first = int(raw[0]) - 1
             self._t_ns = int(t_ns[0]) if t_ns is not None else 0
             self._begun_ns = None if self._rate_Hz is None else self._t_ns
         expected, before_ns = self._expected(len(raw), t_ns), self._t_ns
@@ -343,6 +343,8 @@ class CounterUnwrapper:
         """Return whether frames with the same counter differ."""
         if counter[0] > self._highest and (counter[1:] > counter[:-1]).all():
             return False
+        if counter.min() <= max(self._first, self._highest - 2 * REPEAT_REACH):
+            return True
         recent = dict(self._recent)
         frames = zip(counter.tolist(), contents(0), strict=True)
         return any(recent.setdefault(value, content) != content for value, content in frames)
@@ -399,7 +401,8 @@ class CounterUnwrapper:
             forward = (value - self._raw) % self._wrap
             step = forward + self._wrap * round((due - forward) / self._wrap)
             same = step > 0 or recent.get(self._last + step, frames[index]) == frames[index]
-            same = same and value != self._rejected  # it stands still
+            same = same and (step > 0 or self._last + step > max(self._first, highest - 2 * REPEAT_REACH))
+            same = same and self._rejected not in (value, (value + 1) % self._wrap)  # it stands still, counts down
             if -self._reach <= step <= due + self._ahead and same:
                 self._last += step
             elif self._rejected is not None and 0 < (value - self._rejected) % self._wrap <= self._reach:

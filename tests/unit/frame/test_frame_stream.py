@@ -102,6 +102,7 @@ def test_a_restart_of_the_unit_goes_on_as_the_time_predicts() -> None:
         (65536, [*range(9), *range(60_009, 60_100)], (0, 0, 1, 1)),
         (1 << 32, [*range(9), 12_345_678, *range(10, 20)], (1, 0, 1, 0)),
         (1 << 32, [*range(9), *range(5)], (0, 0, 1, 1)),
+        (256, [*range(400, 0, -1)], (0, 0, 399, 0)),  # it counts down: none was there before
     ],
 )
 def test_what_a_counter_cannot_tell_is_a_jump_of_unknown_size(
