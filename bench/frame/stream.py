@@ -268,11 +268,11 @@ class CounterUnwrapper:
     """Follows one counter of ``wrap`` values through a stream.
 
     A step is the one, modulo the wrap, that is nearest to what the receive times and the rate predict; so gaps longer
-    than a wrap are resolved. A step back by at most 64 is a repeated frame, if no frame with that counter had other
-    contents, and one may have been there. A step that is a quarter of a wrap or 16,384 frames ahead of the prediction, or further back, is
-    implausible: that frame is suspect and carries the last counter. If the next frame goes on from it, the unit has
-    restarted its counter, or more frames are lost than it tells: counting goes on as the time predicts; without times
-    that is a jump, of which nobody knows how long it was.
+    than a wrap are resolved. A step back by at most 64 is a repeated frame, if one may have been there and none with
+    that counter had other contents. A step that is a quarter of a wrap or 16,384 frames ahead of the prediction, or
+    further back, is implausible: that frame is suspect and carries the last counter. If the next frame goes on from it,
+    the unit has restarted its counter, or more frames are lost than it tells: counting goes on as the time predicts;
+    without times that is a jump, of which nobody knows how long it was.
     """
 
     def __init__(self, wrap: int, rate_Hz: float | None) -> None:

@@ -114,7 +114,9 @@ def _text(raw: bytes, name: str) -> str:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         mark = Mark(raw.count(b"\n", 0, error.start) + 1, error.start - raw.rfind(b"\n", 0, error.start))
-        raise InputError("B-YAML-003", "is not UTF-8 text", where=mark.of(name), next_step="save it as UTF-8") from error
+        raise InputError(
+            "B-YAML-003", "is not UTF-8 text", where=mark.of(name), next_step="save it as UTF-8"
+        ) from error
     wrong = _NOT_TEXT.search(text)
     if wrong is not None:
         at = wrong.start()
