@@ -374,39 +374,6 @@ def field(name: str, kind: str, **more: Any) -> dict[str, Any]:
 NAME = field("t", "bytes", count=4, form="text")
 TEXT = spec_of("a5 61 62 00 00", {"t": "ab"}, NAME)
 DOT = spec_of("a5 01", {"u": 1}, field("u", "u8", bits={"low": 0}))
-INNER = json.loads(DEFINITION)
-INNER["messages"]["sets"]["fields"][1]["fields"].append(
-    {"group": "inner", "count": "number", "max": 2, "fields": [field("b", "u8")]}
-)
-LINE = spec_of("$ab", {"t": "ab"}, field("t", "bytes", count=5), endian=None, sync=[0x24],
-               lines={"separator": ",", "max": 40})  # fmt: skip
-BY_BITS = {"type": {"field": "t.no"}, "messages": {"m": {"value": "ab", "golden": "$ab", "expect": {"t": "ab"}}}}
-
-
-@pytest.mark.parametrize(
-    ("spec", "words"),
-    [
-        (
-            spec_of("a5 010203", {"v_2": 3}, field("v", "u8", count=2), field("v_2", "u8")),
-            "have the column 'v_2' twice",
-        ),
-        (spec_of("a5 010203", {"a": 515}, field("offset", "u8"), field("a", "u16")), "have the column 'offset' twice"),
-        *(
-            (TEXT | {"expect": {"t": due}}, "of the golden frame is 'ab'")
-            for due in ("a", 5, [1], None, True, {"a": 1})
-        ),
-        (TEXT | {"golden": "a5 4e 47 5g 00"}, "there is 'g' at character 11"),
-        (TEXT | {"fields": [field("t", "u32", form="text")]}, "for bytes, not for u32"),
-        (DOT | {"expect": {"u.": 1}}, "B-FRAME-013"),
-        (INNER, "'group' cannot stand inside a group"),
-        (LINE | {"lines": {"separator": "-", "max": 40}, "fields": [field("t", "f64")]}, "which separate the values"),
-        ({key: value for key, value in (LINE | BY_BITS).items() if key not in ("golden", "expect")}, "be common bytes"),
-    ],
-)
-def test_a_definition_that_nobody_could_read_by_is_refused(spec: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputErrors, match=words) as caught:
-        parse_frame(json.dumps(spec), "unit.yaml")
-    assert len(caught.value.errors) == 1
 
 
 def test_values_that_nobody_could_read_back_are_not_written() -> None:
