@@ -214,4 +214,4 @@ def _check_messages(messages: Sequence[Message], fail: Fail) -> None:
         if message is None or missing or message.rest is None or message.rest.name != "payload":
             what = f"fields {', '.join(fields)} and payload (bytes, rest)"
             text = f"'commands' needs a message {name!r} with the {what}"
-            fail("B-FRAME-014", ("commands",), text, "docs/adding-a-frame.md shows such a file")
+            fail("B-FRAME-014", ("commands",), text)

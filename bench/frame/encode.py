@@ -19,6 +19,11 @@ def _wrong(code: str, text: str, next_step: str = "") -> InputError:
     return InputError(code, text, where="frame encoder", next_step=next_step)
 
 
+def _missing(item: Field) -> InputError:
+    text = f"no value for the field {item.name!r}"
+    return _wrong("B-FRAME-020", text, "give every field without constant or default")
+
+
 def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> NDArray[np.uint8]:
     """Return frames (count, length) uint8, check included; see FrameDefinition.encode."""
     if message.length == 0 or layout.escape:
@@ -33,8 +38,9 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
         raise _wrong("B-FRAME-020", "lines are read, and not written")
     rest, columns = b"", dict(values)
     if message.rest is not None:
-        rest = bytes(_taken(columns, message.rest.name, message))
-        del columns[message.rest.name]
+        if message.rest.name not in columns:
+            raise _missing(message.rest)
+        rest = bytes(columns.pop(message.rest.name))
     columns = with_counts(message, columns) if message.parts else columns
     row = _filled(layout, message, columns, 1, message.body).tobytes()
     wire = packed(message, row, rest) if message.parts else row + rest
@@ -129,13 +135,6 @@ def _state(given: dict[str, Any], item: Field, bits: Span | None, value: int | N
         given.setdefault(f"{item.name}.{part}" if part else item.name, value)
 
 
-def _taken(columns: Mapping[str, Any], name: str, message: Message) -> Any:
-    if name not in columns:
-        text = f"the message {message.name!r} needs a value for {name!r}"
-        raise _wrong("B-FRAME-020", text, "give every field without constant or default")
-    return columns[name]
-
-
 def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
     """Return the values of a field, or its bytes where the definition says them.
 
@@ -150,8 +149,7 @@ def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
         return _join_bits(item, given)
     if (fixed := item.constant or item.default) is not None:
         return fixed
-    text = f"no value for the field {item.name!r}"
-    raise _wrong("B-FRAME-020", text, "give every field without constant or default")
+    raise _missing(item)
 
 
 def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: int) -> None:

@@ -296,13 +296,8 @@ class NumpyDecoder:
 
 def _joined(found: list[Found]) -> Found:
     """Return what was found in parts of a stream that follow each other, as one."""
-    return Found(
-        np.concatenate([_NONE, *(part.start for part in found)]),
-        np.concatenate([_NONE, *(part.length for part in found)]),
-        np.concatenate([_NONE, *(part.message for part in found)]),
-        np.concatenate([_NONE, *(part.bad for part in found)]),
-        found[-1].position if found else 0,
-    )
+    *columns, positions = zip(Found(_NONE, _NONE, _NONE, _NONE, 0), *found, strict=True)
+    return Found._make([*map(np.concatenate, columns), positions[-1]])
 
 
 def _leading(good: NDArray[np.bool_]) -> int:

@@ -21,6 +21,7 @@ Count = Annotated[Integer, Limits(ge=1)]
 Byte = Annotated[Whole, Limits(le=255)]
 Number = Annotated[float, Limits(strict=True, allow_inf_nan=False)]
 Endian = Literal["big", "little"]
+Expected = Annotated[dict[str, Any], Limits(min_length=1)]
 Kind = Annotated[str, StringConstraints(pattern=r"^([ui]([1-9]|[1-5][0-9]|6[0-4])|f32|f64|bytes)$")]
 MAX_FRAME_BYTES = 65_535
 _CONTENTS = ("group", "optional", "items")
@@ -191,7 +192,7 @@ class MessageSpec(StrictModel):
     fields: tuple[AnyField, ...] = ()
     extra: Annotated[list[Byte], Limits(min_length=1, max_length=8)] | None = None
     golden: str
-    expect: Annotated[dict[str, Any], Limits(min_length=1)]
+    expect: Expected
 
 
 class CommandSpec(StrictModel):
@@ -232,4 +233,4 @@ class FrameSpec(StrictModel):
     commands: dict[Name, CommandSpec] | None = None
     crc: CheckSpec
     golden: str | None = None
-    expect: Annotated[dict[str, Any], Limits(min_length=1)] | None = None
+    expect: Expected | None = None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
+from typing import BinaryIO
 
 from bench.commands.console import console, print_json, say
 from bench.commands.origin import named_file
@@ -27,8 +28,8 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
         raise InputError("B-FRAME-032", "does not end in .parquet", where=parquet, next_step="name it so")
     with ExitStack() as open_tables:
         tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
-        for path in (path for table in tables for path in table.paths.values() if path.is_file()):
-            if path.samefile(source) or (file.is_file() and path.samefile(file)):
+        for path in (path for table in tables for path in table.paths.values()):
+            if path.resolve() in (source.resolve(), file.resolve()):
                 raise InputError("B-FRAME-032", "is what is read", where=path, next_step="name another file")
         counted = _decoded(definition, file, tables)
     if as_json:
@@ -46,19 +47,19 @@ def _decoded(definition: FrameDefinition, file: Path, tables: list[Tables]) -> C
         for table in tables:
             table.write(messages)
 
+    with opened(file) as stream:
+        return decode_capture(definition, stream, take)
+
+
+@contextmanager
+def opened(file: Path) -> Iterator[BinaryIO]:
+    """Open a capture. Raises: InputError B-FRAME-030 where it cannot be read."""
     try:
-        if file == STANDARD_INPUT:
-            return decode_capture(definition, sys.stdin.buffer, take)
-        with file.open("rb") as stream:
-            return decode_capture(definition, stream, take)
+        with nullcontext(sys.stdin.buffer) if file == STANDARD_INPUT else file.open("rb") as stream:
+            yield stream
     except OSError as error:
-        raise unreadable(error, file) from error
-
-
-def unreadable(error: OSError, file: Path) -> InputError:
-    """Return the error of a capture that cannot be read."""
-    advice = "give the file of a raw capture, or - for standard input"
-    return InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=file, next_step=advice)
+        advice = "give the file of a raw capture, or - for standard input"
+        raise InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=file, next_step=advice) from error
 
 
 def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:

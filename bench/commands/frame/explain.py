@@ -8,7 +8,7 @@ from io import BytesIO
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.commands.frame.decode import STANDARD_INPUT, print_bad, unreadable
+from bench.commands.frame.decode import opened, print_bad
 from bench.commands.origin import named_file
 from bench.frame import (
     LOOKED_AT_BYTES,
@@ -120,13 +120,8 @@ def _is_definition(guess: Guess | LineGuess, head: bytes) -> bool:
 
 def _head(capture: Path) -> bytes:
     """Return the beginning of a capture. Raises: InputError B-FRAME-030."""
-    try:
-        if capture == STANDARD_INPUT:
-            return sys.stdin.buffer.read(LOOKED_AT_BYTES)
-        with capture.open("rb") as stream:
-            return stream.read(LOOKED_AT_BYTES)
-    except OSError as error:
-        raise unreadable(error, capture) from error
+    with opened(capture) as stream:
+        return stream.read(LOOKED_AT_BYTES)
 
 
 def _told(guess: Guess | LineGuess) -> str:

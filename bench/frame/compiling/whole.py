@@ -135,7 +135,8 @@ class _Compiler:
         if name is None or (
             field is not None
             and field.width == 8 * check.size
-            and field.packed is field.constant is None
+            and field.packed is None
+            and field.constant is None
             and (field.kind, field.count, field.counter) == ("u", None, False)
             and field not in (self._length[0], self._type[0])
         ):

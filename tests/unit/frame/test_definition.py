@@ -232,12 +232,6 @@ def test_refusals(case: str, how: Any, tmp_path: Path) -> None:
     assert error.next_step or error.code.startswith("B-YAML")
 
 
-def test_a_type_beyond_its_bits() -> None:
-    short = typed(1, 5, b"\x07\x00").hex()
-    with pytest.raises(InputErrors, match=r"16 does not fit 'word\.kind'"):
-        parse_frame(TYPED.replace("value: 15", "value: 16").replace("GOLDEN1", short), "typed.yaml")
-
-
 def test_a_golden_frame_names_the_limit_and_the_check_that_would_be_right() -> None:
     short = typed(1, 5, b"\x07\x00")
     text = TYPED.replace("GOLDEN1", short.hex()).replace("GOLDEN2", typed(15, 0, bytes(6) + b"\x03\0\0\0").hex())
