@@ -400,9 +400,12 @@ class CounterUnwrapper:
             due += self._missed if timed else min(self._missed, self._ahead)
             forward = (value - self._raw) % self._wrap
             step = forward + self._wrap * round((due - forward) / self._wrap)
-            same = step > 0 or recent.get(self._last + step, frames[index]) == frames[index]
-            same = same and (step > 0 or self._last + step > max(self._first, highest - 2 * REPEAT_REACH))
-            same = same and self._rejected not in (value, (value + 1) % self._wrap)  # it stands still, counts down
+            at = self._last + step
+            again = at > max(self._first, highest - 2 * REPEAT_REACH) and recent.get(at, frames[index]) == frames[index]
+            same = (step > 0 or again) and self._rejected not in (
+                value,
+                (value + 1) % self._wrap,
+            )  # it stands still, counts down
             if -self._reach <= step <= due + self._ahead and same:
                 self._last += step
             elif self._rejected is not None and 0 < (value - self._rejected) % self._wrap <= self._reach:
