@@ -20,8 +20,8 @@ def _wrong(code: str, text: str, next_step: str = "") -> InputError:
 
 
 def _missing(item: Field) -> InputError:
-    text = f"no value for the field {item.name!r}"
-    return _wrong("B-FRAME-020", text, "give every field without constant or default")
+    advice = "give every field without constant or default"
+    return _wrong("B-FRAME-020", f"no value for the field {item.name!r}", advice)
 
 
 def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> NDArray[np.uint8]:

@@ -308,8 +308,8 @@ def _leading(good: NDArray[np.bool_]) -> int:
 
 def rows_of(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
     """Return frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
-    first, last = int(starts[0]), int(starts[-1])
-    if message.length and last - first == (len(starts) - 1) * message.length:
+    first = int(starts[0])
+    if message.length and starts[-1] - first == (len(starts) - 1) * message.length:
         frames = buffer[first : first + len(starts) * message.length].reshape(len(starts), message.length)
         return frames[:, : message.body]
     return sliding_window_view(buffer, message.body)[starts]

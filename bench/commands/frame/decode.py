@@ -28,9 +28,10 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
         raise InputError("B-FRAME-032", "does not end in .parquet", where=parquet, next_step="name it so")
     with ExitStack() as open_tables:
         tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
-        for path in (path for table in tables for path in table.paths.values()):
-            if path.resolve() in (source.resolve(), file.resolve()):
-                raise InputError("B-FRAME-032", "is what is read", where=path, next_step="name another file")
+        for table in tables:
+            for path in table.paths.values():
+                if path.resolve() in (source.resolve(), file.resolve()):
+                    raise InputError("B-FRAME-032", "is what is read", where=path, next_step="name another file")
         counted = _decoded(definition, file, tables)
     if as_json:
         print_json(counted.summary())
