@@ -64,9 +64,10 @@ class MessageBatch:
     def scaled(self, name: str) -> NDArray[np.float64]:
         """Return values in the field's unit (raw * scale + offset) as float64, (n,) or (n, count); NaN if not there."""
         item = self._field(name)
-        values = self.raw(name).astype(np.float64)
-        if "." not in name and item.scaled:
-            values = values * item.scale + item.shift
+        with np.errstate(all="ignore"):  # what a frame holds may be any number
+            values = self.raw(name).astype(np.float64)
+            if "." not in name and item.scaled:
+                values = values * item.scale + item.shift
         missing = self.missing(name)
         if missing is not None:
             values[missing] = np.nan

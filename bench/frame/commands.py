@@ -42,7 +42,7 @@ class PayloadLayout:
         unknown = [name for name in values if name not in self.names]
         if unknown:
             due = ", ".join(self.names) or "nothing"
-            raise self._wrong("B-FRAME-022", f"has no field {unknown[0]!r}", f"it takes {due}")
+            raise self._wrong(f"has no field {unknown[0]!r}", f"it takes {due}", "B-FRAME-022")
         return b"".join(self._bytes_of(item, values.get(item.name)) for item in self.fields)
 
     def decode(self, payload: bytes) -> dict[str, Any]:
@@ -55,29 +55,29 @@ class PayloadLayout:
         if len(payload) < due or (len(payload) > due and not open_end):
             least = "at least " if open_end else ""
             text = f"has {len(payload)} bytes, {least}{due} are due"
-            raise self._wrong("B-FRAME-025", text, "compare the 'commands' of the frame file with the unit's firmware")
+            raise self._wrong(text, "compare the 'commands' of the frame file with the unit's firmware", "B-FRAME-025")
         return {item.name: _value_of(payload, item) for item in self.fields}
 
     def _bytes_of(self, item: Field, value: Any) -> bytes:
         if value is None:
             if item.default is None:
-                raise self._wrong("B-FRAME-020", f"needs a value for {item.name!r}", "give every field without default")
+                raise self._wrong(f"needs a value for {item.name!r}", "give every field without default", "B-FRAME-020")
             return item.default
         if item.kind == "b":
             return self._plain_bytes(item, value)
         elements = [value] if item.count is None else value
         if isinstance(elements, str | bytes) or not hasattr(elements, "__len__") or len(elements) != (item.count or 1):
             text = f"{item.name!r} needs {item.count} values, not {value!r}"
-            raise self._wrong("B-FRAME-020", text, "give a list")
+            raise self._wrong(text, "give a list", "B-FRAME-020")
         return b"".join(self._element(item, element) for element in elements)
 
     def _plain_bytes(self, item: Field, value: Any) -> bytes:
         try:
             found = bytes.fromhex(value) if isinstance(value, str) else bytes(value)
         except (TypeError, ValueError):
-            raise self._wrong("B-FRAME-021", f"{item.name!r}: {value!r} is neither bytes nor hex text", "") from None
+            raise self._wrong(f"{item.name!r}: {value!r} is neither bytes nor hex text") from None
         if not item.rest and len(found) != item.length:
-            raise self._wrong("B-FRAME-021", f"{item.name!r} has {len(found)} bytes, {item.length} are due", "")
+            raise self._wrong(f"{item.name!r} has {len(found)} bytes, {item.length} are due")
         return found
 
     def _element(self, item: Field, value: Any) -> bytes:
@@ -88,12 +88,12 @@ class PayloadLayout:
                 return struct.pack(_float_code(item), raw)
             whole: int = round(raw)
             if not item.scaled and whole != raw:
-                raise self._wrong("B-FRAME-021", f"{item.name!r}: {value!r} is no whole number", "")
+                raise self._wrong(f"{item.name!r}: {value!r} is no whole number")
             return whole.to_bytes(item.size, _order(item), signed=item.kind == "i")
         except OverflowError:
             low, high = _limits(item)
             text = f"{item.name!r}: {value!r} is outside {low:g} to {high:g} {item.unit}".rstrip()
-            raise self._wrong("B-FRAME-021", text, "correct the value") from None
+            raise self._wrong(text, "correct the value") from None
 
     def _number(self, item: Field, value: Any) -> Any:
         """Return a finite number in the unit of the field; numpy's numbers become Python's."""
@@ -102,13 +102,13 @@ class PayloadLayout:
             given, unit = read_quantity(number), read_quantity(f"1 {item.unit or '1'}")
             if given is None or unit is None or given[1] != unit[1]:
                 text = f"{item.name!r}: {value!r} is no quantity in {item.unit or '1'}"
-                raise self._wrong("B-FRAME-021", text, "write a number and a unit of that kind")
+                raise self._wrong(text, "write a number and a unit of that kind")
             number = round(given[0] / unit[0], 12)
         if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
-            raise self._wrong("B-FRAME-021", f"{item.name!r}: {value!r} is no finite number", "")
+            raise self._wrong(f"{item.name!r}: {value!r} is no finite number")
         return number
 
-    def _wrong(self, code: str, text: str, next_step: str) -> InputError:
+    def _wrong(self, text: str, next_step: str = "", code: str = "B-FRAME-021") -> InputError:
         return InputError(code, text, where=self.title, next_step=next_step)
 
 
@@ -214,4 +214,4 @@ def _check_messages(messages: Sequence[Message], fail: Fail) -> None:
         if message is None or missing or message.rest is None or message.rest.name != "payload":
             what = f"fields {', '.join(fields)} and payload (bytes, rest)"
             text = f"'commands' needs a message {name!r} with the {what}"
-            fail("B-FRAME-014", ("commands",), text, "docs/adding-a-frame.md shows such a file")
+            fail("B-FRAME-014", ("commands",), text)

@@ -205,15 +205,12 @@ class Crc:
 
     def _single(self) -> Callable[[bytes], int]:
         model = self.model
-        if model.width not in _CRCMOD_WIDTHS or model.poly == 0:
+        if model.width not in _CRCMOD_WIDTHS:
             return self._bytewise
         start = reflect(model.init, model.width) if model.refin else model.init
         function = crcmod.crcmod.mkCrcFun((1 << model.width) | model.poly, start, model.refin, 0)
         if model.refin == model.refout:
-            xorout = model.xorout
-            if xorout == 0:
-                return lambda message: int(function(message))
-            return lambda message: int(function(message)) ^ xorout
+            return lambda message: int(function(message)) ^ model.xorout
         return lambda message: reflect(function(message), model.width) ^ model.xorout
 
     def _bytewise(self, message: bytes) -> int:

@@ -14,32 +14,40 @@ from bench.frame.packets import ESCAPES
 from bench.frame.parts import packed
 from bench.model.errors import InputError
 
-_WHERE = "frame encoder"
+
+def _wrong(code: str, text: str, next_step: str = "") -> InputError:
+    return InputError(code, text, where="frame encoder", next_step=next_step)
+
+
+def _missing(item: Field) -> InputError:
+    advice = "give every field without constant or default"
+    return _wrong("B-FRAME-020", f"no value for the field {item.name!r}", advice)
 
 
 def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> NDArray[np.uint8]:
     """Return frames (count, length) uint8, check included; see FrameDefinition.encode."""
     if message.length == 0 or layout.escape:
         text = f"the message {message.name!r} has no fixed length"
-        raise InputError("B-FRAME-020", text, where=_WHERE, next_step="encode it one by one with encode_one")
+        raise _wrong("B-FRAME-020", text, "encode it one by one with encode_one")
     return _sealed(layout, message, columns, _filled(layout, message, columns, count, message.length))
 
 
 def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) -> bytes:
     """Return one frame of any message but a line, check included; see FrameDefinition.encode_one."""
     if layout.lines:
-        raise InputError("B-FRAME-020", "lines are read, and not written", where=_WHERE)
+        raise _wrong("B-FRAME-020", "lines are read, and not written")
     rest, columns = b"", dict(values)
     if message.rest is not None:
-        rest = bytes(_taken(columns, message.rest.name, message))
-        del columns[message.rest.name]
+        if message.rest.name not in columns:
+            raise _missing(message.rest)
+        rest = bytes(columns.pop(message.rest.name))
     columns = with_counts(message, columns) if message.parts else columns
     row = _filled(layout, message, columns, 1, message.body).tobytes()
     wire = packed(message, row, rest) if message.parts else row + rest
     total = len(wire) + layout.tail
     if total > layout.max_length:
         text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
-        raise InputError("B-FRAME-021", text, where=_WHERE)
+        raise _wrong("B-FRAME-021", text)
     rows = np.frombuffer(wire + bytes(layout.tail), np.uint8).reshape(1, total).copy()
     rows = _sealed(layout, message, columns, rows)
     return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
@@ -91,7 +99,7 @@ def with_counts(message: Message, columns: Mapping[str, Any]) -> dict[str, Any]:
         number_given = len(np.ravel(columns.get(item.name, ()))) if item.step else 1
         if item.name in columns and stated != number_given and not (item.step and stated > (item.count or 1)):
             text = f"{number_given} values are given for {item.name!r}, {item.given!r} says {stated}"
-            raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give as many values for all fields of it")
+            raise _wrong("B-FRAME-020", text, "give as many values for all fields of it")
     return given
 
 
@@ -106,12 +114,12 @@ def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any],
         base, dot, part = name.partition(".")
         if base not in fields or (dot and part not in fields[base].bits):
             advice = f"use one of: {', '.join(fields)}"
-            raise InputError("B-FRAME-022", f"{message.name!r} has no field {name!r}", where=_WHERE, next_step=advice)
+            raise _wrong("B-FRAME-022", f"{message.name!r} has no field {name!r}", advice)
     if layout.length_field is not None:
         stated, left = divmod(total - layout.length_plus, layout.length_times)
         if left:
             text = f"{total} bytes are no length of a frame: their number less {layout.length_plus} must be a multiple"
-            raise InputError("B-FRAME-021", f"{text} of {layout.length_times}", where=_WHERE)
+            raise _wrong("B-FRAME-021", f"{text} of {layout.length_times}")
         _state(given, layout.length_field, layout.length_bits, stated)
     if layout.type_field is not None:
         _state(given, layout.type_field, layout.type_bits, message.type_value)
@@ -125,13 +133,6 @@ def _state(given: dict[str, Any], item: Field, bits: Span | None, value: int | N
     if item.name not in given:
         part = next((name for name, span in item.bits.items() if span == bits), "")
         given.setdefault(f"{item.name}.{part}" if part else item.name, value)
-
-
-def _taken(columns: Mapping[str, Any], name: str, message: Message) -> Any:
-    if name not in columns:
-        text = f"the message {message.name!r} needs a value for {name!r}"
-        raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field without constant or default")
-    return columns[name]
 
 
 def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
@@ -148,8 +149,7 @@ def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
         return _join_bits(item, given)
     if (fixed := item.constant or item.default) is not None:
         return fixed
-    text = f"no value for the field {item.name!r}"
-    raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field without constant or default")
+    raise _missing(item)
 
 
 def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: int) -> None:
@@ -162,7 +162,7 @@ def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: 
     shaped = shaped.reshape((1,) * (2 - shaped.ndim) + shaped.shape)
     if shaped.ndim != 2 or shaped.shape[0] not in (1, count) or shaped.shape[1] not in (1, elements):
         text = f"{item.name!r} has the shape {values.shape}, due is {(count, elements)}"
-        raise InputError("B-FRAME-020", text, where=_WHERE)
+        raise _wrong("B-FRAME-020", text)
     _check_values(values, item)
     store_column(rows, item, shaped)
 
@@ -188,7 +188,7 @@ def _check_values(values: NDArray[Any], item: Field) -> None:
     bits = item.width
     low, high = (0, (1 << bits) - 1) if item.kind in "ub" else (-(1 << (bits - 1)), (1 << (bits - 1)) - 1)
     if values.dtype.kind == "f" and values.size and (values != np.rint(values)).any():
-        raise InputError("B-FRAME-021", f"{item.name!r} holds numbers that are not whole", where=_WHERE)
+        raise _wrong("B-FRAME-021", f"{item.name!r} holds numbers that are not whole")
     fits = np.can_cast(values.dtype, item.dtype) and 8 * np.dtype(item.dtype).itemsize == bits
     if not fits and values.size and (values.min() < low or values.max() > high):
         raise _out_of_range(item.name, values, low, high)
@@ -196,4 +196,4 @@ def _check_values(values: NDArray[Any], item: Field) -> None:
 
 def _out_of_range(name: str, values: NDArray[Any], low: int, high: int) -> InputError:
     text = f"{name!r} reaches from {values.min()} to {values.max()}, the limits are {low} and {high}"
-    return InputError("B-FRAME-021", text, where=_WHERE)
+    return _wrong("B-FRAME-021", text)

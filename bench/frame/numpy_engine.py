@@ -296,13 +296,8 @@ class NumpyDecoder:
 
 def _joined(found: list[Found]) -> Found:
     """Return what was found in parts of a stream that follow each other, as one."""
-    return Found(
-        np.concatenate([_NONE, *(part.start for part in found)]),
-        np.concatenate([_NONE, *(part.length for part in found)]),
-        np.concatenate([_NONE, *(part.message for part in found)]),
-        np.concatenate([_NONE, *(part.bad for part in found)]),
-        found[-1].position if found else 0,
-    )
+    *columns, positions = zip(Found(_NONE, _NONE, _NONE, _NONE, 0), *found, strict=True)
+    return Found._make([*map(np.concatenate, columns), positions[-1]])
 
 
 def _leading(good: NDArray[np.bool_]) -> int:
@@ -313,10 +308,8 @@ def _leading(good: NDArray[np.bool_]) -> int:
 
 def rows_of(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
     """Return frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
-    if not len(starts):
-        return np.empty((0, message.body), np.uint8)
-    first, last = int(starts[0]), int(starts[-1])
-    if message.length and last - first == (len(starts) - 1) * message.length:
+    first = int(starts[0])
+    if message.length and starts[-1] - first == (len(starts) - 1) * message.length:
         frames = buffer[first : first + len(starts) * message.length].reshape(len(starts), message.length)
         return frames[:, : message.body]
     return sliding_window_view(buffer, message.body)[starts]

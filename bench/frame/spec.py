@@ -15,10 +15,13 @@ from bench.model.yamlio import StrictModel
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
 Part = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)?$", max_length=121)]
-Whole = Annotated[int, Limits(strict=True, ge=0)]
-Byte = Annotated[int, Limits(strict=True, ge=0, le=255)]
+Integer = Annotated[int, Limits(strict=True)]
+Whole = Annotated[Integer, Limits(ge=0)]
+Count = Annotated[Integer, Limits(ge=1)]
+Byte = Annotated[Whole, Limits(le=255)]
 Number = Annotated[float, Limits(strict=True, allow_inf_nan=False)]
 Endian = Literal["big", "little"]
+Expected = Annotated[dict[str, Any], Limits(min_length=1)]
 Kind = Annotated[str, StringConstraints(pattern=r"^([ui]([1-9]|[1-5][0-9]|6[0-4])|f32|f64|bytes)$")]
 MAX_FRAME_BYTES = 65_535
 _CONTENTS = ("group", "optional", "items")
@@ -41,17 +44,17 @@ class FieldSpec(StrictModel):
 
     name: Name
     type: Kind
-    count: Annotated[int, Limits(strict=True, ge=1, le=65_535)] | Literal["rest"] | None = None
+    count: Annotated[Count, Limits(le=65_535)] | Literal["rest"] | None = None
     endian: Endian | None = None
     scale: Number | None = None
     offset: Number | None = None
     unit: Annotated[str, StringConstraints(min_length=1, max_length=20)] | None = None
     role: Literal["counter", "own_counter"] | None = None
-    wrap: Annotated[int, Limits(strict=True, ge=4)] | None = None
+    wrap: Annotated[Integer, Limits(ge=4)] | None = None
     per: Literal["frame", "cumulative", "sample"] | None = None
-    bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
-    constant: Annotated[int, Limits(strict=True)] | str | None = None
-    default: Annotated[int, Limits(strict=True)] | str | None = None
+    bits: dict[Name, Integer | str] | None = None
+    constant: Integer | str | None = None
+    default: Integer | str | None = None
     form: Literal["hex", "time", "latitude", "longitude", "text"] | None = None
 
     @model_validator(mode="before")
@@ -63,6 +66,10 @@ class FieldSpec(StrictModel):
         return value
 
 
+Fields = Annotated[tuple[FieldSpec, ...], Limits(max_length=100)]
+SomeFields = Annotated[Fields, Limits(min_length=1)]
+
+
 class GroupSpec(StrictModel):
     """Fields that stand several times, one set behind the other: as often as the field ``count`` says, ``max`` at most.
 
@@ -71,8 +78,8 @@ class GroupSpec(StrictModel):
 
     group: Name
     count: Part
-    max: Annotated[int, Limits(strict=True, ge=1, le=4096)]
-    fields: Annotated[tuple[FieldSpec, ...], Limits(min_length=1, max_length=100)]
+    max: Annotated[Count, Limits(le=4096)]
+    fields: SomeFields
 
 
 class OptionalSpec(StrictModel):
@@ -80,7 +87,7 @@ class OptionalSpec(StrictModel):
 
     optional: Name
     when: Part
-    fields: Annotated[tuple[FieldSpec, ...], Limits(min_length=1, max_length=100)]
+    fields: SomeFields
 
 
 class ItemSpec(StrictModel):
@@ -88,7 +95,7 @@ class ItemSpec(StrictModel):
 
     id: Whole
     required: StrictBool = False
-    fields: Annotated[tuple[FieldSpec, ...], Limits(max_length=100)] = ()
+    fields: Fields = ()
 
 
 class ItemsSpec(StrictModel):
@@ -102,7 +109,7 @@ class ItemsSpec(StrictModel):
     id: Literal["u8", "u16", "u24", "u32"]
     length: Literal["u8", "u16", "u24", "u32"]
     length_first: StrictBool = False
-    plus: Annotated[int, Limits(strict=True, ge=-8, le=0)] = 0
+    plus: Annotated[Integer, Limits(ge=-8, le=0)] = 0
     endian: Endian | None = None
     of: Annotated[dict[Name, ItemSpec], Limits(min_length=1, max_length=200)]
 
@@ -133,7 +140,7 @@ class CheckSpec(StrictModel):
     field: Name | None = None
     stored: Endian | None = None
     name: str | None = None
-    width: Annotated[int, Limits(strict=True, ge=1, le=64)] | None = None
+    width: Annotated[Count, Limits(le=64)] | None = None
     poly: Whole | None = None
     init: Whole | None = None
     refin: StrictBool | None = None
@@ -150,9 +157,9 @@ class LengthSpec(StrictModel):
 
     field: Part
     cut: StrictBool = False
-    times: Annotated[int, Limits(strict=True, ge=1, le=256)] = 1
-    plus: Annotated[int, Limits(strict=True, ge=-65_535, le=65_535)]
-    max: Annotated[int, Limits(strict=True, ge=1, le=MAX_FRAME_BYTES)]
+    times: Annotated[Count, Limits(le=256)] = 1
+    plus: Annotated[Integer, Limits(ge=-65_535, le=65_535)]
+    max: Annotated[Count, Limits(le=MAX_FRAME_BYTES)]
 
 
 class LinesSpec(StrictModel):
@@ -164,7 +171,7 @@ class LinesSpec(StrictModel):
 
     separator: Annotated[str, StringConstraints(pattern=r"^( |[\t!-/:-@\[-`{-~]{1,8})$")] = ","
     check: Annotated[str, StringConstraints(pattern=r"^[!-/:-@\[-`{-~]$")] | None = None
-    max: Annotated[int, Limits(strict=True, ge=1, le=4096)]
+    max: Annotated[Count, Limits(le=4096)]
     more: StrictBool = False
 
 
@@ -185,7 +192,7 @@ class MessageSpec(StrictModel):
     fields: tuple[AnyField, ...] = ()
     extra: Annotated[list[Byte], Limits(min_length=1, max_length=8)] | None = None
     golden: str
-    expect: Annotated[dict[str, Any], Limits(min_length=1)]
+    expect: Expected
 
 
 class CommandSpec(StrictModel):
@@ -212,7 +219,7 @@ class FrameSpec(StrictModel):
     title: str | None = None
     endian: Endian | None = None
     sync: Annotated[list[Byte], Limits(max_length=255)]
-    sync_at: Annotated[int, Limits(strict=True, ge=1, le=255)] | None = None
+    sync_at: Annotated[Count, Limits(le=255)] | None = None
     trailer: Annotated[list[Byte], Limits(min_length=1, max_length=255)] | None = None
     other: StrictBool = False
     escape: Literal["slip", "hdlc", "cobs", "dle", "dle_etx"] | None = None
@@ -226,4 +233,4 @@ class FrameSpec(StrictModel):
     commands: dict[Name, CommandSpec] | None = None
     crc: CheckSpec
     golden: str | None = None
-    expect: Annotated[dict[str, Any], Limits(min_length=1)] | None = None
+    expect: Expected | None = None

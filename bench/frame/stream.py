@@ -268,11 +268,11 @@ class CounterUnwrapper:
     """Follows one counter of ``wrap`` values through a stream.
 
     A step is the one, modulo the wrap, that is nearest to what the receive times and the rate predict; so gaps longer
-    than a wrap are resolved. A step back by at most 64 is a repeated frame, if no frame with that counter had other
-    contents. A step that is a quarter of a wrap or 16,384 frames ahead of the prediction, or further back, is
-    implausible: that frame is suspect and carries the last counter. If the next frame goes on from it, the unit has
-    restarted its counter, or more frames are lost than it tells: counting goes on as the time predicts; without times
-    that is a jump, of which nobody knows how long it was.
+    than a wrap are resolved. A step back by at most 64 is a repeated frame, if one may have been there and none with
+    that counter had other contents. A step that is a quarter of a wrap or 16,384 frames ahead of the prediction, or
+    further back, is implausible: that frame is suspect and carries the last counter. If the next frame goes on from it,
+    the unit has restarted its counter, or more frames are lost than it tells: counting goes on as the time predicts;
+    without times that is a jump, of which nobody knows how long it was.
     """
 
     def __init__(self, wrap: int, rate_Hz: float | None) -> None:
@@ -282,33 +282,30 @@ class CounterUnwrapper:
         self._started = False
         self._raw = 0  # counter as sent of the last trusted frame
         self._last = 0  # its unwrapped counter
-        self._highest = 0
+        self._highest = self._first = 0
         self._t_ns = 0
         self._begun_ns: int | None = None  # stamp of the first frame: until another one comes, nobody knows the time
         self._recent: dict[int, bytes] = {}  # contents of the last frames by counter
         self._rejected: int | None = None  # counter as sent of a suspect frame, if that was the last one
         self._missed = 0.0  # frames that time has predicted since the last trusted one
 
-    def feed(
-        self, raw: NDArray[np.int64], t_ns: NDArray[np.int64] | None, contents: Contents | None = None
-    ) -> Unwrapped:
+    def feed(self, raw: NDArray[np.int64], t_ns: NDArray[np.int64], contents: Contents) -> Unwrapped:
         """Unwrap the counters of the next frames.
 
         Args:
             raw: (n,) counters as sent.
-            t_ns: (n,) receive stamps of their chunks, or None without times.
-            contents: gives the bytes of the frames from that one on; None where every step back is a repeated frame.
+            t_ns: (n,) receive stamps of their chunks, all alike without times.
+            contents: gives the bytes of the frames from that one on.
         """
         if not len(raw):
             return Unwrapped(np.empty(0, np.int64), np.empty(0, np.bool_), 0, 0)
         if not self._started:
             self._started = True
-            self._raw = self._last = self._highest = int(raw[0]) - 1
-            self._t_ns = int(t_ns[0]) if t_ns is not None else 0
+            self._raw = self._last = self._highest = self._first = int(raw[0]) - 1
+            self._t_ns = int(t_ns[0])
             self._begun_ns = None if self._rate_Hz is None else self._t_ns
         expected, before_ns = self._expected(len(raw), t_ns), self._t_ns
-        if t_ns is not None:
-            self._t_ns = int(t_ns[-1])
+        self._t_ns = int(t_ns[-1])
         step = np.empty(len(raw), np.int64)
         step[0] = raw[0] - self._raw
         np.subtract(raw[1:], raw[:-1], out=step[1:])
@@ -318,8 +315,7 @@ class CounterUnwrapper:
             result = self._advance(len(raw), int(raw[-1]))
         else:
             result = self._resolved(raw, step, expected, t_ns, before_ns, contents)
-        if contents is not None:
-            self._keep(result, contents)
+        self._keep(result, contents)
         return result
 
     def _advance(self, count: int, raw: int) -> Unwrapped:
@@ -330,11 +326,11 @@ class CounterUnwrapper:
         return Unwrapped(counter, np.zeros(count, np.bool_), 0, 0)
 
     def _resolved(self, raw: NDArray[np.int64], step: NDArray[np.int64], expected: NDArray[np.float64] | float,
-                  t_ns: NDArray[np.int64] | None, before_ns: int, contents: Contents | None) -> Unwrapped:  # fmt: skip
+                  t_ns: NDArray[np.int64], before_ns: int, contents: Contents) -> Unwrapped:  # fmt: skip
         step += self._wrap * np.rint((expected - step) / self._wrap).astype(np.int64)
         counter = self._last + np.cumsum(step)
         odd = (step < -self._reach) | (step - expected > self._ahead)
-        if self._rejected is not None or odd.any() or (contents is not None and self._differs(counter, contents)):
+        if self._rejected is not None or odd.any() or self._differs(counter, contents):
             return self._account(*self._one_by_one(raw, expected, t_ns, before_ns, contents))
         self._raw, self._last = int(raw[-1]), int(counter[-1])
         return self._account(counter, np.zeros(len(raw), np.bool_), [])
@@ -343,6 +339,8 @@ class CounterUnwrapper:
         """Return whether frames with the same counter differ."""
         if counter[0] > self._highest and (counter[1:] > counter[:-1]).all():
             return False
+        if counter.min() <= max(self._first, self._highest - 2 * REPEAT_REACH):
+            return True
         recent = dict(self._recent)
         frames = zip(counter.tolist(), contents(0), strict=True)
         return any(recent.setdefault(value, content) != content for value, content in frames)
@@ -356,12 +354,12 @@ class CounterUnwrapper:
         if next(iter(self._recent), oldest) <= oldest:
             self._recent = {value: content for value, content in self._recent.items() if value > oldest}
 
-    def _expected(self, count: int, t_ns: NDArray[np.int64] | None) -> NDArray[np.float64] | float:
+    def _expected(self, count: int, t_ns: NDArray[np.int64]) -> NDArray[np.float64] | float:
         """Predicted step of each frame: 1 inside a chunk; at its start the time since the last one, less its frames.
 
         A plain 1.0 means 1 for all.
         """
-        if t_ns is None or self._rate_Hz is None:
+        if self._rate_Hz is None:
             return 1.0
         per_ns = self._rate_Hz / NS
         if t_ns[0] == t_ns[-1]:  # one chunk
@@ -384,27 +382,29 @@ class CounterUnwrapper:
         return expected
 
     def _one_by_one(self, raw: NDArray[np.int64], expected: NDArray[np.float64] | float,
-                    t_ns: NDArray[np.int64] | None, before_ns: int,
-                    contents: Contents | None) -> tuple[NDArray[np.int64], NDArray[np.bool_], list[int]]:  # fmt: skip
+                    t_ns: NDArray[np.int64], before_ns: int,
+                    contents: Contents) -> tuple[NDArray[np.int64], NDArray[np.bool_], list[int]]:  # fmt: skip
         """Return counters, suspect marks, and the frames that are the first ones behind a jump."""
         counter = np.empty(len(raw), np.int64)
         suspect = np.zeros(len(raw), np.bool_)
         jumps: list[int] = []
         highest, before, recent = self._highest, self._last, dict(self._recent)
-        frames = [b""] * len(raw) if contents is None else contents(0)
+        frames = contents(0)
         due_each = np.broadcast_to(expected, len(raw)).tolist()
         for index, (value, due) in enumerate(zip(raw.tolist(), due_each, strict=True)):
-            timed = t_ns is not None and self._begun_ns is not None and t_ns[index] != self._begun_ns
+            timed = self._begun_ns is not None and t_ns[index] != self._begun_ns
             due += self._missed if timed else min(self._missed, self._ahead)
             forward = (value - self._raw) % self._wrap
             step = forward + self._wrap * round((due - forward) / self._wrap)
-            same = step > 0 or recent.get(self._last + step, frames[index]) == frames[index]
-            same = same and value != self._rejected  # it stands still
+            at = self._last + step
+            again = at > max(self._first, highest - 2 * REPEAT_REACH) and recent.get(at, frames[index]) == frames[index]
+            stands = self._rejected in (value, (value + 1) % self._wrap)  # or it counts down
+            same = (step > 0 or again) and not stands
             if -self._reach <= step <= due + self._ahead and same:
-                self._last += step
+                self._last = at
             elif self._rejected is not None and 0 < (value - self._rejected) % self._wrap <= self._reach:
                 self._last = highest + max(1, round(due))
-                if not timed or t_ns is None:
+                if not timed:
                     jumps.append(index)
                 else:
                     first, stop = (int(np.searchsorted(t_ns, t_ns[index], side)) for side in ("left", "right"))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Generic, NoReturn, TypeVar, get_args
@@ -32,6 +32,7 @@ _HEX = re.compile(r"0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _CONSTANTS = {"": None, "~": None, "null": None, "true": True, "false": False}
 _MAX_DIGITS = 300
+_NOT_DUE = "B-YAML-013"
 
 Path_ = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound=BaseModel)
@@ -113,7 +114,9 @@ def _text(raw: bytes, name: str) -> str:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         mark = Mark(raw.count(b"\n", 0, error.start) + 1, error.start - raw.rfind(b"\n", 0, error.start))
-        raise InputError("B-YAML-003", "is not UTF-8 text", where=mark.of(name)) from error
+        raise InputError(
+            "B-YAML-003", "is not UTF-8 text", where=mark.of(name), next_step="save it as UTF-8"
+        ) from error
     wrong = _NOT_TEXT.search(text)
     if wrong is not None:
         at = wrong.start()
@@ -122,13 +125,16 @@ def _text(raw: bytes, name: str) -> str:
     return text
 
 
-def _mark_at(marks: dict[Path_, Mark], path: Path_) -> Mark:
-    """Return position of ``path``; parts that are not in the file (names of alternatives, missing keys) are skipped."""
+def _place(marks: dict[Path_, Mark], path: Path_) -> Path_:
+    """Return ``path`` without parts that are not in the file: names of alternatives, missing keys."""
     place: Path_ = ()
     for part in path:
-        step = next((k for k in ((*place, part), (*place, str(part))) if k in marks), None)
-        place = place if step is None else step
-    return marks.get(place, Mark(1, 1))
+        place = next((k for k in ((*place, part), (*place, str(part))) if k in marks), place)
+    return place
+
+
+def _mark_at(marks: dict[Path_, Mark], path: Path_) -> Mark:
+    return marks.get(_place(marks, path), Mark(1, 1))
 
 
 @dataclass(frozen=True, order=True)
@@ -148,15 +154,22 @@ def _all(problems: list[_Problem], name: str) -> InputErrors:
 
 
 def _schema_problems(error: ValidationError, marks: dict[Path_, Mark], schema: type[BaseModel]) -> list[_Problem]:
-    problems = []
+    problems: list[_Problem] = []
     for item in error.errors(include_url=False):
-        named = (part for part in reversed(item["loc"]) if isinstance(part, str) and not part.startswith("<"))
-        key = next(named, "")
+        kind, place = item["type"], _place(marks, item["loc"])
+        if kind == "too_short" and len(item["input"]) >= item["ctx"]["min_length"]:
+            continue  # of a list whose parts are wrong: each of them is told
+        named = item["loc"] if kind == "missing" else place
+        key = next((part for part in reversed(named) if isinstance(part, str) and not part.startswith("<")), "")
         code, message = _explain(item, key)
-        known = keys_of(schema) if item["type"] == "extra_forbidden" else ()
+        known = keys_of(schema) if kind == "extra_forbidden" else ()
         close = difflib.get_close_matches(key, known, 1)
         advice = "it is a key of another part" if key in known else f"did you mean {close[0]!r}?" if close else ""
-        problems.append(_Problem(_mark_at(marks, tuple(item["loc"])), code, message, advice))
+        problem = _Problem(_mark_at(marks, place), code, message, advice)
+        if code == _NOT_DUE and problems and (problems[-1].mark, problems[-1].code) == (problem.mark, code):
+            before = problems.pop().message.rpartition(" (found ")[0]  # alternatives, of which none fits
+            problem = replace(problem, message=f"{before}, or {message.removeprefix(f'{key}: ')}")
+        problems.append(problem)
     return problems
 
 
@@ -191,14 +204,14 @@ def _explain(item: Any, key: str) -> tuple[str, str]:
         message = "a mapping of keys and values is due"
     elif kind == "union_tag_invalid":
         field = str(item["ctx"]["discriminator"]).strip("'")
-        return "B-YAML-013", f"{label}{field} is {item['ctx']['tag']!r}; it should be {item['ctx']['expected_tags']}"
-    return "B-YAML-013", f"{label}{message[:1].lower()}{message[1:]} (found {_shorten(item.get('input'))})"
+        return _NOT_DUE, f"{label}{field} is {item['ctx']['tag']!r}; it should be {item['ctx']['expected_tags']}"
+    return _NOT_DUE, f"{label}{message[:1].lower()}{message[1:]} (found {_shorten(item.get('input'))})"
 
 
 def _shorten(value: object) -> str:
     if isinstance(value, (dict, list)):
         return "a mapping" if isinstance(value, dict) else "a list"
-    text = repr(value)
+    text = "nothing" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 

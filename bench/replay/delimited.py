@@ -311,8 +311,9 @@ class LogParser:
         self._last_line, self.last_ns = self._line, t_ns
         self._shortest = min(self._shortest, last)
         self.counts.rows += 1
-        self.counts.overload_rows += bool(over)
-        self.counts.overloads.update(over)
+        if over:
+            self.counts.overload_rows += 1
+            self.counts.overloads.update(over)
         return LogRow(self._line, t_ns, tuple(values))
 
     def _further_ns(self, back_ns: int) -> int:

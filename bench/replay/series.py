@@ -132,14 +132,14 @@ def replay_series(folder: Path) -> ImportedSeries:
     names = [column.quantity for column in mapping.values.values()]
     log = manifest.get("log", {})
     parser = LogParser(mapping, str(log.get("file", folder)))
-    held = [array("d") for _ in ("t_s", *names)]
+    held = array("d")
     for line in lines_of(message.payload for message in reader.messages(frozenset({_TOPIC}))):
         row = parser.row(line)
         if row is not None:
-            for store, value in zip(held, ((row.t_ns - parser.first_ns) / NS, *row.values), strict=True):
-                store.append(value)
+            held.extend(((row.t_ns - parser.first_ns) / NS, *row.values))
     parser.finish()
-    columns = {name: np.array(store) for name, store in zip(("t_s", *names), held, strict=True)}
+    held_columns = np.frombuffer(held).reshape(-1, 1 + len(names)).T
+    columns = {name: column.copy() for name, column in zip(("t_s", *names), held_columns, strict=True)}
     said, sha256, recorded = parser.counts.sentences(), parser.digest.hexdigest(), log.get("sha256")
     if broken := log.get("origin", {}).get("broken"):
         said.append(say("log.broken", parts=broken))

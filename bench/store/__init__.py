@@ -2,7 +2,7 @@
 
 from bench.store.adjustments import state_calibration
 from bench.store.archive.certificates import Issued, UsedStandard, certificate_document, enter_certificate
-from bench.store.archive.dependents import Dependents, dependents
+from bench.store.archive.dependents import dependents
 from bench.store.archive.sessions import (
     ArchivedSession,
     Selection,
@@ -32,7 +32,6 @@ __all__ = [
     "YEAR_S",
     "ArchivedSession",
     "Comparison",
-    "Dependents",
     "Due",
     "Filters",
     "Issued",

@@ -214,8 +214,8 @@ class ServedBench:
 
     def wait(self) -> None:
         """Return at SIGINT or SIGTERM. Raises: whatever a thread of the bench has failed with."""
-        while signal.sigtimedwait(STOPPING, LOOK_S) is None:
-            self.clock.sleep(0.0)
+        while (found := signal.sigtimedwait(STOPPING, LOOK_S)) is None or found.si_signo not in STOPPING:
+            self.clock.sleep(0.0)  # Python gives a signal that is none where the process was stopped for longer
 
     def close(self) -> None:
         """End everything, remove terminals and socket; idempotent."""

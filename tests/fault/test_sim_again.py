@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from rehearsal import bench
-from served_bench import Served
+from served_bench import CLOCK, Served
 
 from bench.model.errors import ExitStatus
 from bench.model.shipped import find_shipped
@@ -64,6 +64,10 @@ def test_a_session_goes_on_when_its_simulator_was_killed_and_begun_again(tmp_pat
 def test_a_port_that_somebody_else_has_is_told_and_another_one_taken(tmp_path: Path) -> None:
     folder = tmp_path / "sim"
     first = Served(folder, "af_bench_sim")
+    for number in (signal.SIGSTOP, signal.SIGCONT):  # it stands still for a while, and goes on
+        first.process.send_signal(number)
+        CLOCK.sleep(1.0)
+    assert "supply" in first.state()["instruments"]
     assert first.end() == 0
     ports = json.loads((folder / "ports.json").read_text())
     with socket.create_server(("127.0.0.1", ports["supply"])):

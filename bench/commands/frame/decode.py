@@ -23,11 +23,15 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
 
     Exit status 1 if no frame is good. Raises: InputError B-FRAME-030 (the capture cannot be read), -032, -033.
     """
-    definition = load_frame(named_file("frames", frame))
+    definition = load_frame(source := named_file("frames", frame))
     if parquet is not None and parquet.suffix != ".parquet":
         raise InputError("B-FRAME-032", "does not end in .parquet", where=parquet, next_step="name it so")
     with ExitStack() as open_tables:
         tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
+        for table in tables:
+            for path in table.paths.values():
+                if path.resolve() in (source.resolve(), file.resolve()):
+                    raise InputError("B-FRAME-032", "is what is read", where=path, next_step="name another file")
         counted = _decoded(definition, file, tables)
     if as_json:
         print_json(counted.summary())
@@ -50,14 +54,13 @@ def _decoded(definition: FrameDefinition, file: Path, tables: list[Tables]) -> C
 
 @contextmanager
 def opened(file: Path) -> Iterator[BinaryIO]:
-    """Open a capture, or standard input. Raises: InputError B-FRAME-030 if it cannot be read."""
+    """Open a capture. Raises: InputError B-FRAME-030 where it cannot be read."""
     try:
         with nullcontext(sys.stdin.buffer) if file == STANDARD_INPUT else file.open("rb") as stream:
             yield stream
     except OSError as error:
         advice = "give the file of a raw capture, or - for standard input"
-        why = f"cannot be read: {error.strerror}"
-        raise InputError("B-FRAME-030", why, where=file, next_step=advice) from error
+        raise InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=file, next_step=advice) from error
 
 
 def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
@@ -95,7 +98,7 @@ def _nothing_good(counted: Counted) -> str:
     seen = counted.counts
     if not seen.bytes:
         return "nothing good: the capture is empty"
-    if seen.other:
+    if seen.other > seen.bad:
         right = "with a right check " if counted.definition.layout.check.size else ""
         return f"nothing good: {seen.other} frames {right}are of types that the definition does not list"
     if seen.bad:

@@ -8,7 +8,7 @@ from io import BytesIO
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.commands.frame.decode import STANDARD_INPUT, opened, print_bad
+from bench.commands.frame.decode import opened, print_bad
 from bench.commands.origin import named_file
 from bench.frame import (
     LOOKED_AT_BYTES,
@@ -62,7 +62,7 @@ def explain(frame: str, file: Path) -> int:
     good = 0
     try:
         definition = load_frame(named_file("frames", frame))
-        with BytesIO(head) if file == STANDARD_INPUT else file.open("rb") as stream:
+        with file.open("rb") if file.is_file() else BytesIO(head) as stream:
             counted = decode_capture(definition, stream)
         counts = counted.counts
         good = counts.frames

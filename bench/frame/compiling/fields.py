@@ -14,13 +14,13 @@ from bench.frame.layout import Field, Item, Part, Span
 from bench.frame.spec import AnyField, FieldSpec, GroupSpec, ItemsSpec, OptionalSpec
 from bench.model.yamlio import Path_
 
-Fail = Callable[[str, Path_, str, str], None]
+Fail = Callable[..., None]
 """Collects one error: code, path in the file, message, next step."""
 
 _HEX = re.compile(r"(?:[0-9a-fA-F]{2}\s*)*")
 _WORD = 64
 _COUNTER_BITS = 48
-_BIT_RANGE = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?")
+_BIT_RANGE = re.compile(r"([0-9]{1,2})(?:-([0-9]{1,2}))?")
 _ALWAYS_THERE = ("role", "per", "constant", "default")
 _BYTES = 4
 _SAYS = "name an unsigned integer that stands in front of it in every frame, or bits of one"
@@ -51,7 +51,7 @@ class Placer:
             self._bit += 8 * len(self._sync)
         field = _field(spec, where, self._bit, self._endian, self._fail)
         if field.counter and any(other.counter for other in self.placed):
-            self._fail("B-FRAME-003", (*where, "role"), "a message can have one counter only", "")
+            self._fail("B-FRAME-003", (*where, "role"), "a message can have one counter only")
         begin, self._bit = self._bit, self._bit + field.width * (1 if field.count is None else field.count)
         if self._sync and begin < 8 * self._sync.start < self._bit:
             self._fail("B-FRAME-006", where, f"{field.name!r} lies over the sync bytes", "end a field before them")
@@ -85,7 +85,7 @@ def place_fields(specs: Sequence[FieldSpec], path: Path_, endian: str, fail: Fai
     for index, spec in enumerate(specs):
         if any(field.rest for field in placer.placed):
             text = f"{spec.name!r} follows a field of 'rest' length, which must be last"
-            fail("B-FRAME-002", (*path, index), text, "")
+            fail("B-FRAME-002", (*path, index), text)
         placer.add(spec, (*path, index))
     placer.end(path)
     return placer.placed
@@ -93,7 +93,7 @@ def place_fields(specs: Sequence[FieldSpec], path: Path_, endian: str, fail: Fai
 
 def _field(spec: FieldSpec, where: Path_, bit: int, endian: str, fail: Fail) -> Field:
     kind = "b" if spec.type == "bytes" else spec.type[0]
-    count = 0 if spec.count == "rest" else spec.count
+    count = {"b": 0}.get(kind) if spec.count == "rest" else spec.count
     _check_options(spec, kind, where, fail)
     width = 8 if kind == "b" else int(spec.type[1:])
     field = Field(
@@ -139,7 +139,7 @@ def _check_packed(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> No
 
 def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None:
     def refuse(key: str, reason: str) -> None:
-        fail("B-FRAME-002", (*where, key), f"{spec.name}: {reason}", "")
+        fail("B-FRAME-002", (*where, key), f"{spec.name}: {reason}")
 
     if kind == "b":
         if spec.count is None:
@@ -158,7 +158,7 @@ def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None
     odd = kind != "u" or int(spec.type[1:]) > _COUNTER_BITS or spec.count is not None or spec.constant is not None
     if spec.role is not None and odd:
         text = f"{spec.name}: a counter is one unsigned integer of up to 48 bits that varies"
-        fail("B-FRAME-003", (*where, "role"), text, "")
+        fail("B-FRAME-003", (*where, "role"), text)
     if spec.wrap is not None:
         values = 1 << int(spec.type[1:]) if kind == "u" else 0
         if spec.role is None or odd or spec.wrap & (spec.wrap - 1) or spec.wrap >= values:
@@ -178,7 +178,7 @@ def _bits(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> dict[str, 
             continue
         mask = (1 << (high + 1)) - (1 << low)
         if taken & mask:
-            fail("B-FRAME-004", (*where, "bits", name), f"{spec.name}.{name}: bits {text} are taken already", "")
+            fail("B-FRAME-004", (*where, "bits", name), f"{spec.name}.{name}: bits {text} are taken already")
         taken |= mask
         spans[name] = (low, high - low + 1)
     return spans
@@ -248,14 +248,14 @@ class _Work:
 
     def take(self, spec: AnyField, where: Path_) -> None:
         """Place a field, or all of a group, an optional part or items."""
-        if isinstance(spec, FieldSpec) and spec.count != "rest":
+        if isinstance(spec, FieldSpec) and (spec.count != "rest" or spec.type != "bytes"):
             self._placer.add(spec, where)
             return
         name = spec.name if isinstance(spec, FieldSpec) else _name_of(spec)
         begin = self.close(where)
         if any(part.open_ended for part in self._parts):
             what = f"{name!r} follows a field of 'rest' length or items"
-            self._fail("B-FRAME-002", where, f"{what}: behind them fields stand alone", "")
+            self._fail("B-FRAME-002", where, f"{what}: behind them fields stand alone")
         if isinstance(spec, FieldSpec):
             self._placer.add(spec, where)
             part = Part("rest", name, begin, 0)
@@ -328,10 +328,10 @@ class _Work:
             other = next((item.name for item in items if item.number == one.id), "")
             if other or one.id >= 1 << 8 * id_size:
                 text = f"{name}: the id 0x{one.id:X} is {f'that of {other!r}' if other else f'no {spec.id}'}"
-                self._fail("B-FRAME-015", (*path, "id"), text, "")
+                self._fail("B-FRAME-015", (*path, "id"), text)
             if size - spec.plus >= 1 << 8 * length_size:
                 text = f"{name}: {size} bytes are more than a length of {spec.length} can say"
-                self._fail("B-FRAME-015", path, text, "")
+                self._fail("B-FRAME-015", path, text)
             items.append(Item(name, one.id, at, size, one.required))
         return Part(
             "items", spec.items, begin, 0, items=tuple(items), id_size=id_size, length_size=length_size,
@@ -364,7 +364,7 @@ class _Work:
 
     def _refuse(self, spec: FieldSpec, where: Path_, what: str) -> None:
         if spec.count == "rest":
-            self._fail("B-FRAME-015", (*where, "count"), f"{spec.name}: a field {what} has no 'rest'", "")
+            self._fail("B-FRAME-015", (*where, "count"), f"{spec.name}: a field {what} has no 'rest'")
         for key in _ALWAYS_THERE:
             if getattr(spec, key) is not None:
                 text = f"{spec.name}: {key!r} makes no sense for a field {what}"

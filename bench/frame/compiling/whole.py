@@ -21,6 +21,7 @@ ONLY_MESSAGE = "frame"
 _NUMBERED = re.compile(r"(.+)_([1-9]\d{0,5})")
 _OF_NUMBERS = "+-."  # characters that numbers are written with
 _FORMS = {"hex": "an unsigned integer", "text": "bytes"}  # the others are for f64
+_NEXT = "docs/adding-a-frame.md says what each key may have"
 _PARAMETERS = ("width", "poly", "init", "refin", "refout", "xorout")
 
 
@@ -34,7 +35,7 @@ class _Compiler:
     def fail(self, code: str, path: Path_, message: str, next_step: str = "") -> None:
         where = self.document.where(path)
         if not any((error.code, error.where) == (code, where) == ("B-FRAME-008", where) for error in self.errors):
-            self.errors.append(InputError(code, message, where=where, next_step=next_step))
+            self.errors.append(InputError(code, message, where=where, next_step=next_step or _NEXT))
 
     def build(self) -> tuple[Layout, dict[str, CommandLayout]]:
         spec = self.spec
@@ -135,10 +136,12 @@ class _Compiler:
             field is not None
             and field.width == 8 * check.size
             and field.packed is None
-            and (field.kind, field.count) == ("u", None)
+            and field.constant is None
+            and (field.kind, field.count, field.counter) == ("u", None, False)
+            and field not in (self._length[0], self._type[0])
         ):
             return field
-        text = f"the check needs an unsigned integer of {8 * check.size} bits among the common fields"
+        text = f"the check needs an unsigned integer of {8 * check.size} bits of its own among the common fields"
         self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}")
         return None
 
@@ -167,6 +170,8 @@ class _Compiler:
             text = "'other' needs messages and a length field: else nothing says how long an unlisted frame is"
             self.fail("B-FRAME-007", ("other",), text, "leave it out")
         if spec.messages is None:
+            if spec.type:
+                self.fail("B-FRAME-007", ("type",), "there are no messages that it could tell apart", "leave it out")
             return [self._message(ONLY_MESSAGE, common, None)]
         if not spec.messages or spec.type is None or spec.golden is not None or spec.expect is not None:
             advice = "give 'type', and 'golden' and 'expect' inside each message"
@@ -319,6 +324,9 @@ class _Compiler:
         start = bounds[0] or 0
         if bounds[1] is not None and bounds[1] <= start:
             self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}")
+        own, stop = self._check_field, bounds[1] or (0 if fields[-1].rest else placed.end)
+        if own and own.offset <= start < stop <= own.offset + own.length:
+            self.fail("B-FRAME-008", ("crc", "over"), f"the check covers nothing but itself in {message!r}")
         return start, bounds[1]
 
     def _check_lengths(self, messages: list[Message]) -> None:

@@ -19,6 +19,7 @@ from record_sample import frame as frame_of
 from bench.frame import Engine, FrameDefinition, Tables, decode_capture, parse_frame
 from bench.model.errors import InputError, InputErrors
 
+MISTAKES = yaml.safe_load(Path(__file__).with_name("mistakes.yaml").read_text(encoding="utf-8"))
 SEED = 2020
 STATION = "d3 00 13 3e d7 d3 02 02 98 0e de ef 34 b4 bd 62 ac 09 41 98 6f 33 36 0b 98"  # the example of RTCM 10403
 HEAD = [{"name": "length", "type": "u8"}, {"name": "flags", "type": "u8", "bits": {"extra": 0, "sets": "1-3"}}]
@@ -197,28 +198,10 @@ def test_bytes_in_front_of_the_sync_bytes() -> None:
             parse_frame(json.dumps(spec | changes), "s.yaml")
 
 
-@pytest.mark.parametrize(
-    ("parts", "more", "code", "words"),
-    [
-        ([GROUP | {"count": "number"}], {}, "B-FRAME-015", "in front of it"),
-        ([GROUP | {"fields": [{"name": "a", "type": "bytes", "count": 2}]}], {}, "B-FRAME-015", "is one number"),
-        ([GROUP | {"fields": [{"name": "a", "type": "u8", "role": "counter"}]}], {}, "B-FRAME-015", "'role'"),
-        ([EXTRA | {"fields": [{"name": "a", "type": "u8", "constant": 1}]}], {}, "B-FRAME-015", "'constant'"),
-        ([ITEMS | {"of": {"a": {"id": 1}, "b": {"id": 1}}}], {}, "B-FRAME-015", "is that of 'a'"),
-        ([ITEMS, GROUP], {}, "B-FRAME-002", "stand alone"),
-        ([ITEMS], {"length": None}, "B-FRAME-006", "must carry its length"),
-        ([GROUP, EXTRA], {"crc": {"name": "sum-8", "over": ["flags", "rate"]}}, "B-FRAME-008", "at a fixed place"),
-        ([GROUP | {"fields": [{"name": "a", "type": "u3"}]}], {}, "B-FRAME-002", "add one of 5 bits"),
-        ([{"name": "a", "type": "u4"}, {"name": "b", "type": "f32"}], {}, "B-FRAME-002", "begins 4 bits behind"),
-        ([{"name": "a", "type": "u4", "constant": 1}], {}, "B-FRAME-005", "whole bytes"),
-        ([GROUP | {"maximum": 3}], {}, "B-YAML-010", "maximum"),
-        ([GROUP, EXTRA], {"golden": sealed(3 << 1, b"")}, "B-FRAME-011", "too few bytes for 'sets'"),
-        ([GROUP, EXTRA], {"golden": NO_SET, "expect": {"temperature": 0}}, "B-FRAME-012", "does not hold temperature"),
-    ],
-)
+@pytest.mark.parametrize(("parts", "more", "code", "words"), MISTAKES["parts"])
 def test_mistakes_say_what_to_do(parts: list[Any], more: dict[str, Any], code: str, words: str) -> None:
     with pytest.raises(InputErrors) as caught:
-        of(parts, more.pop("golden", TWO_SETS), **more)
+        of(parts, bytes.fromhex(more.pop("golden", TWO_SETS.hex())), **more)
     assert any(error.code == code and words in error.message + error.next_step for error in caught.value.errors)
 
 
@@ -319,21 +302,7 @@ def test_numbers_of_a_line_are_read_to_the_last_bit() -> None:
         definition.encode_one({})
 
 
-@pytest.mark.parametrize(
-    ("changes", "code", "words"),
-    [
-        ({"lines": None}, "B-FRAME-006", "order of bytes"),
-        ({"lines": {"max": 100}}, "B-FRAME-008", "the character before it"),
-        ({"sync": [0x80]}, "B-FRAME-006", "printable"),
-        ({"crc": {"name": "xor-8", "over": ["sequence", "end"]}}, "B-FRAME-008", "covers it from"),
-        ({"crc": {"name": "xor-8", "over": ["sync", "end"], "stored": "big"}}, "B-FRAME-008", "hex digits"),
-        ({"fields": [{"name": "a", "type": "bytes", "count": "rest"}]}, "B-FRAME-002", "no 'rest'"),
-        ({"golden": "IMU,7*00"}, "B-FRAME-011", "begins with 'I', not '#'"),
-        ({"golden": "#IMU,7*00"}, "B-FRAME-011", "stands '00'"),
-        ({"golden": f"#IMU,7*{Crc16Xmodem.calc(b'#IMU,7'):04X}"}, "B-FRAME-011", "has 2 values, 'frame' has 6"),
-        ({"type": {"field": "sequence"}}, "B-FRAME-006", "the type of a line"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "code", "words"), MISTAKES["lines"])
 def test_mistakes_in_lines_say_what_to_do(changes: dict[str, Any], code: str, words: str) -> None:
     with pytest.raises(InputErrors) as caught:
         line_of(changes)

@@ -10,7 +10,6 @@ from record_sample import ROOT, captured
 from record_sample import frame as frame_of
 
 from bench.frame import LinkDecoder, load_frame, parse_frame
-from bench.model.errors import InputErrors
 
 # OEM7 documentation, "ASCII to binary log conversion example", and GPStation-6 manual, page 44: the same check covers
 # every binary log, so the vendor's two BESTPOS logs hold the one of INSPVAS
@@ -74,16 +73,6 @@ def test_the_counter_of_kvh_goes_on_behind_127() -> None:
     assert (link.counts.frames, link.counts.lost, link.counts.duplicate, link.counts.suspect) == (996, 4, 0, 0)
     assert batch.counter is not None
     assert batch.counter.tolist() == [place for place in range(1000) if place not in (126, 127, 128, 640)]
-
-
-@pytest.mark.parametrize("field", ["{name: n, type: u8, role: counter, wrap: 100}", "{name: n, type: u8, wrap: 128}",
-                                   "{name: n, type: u8, role: counter, wrap: 256}",
-                                   "{name: n, type: f32, role: counter, wrap: 4}"])  # fmt: skip
-def test_a_wrap_that_no_counter_has_is_refused(field: str) -> None:
-    text = f"frame: f\nendian: big\nsync: [1]\nfields: [{field}]\ncrc: {{name: sum-8, over: [n, end]}}\n"
-    with pytest.raises(InputErrors) as caught:
-        parse_frame(f'{text}golden: "01 05 05"\nexpect: {{n: 5}}\n', "f.yaml")
-    assert "B-FRAME-003" in str(caught.value)
 
 
 @pytest.mark.parametrize(
