@@ -79,9 +79,8 @@ def noise_evidence(
 
     Args: sensor: for people.   terms: quantities of its noise terms.   conditions: of all its estimates.
     """
-    long = noise.long
+    long, misfit = noise.long, say("noise.no_terms", sensor=sensor)
     odd = say("noise.cycle" if long.cycle else "noise.jumps", sensor=sensor, time=long.odd_s)
-    misfit = say("noise.no_terms", sensor=sensor)
     return (
         Evidence("not_one_noise", odd, long.odd_s, long.oddness, conditions=conditions),
         Evidence("no_terms", misfit, None, noise.chance, quantities=terms, conditions=conditions),

@@ -18,12 +18,12 @@ from bench.analysis.material import Material
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.samples import is_silent, piled_up, repeated_rows, sentinel
-from bench.maths.stamps import SampleStamps, sample_stamps
+from bench.maths.stamps import sample_stamps
 from bench.model.errors import FitError
 
 _READ = ("temperature", "reading")  # a fit of one that stands still would be one of rounding
 _OF_ROWS = ("temperature", "set_point")  # move on by themselves, whatever the recorder's clock says
-_PAUSE = 20.0  # usual steps: a shorter gap is one of rows
+_PAUSE = 20.0  # usual steps: a shorter gap is one of rows, the business of who counts them
 _BESIDE = 20  # rows on either side of a pause that tell how a column moves
 _SIGMA = 8.0  # beyond the scatter of a column: what it should have moved through a pause
 _G = 9.80665  # m/s2
@@ -65,8 +65,13 @@ def surveyed(material: Material) -> Surveyed:
     row = np.flatnonzero(~again) + 1 if t_s.size < again.size else np.arange(again.size) + 1  # of the file
     stamps = sample_stamps(t_s)
     _refuse_silent(columns, material.series)
-    _refuse_set_clock(t_s, stamps, columns, material.series, row)
-    notes += _pauses(t_s, stamps, row)
+    steps = np.diff(t_s) * stamps.rate_Hz
+    long = np.flatnonzero(steps > _PAUSE)
+    _refuse_set_clock(steps, stamps.rate_Hz, long, columns, material.series, row)
+    if long.size:
+        worst, pauses_s = long[int(np.argmax(steps[long]))], steps[long] / stamps.rate_Hz
+        about = {"whole": float(pauses_s.sum()), "longest": float(pauses_s.max())}
+        notes.append(say("survey.pauses", count=long.size, row=row[worst], **about))
     if not stamps.sure and any(column.get("axis") for column in columns):
         evidence.append(Evidence("no_rate", say("survey.no_rate", rate=stamps.rate_Hz), stamps.crowded, 0.0))
     for column in columns:
@@ -81,17 +86,6 @@ def _repeated(columns: list[Document], series: Mapping[str, Floats]) -> Flags:
     return repeated_rows([series[str(column["name"])] for column in columns if column["role"] not in _OF_ROWS])
 
 
-def _pauses(t_s: Floats, stamps: SampleStamps, row: Integers) -> list[str]:
-    """Return what is told of pauses; gaps of few rows are the business of who counts rows."""
-    steps_s = np.diff(t_s)
-    long = np.flatnonzero(steps_s * stamps.rate_Hz > _PAUSE)
-    if not long.size:
-        return []
-    worst = long[int(np.argmax(steps_s[long]))]
-    whole = float(steps_s[long].sum())
-    return [say("survey.pauses", count=long.size, whole=whole, longest=float(steps_s[worst]), row=row[worst])]
-
-
 def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> None:
     """Refuse a column that is the same in all rows and must move. Raises: FitError B-FIT-145."""
     for column in columns:
@@ -104,23 +98,22 @@ def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> Non
 
 
 def _refuse_set_clock(
-    t_s: Floats, stamps: SampleStamps, columns: list[Document], series: Mapping[str, Floats], row: Integers
+    steps: Floats, rate_Hz: float, long: Integers, columns: list[Document], series: Mapping[str, Floats], row: Integers
 ) -> None:
     """Refuse a pause through which a column that moves steadily has not moved: the clock was set, nothing is missing.
 
     Raises: FitError B-FIT-144.
     """
-    steps_s = np.diff(t_s)
     for column in columns:
         if column.get("role") not in _OF_ROWS:
             continue
         values = series[str(column["name"])]
-        for at in np.flatnonzero(steps_s * stamps.rate_Hz > _PAUSE).tolist():
-            if _unbroken(values, at, steps_s[at] * stamps.rate_Hz):
+        for at in long.tolist():
+            if _unbroken(values, at, steps[at]):
                 raise FitError(
                     "B-FIT-144",
-                    f"the time jumps forward by {steps_s[at]:.6g} s behind row {row[at]}, while {column['header']} "
-                    "goes on as from one row to the next",
+                    f"the time jumps forward by {steps[at] / rate_Hz:.6g} s behind row {row[at]}, while "
+                    f"{column['header']} goes on as from one row to the next",
                     where=f"row {row[at + 1]}",
                     next_step="the clock was set (summer time?): take the offset off these stamps, or map "
                     "'format: rows' with the rate of the recorder",

@@ -12,7 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bench.model.clock import NS, Clock, WallClock
+from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus
 from bench.model.units import hours
 
@@ -65,8 +65,8 @@ def headed_table(
 class TaskLines:
     """A line on standard error for each task that is done; the time left is that of those done since it began."""
 
-    def __init__(self, total: int = 0, clock: Clock | None = None) -> None:
-        self._clock = clock or WallClock()
+    def __init__(self, total: int = 0) -> None:
+        self._clock = WallClock()
         self._out = console(stderr=True)
         self.begin(total, 0)
 

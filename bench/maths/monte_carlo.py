@@ -17,6 +17,7 @@ from bench.maths.arrays import Floats
 Draw = Callable[[np.random.Generator, int], Floats]  # (generator, trials) -> values of the result, (trials,)
 Statement = Literal["agrees", "not resolved", "differs"]
 BLOCK = 10_000  # trials: at least 100 / (1 - p), JCGM 101:2008 section 7.9.4
+_PROBABILITY = 0.95
 _NEARLY = 1.05
 
 
@@ -50,22 +51,22 @@ class Check:
     statement: Statement
 
 
-def shortest_interval(values: Floats, probability: float = 0.95) -> tuple[float, float]:
-    """Return shortest interval that holds a share of the trials.
+def shortest_interval(values: Floats) -> tuple[float, float]:
+    """Return shortest interval that holds 95 % of the trials.
 
     The smallest of all lengths settles only with the cube root of the number of trials, because near it they hardly
     differ. So a parabola through all lengths that are at most 5 % longer says where the shortest one begins; its ends
     settle with the square root. For a skewed distribution the interval is up to 0.1 % longer than the shortest.
 
-    Args:    values: (n,), any order.   probability: share to hold.
+    Args:    values: (n,), any order.
     Returns: lower and upper end, both of them trials.
     Raises:  ValueError for fewer trials than one beyond the interval.
     Source:  JCGM 101:2008 section 7.7.
     """
     ordered = np.sort(values)
-    held = int(probability * ordered.size + 0.5)
+    held = int(_PROBABILITY * ordered.size + 0.5)
     if held >= ordered.size:
-        raise ValueError(f"{ordered.size} trials do not give an interval of {probability:g}")
+        raise ValueError(f"{ordered.size} trials do not give an interval of {_PROBABILITY:g}")
     first = _lowest(ordered[held:] - ordered[: ordered.size - held])
     return float(ordered[first]), float(ordered[first + held])
 

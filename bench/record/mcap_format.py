@@ -67,9 +67,9 @@ def header(profile: str, library: str) -> bytes:
     return record(HEADER, text(profile) + text(library))
 
 
-def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str], schema: int = 0) -> bytes:
-    """Return channel record; schema 0 is none."""
-    content = struct.pack("<HH", number, schema) + text(topic) + text(encoding) + text_map(metadata)
+def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> bytes:
+    """Return channel record without a schema."""
+    content = struct.pack("<HH", number, 0) + text(topic) + text(encoding) + text_map(metadata)
     return record(CHANNEL, content)
 
 

@@ -126,12 +126,12 @@ def _continued(table: Table, words: Texts) -> str:
     return words("table.continued", caption=table.caption)
 
 
-def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], software: str, language: str = ENGLISH) -> str:
+def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], software: str) -> str:
     """Return the page; the same study gives the same bytes in the same environment, no date and no random id enters.
 
     Args: document: of study.json, with ``study``, ``runs``, ``seed`` and ``estimates``.
     """
-    words = words_of(language)
+    words = words_of(ENGLISH)
     name = str(document["study"])
     subtitle = words("study.subtitle", runs=document["runs"], seed=document["seed"], software=software)
     sections = [section for section in _sections(name, chapters, words) if section]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
-from bench.model.clock import Clock, WallClock
+from bench.model.clock import WallClock
 from bench.store.database import reading, writing
 from bench.store.errors import StoreError
 from bench.store.selection import find_calibration
@@ -19,13 +19,11 @@ STATES = ("as_found", "as_left")
 _FOUND, _LEFT = STATES
 
 
-def state_calibration(
-    url: str, name: str, state: str, what: str, by: str, clock: Clock | None = None
-) -> dict[str, Any]:
+def state_calibration(url: str, name: str, state: str, what: str, by: str) -> dict[str, Any]:
     """State that a calibration shows its unit as found before an adjustment, or as left after one.
 
     Args:    url: of the history.   name: session or the beginning of its SHA-256.   state: of the unit.
-             what: was adjusted.   by: who says so.   clock: labels the statement.
+             what: was adjusted.   by: who says so.
     Returns: the calibration; nothing is added where the newest statement says the same.
     Raises:  StoreError B-STORE-040 without a name or what was adjusted; B-STORE-001 to B-STORE-007, B-STORE-009.
     """
@@ -41,7 +39,7 @@ def state_calibration(
         pass
     with writing(url, "") as connection:
         calibration = find_calibration(connection, name)
-        add_state(connection, calibration["id"], state, what, by, (clock or WallClock()).utc_ns())
+        add_state(connection, calibration["id"], state, what, by, WallClock().utc_ns())
     return calibration
 
 

@@ -50,9 +50,9 @@ class Points:
         return Points(self.first + skipped, self.t_utc_s[skipped:], self.pairs[skipped:])
 
 
-def no_points(signals: int, first: int = 0) -> Points:
+def no_points(signals: int) -> Points:
     """None, of so many signals."""
-    return Points(first, np.zeros(0), np.zeros((0, signals, 2), dtype=np.float32))
+    return Points(0, np.zeros(0), np.zeros((0, signals, 2), dtype=np.float32))
 
 
 def binned(t_utc_s: NDArray[np.float64], low: NDArray[np.float32], high: NDArray[np.float32], width_s: float) -> Points:

@@ -94,9 +94,9 @@ def _spread(spread: Spread) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def batch_html(batch: Batch, software: str, language: str = ENGLISH) -> str:
+def batch_html(batch: Batch, software: str) -> str:
     """Return the page; the same sessions give the same bytes in the same environment, no date or random id enters."""
-    words = words_of(language)
+    words = words_of(ENGLISH)
     title = words("batch.title", units=len(batch.outcomes))
     subtitle = words("batch.subtitle", sessions=len({part.session for part in batch.parts}), software=software)
     sections = [section for section in _sections(batch, words) if section]

@@ -22,10 +22,10 @@ class TalkSession:
     The other instruments are not opened. On leaving, the instrument is left as it is: the person is at the bench.
     """
 
-    def __init__(self, station: Station, role: str, clock: Clock, out: Path, seed: int = 0) -> None:
+    def __init__(self, station: Station, role: str, clock: Clock, out: Path) -> None:
         transcript = HeldTranscript()
         self._clock = clock
-        self._bench = open_bench(station, clock, transcript, seed=seed, links=False, roles=[role])
+        self._bench = open_bench(station, clock, transcript, seed=0, links=False, roles=[role])
         self._instrument = self._bench.instruments[role]
         try:
             identity = self._instrument.identify()

@@ -7,7 +7,7 @@ from typing import Any
 
 from sqlalchemy import Connection, func, select
 
-from bench.model.clock import NS, Clock, WallClock
+from bench.model.clock import NS, WallClock
 from bench.store.database import reading, writing
 from bench.store.errors import StoreError
 from bench.store.reading import utc_text
@@ -27,7 +27,6 @@ def freeze(
     run_length: float,
     by: str,
     reason: str,
-    clock: Clock | None = None,
 ) -> dict[str, Any]:
     """State the first phase of a unit or a station: between which days it was in control.
 
@@ -35,12 +34,12 @@ def freeze(
              subject: "unit" with its serial number (None: the only one), or "station" with its name.
              days: first one (None: from the beginning) and last one, both counted in.
              run_length: points until the first false signal of any chart of the subject.
-             by, reason: who says so, and why.   clock: labels the statement.
+             by, reason: who says so, and why.
     Returns: the row that was added.
     Raises:  StoreError B-STORE-041 if the days are in no order or not over, hold fewer than eight calibrations, or the
              run length, a name or a reason is missing; B-STORE-001 to B-STORE-007, B-STORE-009.
     """
-    now_ns = (clock or WallClock()).utc_ns()
+    now_ns = WallClock().utc_ns()
     from_ns = 0 if days[0] is None else _midnight_ns(days[0])
     until_ns = min(_midnight_ns(days[1]) + _DAY_NS - 1, _LAST_NS)
     with reading(url) as connection:

@@ -199,10 +199,10 @@ def repeatability_estimates(rows: list[SampledRow], missing: list[str], declared
         windows = [window for window in seen if window is not None]
         starts, lengths = [window.start_s for window in windows], [window.length_s for window in windows]
         for k, axis in enumerate(AXES):
-            means, stds = [window.means[k].value for window in windows], [window.means[k].std for window in windows]
+            means = [window.means[k].value for window in windows]
             try:
                 noise = None if declared is None else declared[kind]
-                scatter = bias_repeatability(means, stds, starts, lengths, noise)
+                scatter = bias_repeatability(means, starts, lengths, noise)
             except FitError as error:
                 missing.append(_sentence(say("bias.repeatability", sensor=channel_name(f"{kind} {axis}")), error))
                 continue

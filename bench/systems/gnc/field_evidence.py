@@ -12,7 +12,7 @@ coefficients of this session can be tried on the same answers: readings that too
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,9 +49,8 @@ def endless_noise(quadric: Quadric, what: str, about: Document) -> Evidence:
 def plausible_plane(fit: EllipseFit, about: Document) -> list[Evidence]:
     """Return what no magnetometer in the Earth's field shows in a turn; empty where all is as it may be."""
     found = fit.parameters
-    reasons = _field(found.radius, 0.0) + _iron(float(np.abs(found.offset).max()), found.radius)
-    reasons += _distortion(max(abs(found.gain - 1.0), abs(float(np.sin(np.deg2rad(found.alpha_deg))))))
-    return [Evidence(code, text, figure, 0.0, quantities=PLANE, conditions=about) for code, text, figure in reasons]
+    skew = max(abs(found.gain - 1.0), abs(float(np.sin(np.deg2rad(found.alpha_deg)))))
+    return list(_implausible(found.radius, 0.0, float(np.abs(found.offset).max()), skew, PLANE, about))
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
@@ -64,33 +63,25 @@ def plausible_sphere(fit: EllipsoidFit, unit: str = "gauss") -> list[Evidence]:
 
     Of counts (``unit`` "1") the size of the field is not known.
     """
-    reasons = (_field(fit.norm, _FIELD_gauss[0]) if unit == "gauss" else []) + _iron(
-        float(np.abs(fit.hard_iron).max()), fit.norm
-    )
-    reasons += _distortion(float(np.abs(fit.symmetric - np.eye(3)).max()))
-    return [Evidence(code, text, figure, 0.0, quantities=SPHERE) for code, text, figure in reasons]
+    least_gauss = _FIELD_gauss[0] if unit == "gauss" else None
+    skew = float(np.abs(fit.symmetric - np.eye(3)).max())
+    return list(_implausible(fit.norm, least_gauss, float(np.abs(fit.hard_iron).max()), skew, SPHERE, {}))
 
 
-def _field(size_gauss: float, least_gauss: float) -> list[tuple[str, str, float]]:
-    if least_gauss <= size_gauss <= _FIELD_gauss[1]:
-        return []
+def _implausible(
+    field: float, least_gauss: float | None, iron: float, skew: float, quantities: tuple[str, ...], about: Document
+) -> Iterator[Evidence]:
+    """Yield what is out of bounds; ``least_gauss`` of the field, None where its size is not known."""
     low, high = _FIELD_gauss
-    text = say("evidence.field", size=size_gauss, low=low, high=high)
-    return [("implausible_field", text, size_gauss)]
-
-
-def _iron(iron_gauss: float, field_gauss: float) -> list[tuple[str, str, float]]:
-    if iron_gauss <= _LARGEST_IRON * field_gauss:
-        return []
-    text = say("evidence.iron", iron=iron_gauss, times=_LARGEST_IRON)
-    return [("implausible_iron", text, iron_gauss)]
-
-
-def _distortion(part: float) -> list[tuple[str, str, float]]:
-    if part <= _LARGEST_DISTORTION:
-        return []
-    text = say("evidence.distortion", part=100 * part, bound=100 * _LARGEST_DISTORTION)
-    return [("implausible_soft_iron", text, 100 * part)]
+    if least_gauss is not None and not least_gauss <= field <= high:
+        text = say("evidence.field", size=field, low=low, high=high)
+        yield Evidence("implausible_field", text, field, 0.0, quantities=quantities, conditions=about)
+    if iron > _LARGEST_IRON * field:
+        text = say("evidence.iron", iron=iron, times=_LARGEST_IRON)
+        yield Evidence("implausible_iron", text, iron, 0.0, quantities=quantities, conditions=about)
+    if skew > _LARGEST_DISTORTION:
+        text = say("evidence.distortion", part=100 * skew, bound=100 * _LARGEST_DISTORTION)
+        yield Evidence("implausible_soft_iron", text, 100 * skew, 0.0, quantities=quantities, conditions=about)
 
 
 @dataclass(frozen=True)

@@ -338,7 +338,7 @@ def _table(fit: PlaneComparison) -> Table:
         ]
         for k, (name, factor) in enumerate(zip(names, factors, strict=True))
     ]
-    rolls = [f"{fit.roll[method].rms_deg:.2g}" for method in (EXTREMES, ELLIPSE)]
+    rolls = [f"{fit.roll_std_deg[method]:.2g}" for method in (EXTREMES, ELLIPSE)]
     rows.append([say("plane.row.roll"), *rolls, "–"])
     rms, largest = fit.roll_difference_deg
     phases = fit.extremes.phases

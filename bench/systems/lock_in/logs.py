@@ -43,7 +43,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     noise = noise_at_rest(rate_deg_h, interval_s)
     entries = _estimates(rate_deg_h, noise) + _alignment(noise, material.campaign.get("laser"), rate_deg_h.size)
     possible = [say(f"term.{GYRO_TERMS[name][0]}") for name in noise.long.possible]
-    terms = [entry.quantity for entry in entries if entry.quantity != "mean_rate"]
+    terms = [entry.quantity for entry in entries[1:]]  # behind the mean rate
     return Analysis(
         "rlg_count_log",
         method,
@@ -63,34 +63,28 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 def _rates(material: Material) -> tuple[Floats, float]:
     """Return the rate over each interval, (n,), deg/h, NaN where a count is missing, and the interval."""
     t_s = material.series.get("t_s", np.empty(0))
-    column = _column(material)
+    roles = ("count", "count_increment")
+    columns = [column for column in material.campaign.get("columns", ()) if column.get("role") in roles]
+    if len(columns) != 1:
+        raise _unusable(f"{len(columns)} columns of counts, one is due")
     if t_s.size < 4:
         raise _unusable(f"{t_s.size} rows are too few")
-    steps_s = np.diff(t_s)
-    interval_s = float(np.mean(steps_s))
-    even_s = t_s[0] + interval_s * np.arange(t_s.size)
-    if float(np.abs(t_s - even_s).max()) > _UNEVEN * interval_s:
-        raise _unusable(f"the rows do not lie {interval_s:.6g} s apart, one is {np.abs(t_s - even_s).max():.3g} s off")
-    counts = material.series[str(column["name"])]
-    turned = np.diff(counts) if column["role"] == "count" else counts
+    interval_s = float(np.mean(np.diff(t_s)))
+    off_s = np.abs(t_s - t_s[0] - interval_s * np.arange(t_s.size)).max()
+    if off_s > _UNEVEN * interval_s:
+        raise _unusable(f"the rows do not lie {interval_s:.6g} s apart, one is {off_s:.3g} s off")
+    counts = material.series[str(columns[0]["name"])]
+    turned = np.diff(counts) if columns[0]["role"] == "count" else counts
     if not np.nanstd(turned) > 0.0:
         raise _unusable("it advances by the same number in every interval")
     return turned * float(material.campaign["count_scale_deg"]) * 3600.0 / interval_s, interval_s
 
 
-def _column(material: Material) -> Document:
-    columns = material.campaign.get("columns", ())
-    found = [column for column in columns if column.get("role") in ("count", "count_increment")]
-    if len(found) != 1:
-        raise _unusable(f"{len(found)} columns of counts, one is due")
-    return dict(found[0])
-
-
 def _estimates(rate_deg_h: Floats, noise: NoiseAtRest) -> Estimates:
     n, long = int(np.isfinite(rate_deg_h).sum()), noise.long
     counted, place = {"n": n, "dropped": rate_deg_h.size - n}, {"kind": "gyro"}
-    mean, factor = float(np.nanmean(rate_deg_h)), long.expanded / long.std
-    entries = [estimate("mean_rate", "deg/h", mean, long.std, place, factor=factor, **counted)]
+    mean = float(np.nanmean(rate_deg_h))
+    entries = [estimate("mean_rate", "deg/h", mean, long.std, place, factor=long.expanded / long.std, **counted)]
     for term in noise.stated:
         name, unit, factor = GYRO_TERMS[term.name]
         value, std = factor * term.coefficient, factor * term.std_uncertainty

@@ -116,9 +116,9 @@ def _by_bias(laser: LaserResult, method: str, requirement: Requirement) -> str:
     if bias is None:
         return say("cell.no_result")
     of_one = bias_alignment_error_deg(1.0, requirement.latitude_deg) / NATO_MIL_DEG
-    if not bias.shown:
-        return _below(of_one * bias.upper_deg_h)
-    return _text(Measured(bias.value_deg_h, bias.std_deg_h), of_one)
+    if not bias.significant:
+        return _below(of_one * bias.upper_limit)
+    return _text(Measured(bias.coefficient, bias.std_uncertainty), of_one)
 
 
 def _constants(results: Sequence[LaserResult]) -> Table:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis import Document, Estimates, estimate, stated_limits
+from bench.maths.allan_terms import NoiseTerm
 from bench.maths.tests import chi2_tail
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
@@ -27,7 +28,7 @@ from bench.systems.lock_in.estimators.random_walk import (
     random_walk,
     shared_variance,
 )
-from bench.systems.lock_in.estimators.steadiness import BiasInstability, bias_alignment_error_deg, bias_instability
+from bench.systems.lock_in.estimators.steadiness import bias_alignment_error_deg, bias_instability
 from bench.systems.lock_in.records import Events, LaserRecord
 from bench.systems.lock_in.wording import say
 
@@ -127,7 +128,7 @@ class LaserResult:
     found: Compensated
     walks: Mapping[str, RandomWalk]
     missing: Mapping[str, str]
-    biases: Mapping[str, BiasInstability] = field(default_factory=dict)
+    biases: Mapping[str, NoiseTerm] = field(default_factory=dict)
     shared: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -238,7 +239,7 @@ def laser_result(record: LaserRecord) -> LaserResult:
     stretches, events = list(events.stretches), replace(events, stretches=())
     compensation = compensated(stretches, events, record.number)
     walks: dict[str, RandomWalk] = {}
-    biases: dict[str, BiasInstability] = {}
+    biases: dict[str, NoiseTerm] = {}
     missing = dict(compensation.refused)
     for method in (RAW, *COMPENSATORS):
         if method != RAW and not compensation.used.get(method):
@@ -309,14 +310,14 @@ def record_estimates(laser: LaserResult, requirement: Requirement, judged: str) 
 def _bias(laser: LaserResult, method: str, requirement: Requirement) -> Estimates:
     """Return bias instability and the alignment error by it, where the record shows any."""
     bias = laser.biases.get(method)
-    if bias is None or not bias.shown:
+    if bias is None or not bias.significant:
         return []
     place, n = laser.record.place(laser.clock_Hz) | {"method": method}, laser.found.turnarounds
     error_deg, std_deg = (
-        bias_alignment_error_deg(size, requirement.latitude_deg) for size in (bias.value_deg_h, bias.std_deg_h)
+        bias_alignment_error_deg(size, requirement.latitude_deg) for size in (bias.coefficient, bias.std_uncertainty)
     )
     return [
-        estimate("bias_instability", "deg/h", bias.value_deg_h, bias.std_deg_h, place, n=n),
+        estimate("bias_instability", "deg/h", bias.coefficient, bias.std_uncertainty, place, n=n),
         estimate("bias_alignment_error", "deg", error_deg, std_deg, place, n=n),
     ]
 

@@ -43,12 +43,12 @@ class Quanta:
         return np.minimum(np.maximum(wanted, -limit), limit).astype(np.int64)
 
 
-def quanta(truth: NguTruth, unit_degC: NDArray[np.float64], bits: int = CHARGE_BITS) -> list[Quanta]:
+def quanta(truth: NguTruth, unit_degC: NDArray[np.float64]) -> list[Quanta]:
     """Return pulse charges at each temperature; the AF clock sets the length of a reset, so its error is in them."""
     clock = 1.0 + truth.af_clock_error_ppm * 1e-6
-    nominal = float(1 << bits) / clock
+    nominal = float(1 << CHARGE_BITS) / clock
     q_n, q_p = np.rint(nominal * (1.0 + 1e-6 * truth.all_dsf_ppm(unit_degC))).astype(np.int64)
-    units_A = float(1 << bits) / (_K0_C * AF_CLOCK_HZ * clock)
+    units_A = float(1 << CHARGE_BITS) / (_K0_C * AF_CLOCK_HZ * clock)
     return [Quanta(n, p, units_A) for n, p in zip(q_n, q_p, strict=True)]
 
 

@@ -146,7 +146,7 @@ class GncImu:
         seed: seed of the run.   serial: serial number of the module; both together name every draw.
         options: see ImuOptions.
         surroundings: table motion, mounting and kind of table as they are when a sample is taken (the world).
-        site: latitude, gravity, azimuth of the inner axis.   earth: the magnetic field of the place.
+        site: latitude, gravity, azimuth of the inner axis.
         ambient_degC: temperature around the module at bench times, (n,) to (n,).
     """
 
@@ -158,13 +158,12 @@ class GncImu:
         *,
         surroundings: Surroundings | None = None,
         site: Site | None = None,
-        earth: EarthField | None = None,
         ambient_degC: Callable[[Int64], Float] | None = None,
     ) -> None:
         self.serial = serial
         self.options = options or ImuOptions()
         self.surroundings: Surroundings = surroundings or OnTheBench()
-        self.site, self.earth = site or Site(), earth or EarthField()
+        self.site, self.earth = site or Site(), EarthField()
         self.errors = ImuErrors(seed, serial, self.options)
         self.magnetometer = Magnetometer(seed, serial, errors=self.options.errors)
         self.power = PowerPeriods()

@@ -180,13 +180,13 @@ class ChannelFit:
         known = np.isfinite(self.sensor_degC)
         return float(np.mean((self.sensor_degC - self.fit.unit_degC)[known])) if known.any() else 0.0
 
-    def naive(self, temperature_degC: Floats, at_degC: Floats, *, masked: bool = True) -> Floats:
+    def naive(self, temperature_degC: Floats, at_degC: Floats) -> Floats:
         """Falling minus rising cubic against a temperature (k,), at temperatures; NaN where a branch does not reach.
 
         NaN everywhere if the temperatures do not determine a cubic; the joint fit stands without this comparison.
-        ``masked``: windows in which the play still crosses after a reversal are left out.
+        Windows in which the play still crosses after a reversal are left out.
         """
-        kept = np.isfinite(temperature_degC) & (crossed_over(self.fit) if masked else True)
+        kept = np.isfinite(temperature_degC) & crossed_over(self.fit)
         rising, falling = (kept & (self.branch == name) for name in (RISING, FALLING))
         try:
             return branch_difference(temperature_degC, self.readings.bias_A, rising, falling, at_degC)

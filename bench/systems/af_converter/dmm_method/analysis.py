@@ -201,7 +201,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
         groups=[_quality(fitted, constants) for fitted in fits],
         notes=[
             *(say("note.no_result", what=sentence) for sentence in missing),
-            *notes(fits, groups, entries, constants),
+            *notes(fits, groups, entries),
             *untraced(register, METER),
         ],
         missing=missing,
@@ -223,7 +223,7 @@ def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
     )
 
 
-def notes(fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Estimates, campaign: Campaign) -> list[str]:
+def notes(fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Estimates) -> list[str]:
     """Return all notes but those on missing groups."""
     sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
     left_out: Counter[str] = Counter()

@@ -34,7 +34,6 @@ from bench.systems.af_converter.estimators.segments import Segment, branches, fi
 from bench.systems.af_converter.wording import say
 
 _MOST = 0.01  # of the rows; more are not single rows
-_GAP = 5.0  # of the usual step
 LEAST_ROWS = 100
 MEAN = "mean"
 _WINDOWS = 150  # of the search for ramps, in a record
@@ -53,19 +52,12 @@ def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Flags:
     return repeated | odd if few(np.count_nonzero(odd), odd.size, _MOST) else repeated
 
 
-def row_notes(t_s: Floats, bad: Floats) -> list[str]:
-    """Return sentences on the rows left out, by their times (b,), and on the gaps between those kept, (k,)."""
-    notes = []
-    if bad.size:
-        named = ", ".join(f"{time_s / 3600.0:.3f} h" for time_s in bad[:5]) + (" ..." if bad.size > 5 else "")
-        notes.append(say("log.left_out", count=bad.size, times=named))
-    step_s = np.diff(t_s)
-    gaps = np.flatnonzero(step_s > _GAP * float(np.median(step_s)))
-    if gaps.size:
-        longest = gaps[int(np.argmax(step_s[gaps]))]
-        minutes = {"whole": float(step_s[gaps].sum()) / 60, "longest": float(step_s[longest]) / 60}
-        notes.append(say("log.gaps", count=gaps.size, gap=_GAP, **minutes, begin=float(t_s[longest]) / 3600))
-    return notes
+def row_notes(bad: Floats) -> list[str]:
+    """Return a sentence on the rows left out, by their times (b,)."""
+    if not bad.size:
+        return []
+    named = ", ".join(f"{time_s / 3600.0:.3f} h" for time_s in bad[:5]) + (" ..." if bad.size > 5 else "")
+    return [say("log.left_out", count=bad.size, times=named)]
 
 
 def still_evidence(t_s: Floats, columns: Mapping[str, Floats], programme: Sequence[str]) -> Iterator[Evidence]:
@@ -150,7 +142,7 @@ def ramp_columns(material: Material) -> RampColumns:
         unit=unit,
         dropped=overloaded + bad_s.size,
         overloaded=overloaded,
-        row_notes=row_notes(t_s, bad_s),
+        row_notes=row_notes(bad_s),
         still=list(still_evidence(t_s, {name: columns[name] for name in used}, roles["set_point"])),
         segments=find_segments(t_s, programme, window_s),
     )

@@ -261,14 +261,13 @@ class BiasRepeatability:
 
 def bias_repeatability(
     means: Sequence[float],
-    stds: Sequence[float],
     starts_s: Sequence[float],
     lengths_s: Sequence[float],
     declared: SensorNoise | None = None,
 ) -> BiasRepeatability:
     """Repeatability and its interval.
 
-    Args:    means, stds: of the windows and their standard uncertainties.   starts_s, lengths_s: of the windows.
+    Args:    means: of the windows.   starts_s, lengths_s: of the windows.
              declared: noise of windows that hold none; ``value`` is then the expected one.
     Returns: BiasRepeatability.
     Raises:  FitError B-FIT-093 for fewer than six windows, one shorter than 10 min or starts less than 20 min apart.

@@ -78,11 +78,6 @@ class Resting:
         """Return kind and axis for people."""
         return channel_name(f"{self.kind} {self.axis}")
 
-    @property
-    def length_s(self) -> float:
-        """Length of the log."""
-        return self.samples.size * self.interval_s
-
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """Return mean, noise terms and stability of each sensor of a log at rest.
@@ -151,7 +146,7 @@ def _estimates(sensor: Resting) -> Estimates:
 
 def _stability(sensor: Resting) -> BiasStability | None:
     """Return the scatter of means of 10 s, None for a log with fewer than 30 or with a gap in one."""
-    averages = min(AVERAGES, int(sensor.length_s / AVERAGE_s))
+    averages = min(AVERAGES, int(sensor.samples.size * sensor.interval_s / AVERAGE_s))
     if averages < _FEWEST_MEANS:
         return None
     try:

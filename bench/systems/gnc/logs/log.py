@@ -42,6 +42,10 @@ class ImuLog:
     rate_Hz: float
     segments: tuple[Document, ...]
 
+    def of(self, kind: str) -> Floats:
+        """Return the samples of the "accelerometer" or the "gyro", (n, 3) if it is there."""
+        return self.accel if kind == "accelerometer" or self.gyro is None else self.gyro
+
     def rows(self, segment: Document) -> slice:
         """Return rows of a segment; its last one is included."""
         return slice(int(segment["first"]), int(segment["last"]) + 1)
@@ -111,8 +115,8 @@ def stuck_sensors(
             if hung:
                 key = "evidence.hung_log" if len(parts) == 1 else "evidence.hung_stretch"
                 text = say(key, sensor=channel_name(f"{kind} {axis}"), stretches=", ".join(map(str, hung)))
-                bears_on = quantities[kind] if quantities else ()
-                found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=bears_on))
+                of_kind = quantities[kind] if quantities else ()
+                found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=of_kind))
     return found
 
 
@@ -124,7 +128,7 @@ def without_lone_samples(
     Args:    segments: by kind ("accelerometer", "gyro").   quantities: that depend on a kind.
     Returns: the log; a sentence for each column and segment; a doubt where more than one sample in a hundred is so.
     """
-    parts = {"accelerometer": log.accel.copy()} | ({} if log.gyro is None else {"gyro": log.gyro.copy()})
+    parts = {kind: log.of(kind).copy() for kind in segments}
     notes, evidence = [], []
     for kind, stretches in segments.items():
         for segment, (k, axis) in product(stretches, enumerate(AXES)):
@@ -136,8 +140,7 @@ def without_lone_samples(
                 text = say("evidence.lone", **about, of=lone.size)
                 evidence.append(Evidence("lone_samples", text, float(count), 0.0, quantities=quantities[kind]))
             elif count:
-                row = np.arange(lone.size)
-                part[lone] = np.interp(row[lone], row[~lone], part[~lone])
+                part[lone] = np.interp(np.flatnonzero(lone), np.flatnonzero(~lone), part[~lone])
                 notes.append(say("log.lone", **about))
     return replace(log, accel=parts["accelerometer"], gyro=parts.get("gyro")), notes, evidence
 

@@ -5,6 +5,8 @@ Source: GNC-module paper equation (2) with its column of ones; Ferraris, Grimald
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from bench.analysis import (
@@ -72,22 +74,15 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         ],
         missing=missing,
         tables=_tables(accelerometer, gyro, unit),
-        evidence=[*evidence, *_evidence(log, positions, rotations, accelerometer, gyro)],
+        evidence=[*evidence, *_evidence(log, at, accelerometer, gyro)],
     )
 
 
 def _evidence(
-    log: ImuLog,
-    positions: list[Document],
-    rotations: list[Document],
-    accelerometer: TriadFit,
-    gyro: TriadFit | None,
+    log: ImuLog, at: Mapping[str, Sequence[Document]], accelerometer: TriadFit, gyro: TriadFit | None
 ) -> list[Evidence]:
-    stretches = {"accelerometer": [log.accel[log.rows(stretch)] for stretch in positions]}
-    found = own_axes("accel", accelerometer)
-    if gyro is not None and log.gyro is not None:
-        stretches["gyro"] = [log.gyro[log.rows(stretch)] for stretch in (*positions, *rotations)]
-        found += own_axes("gyro", gyro)
+    stretches = {kind: [log.of(kind)[log.rows(stretch)] for stretch in segments] for kind, segments in at.items()}
+    found = own_axes("accel", accelerometer) + ([] if gyro is None else own_axes("gyro", gyro))
     return [*found, *stuck_sensors(stretches, _QUANTITIES)]
 
 

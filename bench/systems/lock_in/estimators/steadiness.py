@@ -15,7 +15,7 @@ import numpy as np
 from scipy import fft
 
 from bench.maths.allan import AllanDeviation
-from bench.maths.allan_terms import fit_noise_terms
+from bench.maths.allan_terms import NoiseTerm, fit_noise_terms
 from bench.maths.arrays import Flags, Floats
 from bench.maths.tests import f_tail, of_many
 from bench.systems.lock_in.estimators.random_walk import TERMS, EARTH_RATE_deg_h
@@ -125,28 +125,13 @@ def _without(increment: Floats, known: Flags, wave: Floats) -> Floats:
     return left
 
 
-@dataclass(frozen=True)
-class BiasInstability:
-    """Bias instability B, deg/h; ``std_deg_h`` is NaN where it was fitted as 0.
-
-    ``upper_deg_h``: not exceeded with 95 % confidence.   ``shown``: without it the fit is worse than chance explains.
-    """
-
-    value_deg_h: float
-    std_deg_h: float
-    upper_deg_h: float
-    shown: bool
-
-
-def bias_instability(output: AllanDeviation) -> BiasInstability:
+def bias_instability(output: AllanDeviation) -> NoiseTerm:
     """Fit B beside random walk and quantisation to the Allan deviation of an output, deg/h.
 
     Raises: FitError of ``fit_noise_terms``.
     Source: IEEE Std 952-1997 annex C, equation C.13.
     """
-    term = fit_noise_terms(output, (*TERMS, _BIAS))[_BIAS]
-    shown = term.significant and term.coefficient > 0.0
-    return BiasInstability(term.coefficient, term.std_uncertainty, term.upper_limit, shown)
+    return fit_noise_terms(output, (*TERMS, _BIAS))[_BIAS]
 
 
 def bias_alignment_error_deg(bias_deg_h: float, latitude_deg: float) -> float:

@@ -9,7 +9,9 @@ import numpy as np
 from sim_instruments.arrays import Float
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.egi_filter import EgiClass, EgiErrorFilter
-from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPath
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
+
+_TAG_STD_s = 1e-5
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,9 @@ class EgiErrorStepper:
         path: FlightPath,
         seed: int,
         run: int = 0,
-        sensor: EgiClass | None = None,
         begin_s: float = 0.0,
-        latitude_deg: float = LATITUDE_DEG,
     ) -> None:
-        self._filter = EgiErrorFilter(path, begin_s, [_lane(seed, run)], sensor or EgiClass(), latitude_deg)
+        self._filter = EgiErrorFilter(path, begin_s, [_lane(seed, run)], EgiClass())
 
     def step(self) -> tuple[Float, Float, Float]:
         """Return errors of the next sample, 0 first: position (3,) m, velocity (3,) m/s, attitude (3,) rad."""
@@ -64,7 +64,6 @@ def egi_error_runs(
     runs: int,
     seed: int,
     sensor: EgiClass | None = None,
-    latitude_deg: float = LATITUDE_DEG,
 ) -> EgiErrors:
     """Return errors of ``runs`` units on the same flight, 50 a second from 0 s to ``duration_s``, both included.
 
@@ -72,7 +71,7 @@ def egi_error_runs(
     """
     sensor = sensor or EgiClass()
     lanes = [_lane(seed, run) for run in range(runs)]
-    inner = EgiErrorFilter(path, 0.0, lanes, sensor, latitude_deg)
+    inner = EgiErrorFilter(path, 0.0, lanes, sensor)
     m = round(duration_s * sensor.rate_Hz) + 1
     errors = [np.empty((m, runs, 3)) for _ in range(3)]
     for first in range(0, m, sensor.rate_Hz):
@@ -142,7 +141,7 @@ def _attitude(dphi: Float, yaw: Float) -> Float:
     return turned
 
 
-def clock_noise(seed: int, samples: int, runs: int, sigma_s: float = 1e-5) -> Float:
+def clock_noise(seed: int, samples: int, runs: int) -> Float:
     """Return white noise of the tags, (samples, runs), s; run r is the same whatever the number of runs."""
     lanes = [generator(seed, "flight clock noise", run).standard_normal(samples) for run in range(runs)]
-    return np.stack(lanes, axis=1) * sigma_s
+    return np.stack(lanes, axis=1) * _TAG_STD_s

@@ -14,6 +14,7 @@ import numpy as np
 
 from sim_instruments.arrays import Float
 from sim_instruments.worlds.time_sync.flight.path import (
+    LATITUDE_DEG,
     STANDARD_GRAVITY_M_S2,
     FlightPath,
     PathState,
@@ -65,10 +66,9 @@ class EgiErrorFilter:
         begin_s: float,
         lanes: Sequence[np.random.Generator],
         sensor: EgiClass,
-        latitude_deg: float,
     ) -> None:
         self._path, self._begin_s, self._lanes, self._sensor = path, begin_s, lanes, sensor
-        self._model = _ErrorModel(sensor, latitude_deg)
+        self._model = _ErrorModel(sensor)
         self._per_fix = sensor.gps_interval_s * sensor.rate_Hz
         self.sample = -sensor.prior_s * sensor.rate_Hz
         start = self._model.start()
@@ -133,10 +133,10 @@ class EgiErrorFilter:
 class _ErrorModel:
     """Transition matrix, noise and start of the 15 errors."""
 
-    def __init__(self, sensor: EgiClass, latitude_deg: float) -> None:
+    def __init__(self, sensor: EgiClass) -> None:
         self._sensor, self._dt_s = sensor, 1.0 / sensor.rate_Hz
-        self._earth = earth_rate_rad_s(latitude_deg)
-        self._gravity_m_s2, self._gradient = normal_gravity_m_s2(latitude_deg), gravity_gradient_s2(latitude_deg)
+        self._earth = earth_rate_rad_s(LATITUDE_DEG)
+        self._gravity_m_s2, self._gradient = normal_gravity_m_s2(LATITUDE_DEG), gravity_gradient_s2(LATITUDE_DEG)
         turn = _cross(self._earth)
         self._coriolis = 2.0 * turn
         micro_g = 1e-6 * STANDARD_GRAVITY_M_S2

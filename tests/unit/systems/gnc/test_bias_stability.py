@@ -163,13 +163,13 @@ MEANS_deg_h = [1.0, 2.5, -0.5, 3.0, 0.0, 1.2]
 
 
 def test_repeatability_is_the_standard_deviation_of_six() -> None:
-    found = stability.bias_repeatability(MEANS_deg_h, [0.7] * 6, STARTS_s, LENGTHS_s)
+    found = stability.bias_repeatability(MEANS_deg_h, STARTS_s, LENGTHS_s)
     assert found.value == pytest.approx(float(np.std(MEANS_deg_h, ddof=1)))
     assert found.dof == 5
     # chi-square with 5 degrees of freedom, printed tables: 0.8312 and 12.8325
     assert found.low == pytest.approx(found.value * np.sqrt(5 / 12.8325), rel=1e-5)
     assert found.high == pytest.approx(found.value * np.sqrt(5 / 0.8312), rel=1e-4)
-    shuffled = stability.bias_repeatability(MEANS_deg_h[::-1], [0.7] * 6, STARTS_s[::-1], LENGTHS_s)
+    shuffled = stability.bias_repeatability(MEANS_deg_h[::-1], STARTS_s[::-1], LENGTHS_s)
     np.testing.assert_array_equal(shuffled.means, found.means)
 
 
@@ -184,7 +184,7 @@ def test_repeatability_is_the_standard_deviation_of_six() -> None:
 )
 def test_windows_that_are_no_repeatability(starts: list[float], lengths: list[float], reason: str) -> None:
     with pytest.raises(FitError, match=f"B-FIT-093.*{reason}"):
-        stability.bias_repeatability(MEANS_deg_h[: len(starts)], [0.7] * len(starts), starts, lengths)
+        stability.bias_repeatability(MEANS_deg_h[: len(starts)], starts, lengths)
 
 
 @pytest.mark.validates(

@@ -15,6 +15,7 @@ from rlg_rig import SITE, as_row, material, without
 from scipy import stats
 from spoken import english_left
 
+from bench.maths.allan_terms import NoiseTerm
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.quality import Quality
@@ -22,7 +23,6 @@ from bench.systems.lock_in import result as laser_results
 from bench.systems.lock_in.analysis import analyse
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown
 from bench.systems.lock_in.estimators.random_walk import RandomWalk
-from bench.systems.lock_in.estimators.steadiness import BiasInstability
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.records import LaserRecord, laser_records
 from bench.systems.lock_in.report import tables
@@ -222,7 +222,7 @@ BOTH = {"raw": walk(3e-3, 9e-5), JUDGED: walk(6e-4, 3e-5), "parabolas": walk(3.3
 def test_the_alignment_error_by_bias_is_a_value_or_a_limit(shown: bool, text: str) -> None:
     """0.0175 deg/h at 37 deg is 0.0175 / 12.012 rad or 1.48 mil of 360/6400 deg, by hand; limits are no estimates."""
     laser = result(BOTH)
-    bias = BiasInstability(0.0175, 0.00175, 0.0288, shown)
+    bias = NoiseTerm("bias_instability", 0.0175, 0.00175, 0.0175, 0.00175, 0.0288, 100.0 * shown)
     laser = replace(laser, biases={"raw": bias, JUDGED: bias})
     requirement = laser_results.Requirement(360.0 / 6400.0, None, 37.0)
     (table,) = (one for one in tables([laser], requirement, JUDGED) if one.title == "Alignment time")

@@ -44,7 +44,7 @@ class PlaneComparison:
 
     ellipse: EllipseFit
     extremes: ExtremesFit
-    roll: dict[str, RollUncertainty]
+    roll_std_deg: dict[str, float]
     roll_difference_deg: tuple[float, float]
     score: Floats
 
@@ -101,7 +101,7 @@ def _compared(ellipse: EllipseFit, extremes: ExtremesFit, roll_difference_deg: t
     return PlaneComparison(
         ellipse=ellipse,
         extremes=extremes,
-        roll={name: roll_uncertainty(parameters, ellipse.noise) for name, parameters in both.items()},
+        roll_std_deg={name: roll_std_deg(parameters) for name, parameters in both.items()},
         roll_difference_deg=roll_difference_deg,
         score=(extremes.parameters.values - ellipse.parameters.values)
         / np.hypot(extremes.parameters.std, ellipse.parameters.std),
@@ -209,17 +209,6 @@ def _top(phase: Floats, amplitude: float, noise: float) -> _Top:
     )
 
 
-@dataclass(frozen=True)
-class RollUncertainty:
-    """Standard uncertainty of the roll angle in degrees over a whole turn.
-
-    ``rms_deg``: from the parameters; ``noise_deg``: of a single reading, to be added in quadrature.
-    """
-
-    rms_deg: float
-    noise_deg: float
-
-
 def roll_deg(x: Floats, y: Floats) -> Floats:
     """Roll angle of corrected components.
 
@@ -230,12 +219,11 @@ def roll_deg(x: Floats, y: Floats) -> Floats:
     return np.rad2deg(np.arctan2(-np.asarray(y), np.asarray(x)))
 
 
-def roll_uncertainty(parameters: PlaneParameters, noise: float) -> RollUncertainty:
-    """Return what the uncertainty of the five parameters and the noise of a reading make of the roll angle.
+def roll_std_deg(parameters: PlaneParameters) -> float:
+    """Return what the uncertainty of the five parameters makes of the roll angle, root mean square over a whole turn.
 
     Args:    parameters: with covariance and expected error of the method, both taken as random here.
-             noise: of one reading on each axis, unit of the readings.
-    Returns: RollUncertainty.
+    Returns: degrees; the noise of a single reading is to be added in quadrature.
     Source:  first derivatives: d roll = (sin r dx + cos r dy) (-1) / radius with dx, dy of the corrected components.
     """
     angle = np.deg2rad(np.arange(0.0, 360.0, _EVERY_deg))
@@ -253,7 +241,4 @@ def roll_uncertainty(parameters: PlaneParameters, noise: float) -> RollUncertain
     slope = -(np.sin(angle)[:, None] * along_x + np.cos(angle)[:, None] * along_y) / parameters.radius
     covariance = parameters.covariance + np.diag(parameters.bias**2)
     variance = np.einsum("np,pq,nq->n", slope, covariance, slope)
-    return RollUncertainty(
-        rms_deg=float(np.rad2deg(np.sqrt(variance.mean()))),
-        noise_deg=float(np.rad2deg(noise / parameters.radius)),
-    )
+    return float(np.rad2deg(np.sqrt(variance.mean())))

@@ -63,7 +63,7 @@ def test_error_model_is_the_difference_of_two_navigators(column: int) -> None:
     start = np.zeros(15)
     start[column] = [1.0, 0.01, 1e-5, 1e-4, 1e-6][column // 3]
     errors = start.copy()
-    for transition in _ErrorModel(EgiClass(), 37.5).transitions(path.state(np.arange(1001) / 50.0)):
+    for transition in _ErrorModel(EgiClass()).transitions(path.state(np.arange(1001) / 50.0)):
         errors = transition @ errors
     found = _navigator_errors(path, 0.0, 20.0, start)
     for part, absolute in ((slice(0, 3), 2e-6), (slice(3, 6), 3e-7), (slice(6, 9), 1e-9)):
@@ -81,7 +81,7 @@ _NOISY = EgiClass(velocity_walk_ug=200.0, angle_walk_deg_rt_h=0.1)
 def test_the_filter_believes_what_is_true(name: str, sensor: EgiClass) -> None:
     """NEES of all 15 states over 200 units within its 99.98 % bounds, before, in and after the manoeuvres."""
     lanes = [generator(17, "nees", lane) for lane in range(200)]
-    inner = EgiErrorFilter(MANOEUVRES[name], 0.0, lanes, sensor, 37.5)
+    inner = EgiErrorFilter(MANOEUVRES[name], 0.0, lanes, sensor)
     low, high = stats.chi2.ppf([1e-4, 1.0 - 1e-4], 15 * 200) / 200
     for until_s in (0.0, 10.5, 25.98, 55.0, 62.0):
         inner.advance(round(until_s * 50) - inner.sample)
