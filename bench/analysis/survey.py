@@ -64,7 +64,6 @@ def surveyed(material: Material) -> Surveyed:
             material, t_s = replace(material, series=series), t_s[~again]
     row = np.flatnonzero(~again) + 1 if t_s.size < again.size else np.arange(again.size) + 1  # of the file
     stamps = sample_stamps(t_s)
-    _refuse_silent(columns, material.series)
     steps = np.diff(t_s) * stamps.rate_Hz
     long = np.flatnonzero(steps > _PAUSE)
     _refuse_set_clock(steps, stamps.rate_Hz, long, columns, material.series, row)
@@ -75,7 +74,14 @@ def surveyed(material: Material) -> Surveyed:
     if not stamps.sure and any(column.get("axis") for column in columns):
         evidence.append(Evidence("no_rate", say("survey.no_rate", rate=stamps.rate_Hz), stamps.crowded, 0.0))
     for column in columns:
-        evidence += _no_readings(column, material.series[str(column["name"])], row)
+        values = material.series[str(column["name"])]
+        if column["role"] in _READ and is_silent(values):
+            raise FitError(
+                "B-FIT-145",
+                f"the column {column['header']} has one and the same value in all rows",
+                next_step="map the column that moves, or leave this one out of the mapping ('role: ignore')",
+            )
+        evidence += _no_readings(column, values, row)
     return Surveyed(material, notes, [*evidence, *_gravity(columns, material.series)])
 
 
@@ -84,17 +90,6 @@ def _repeated(columns: list[Document], series: Mapping[str, Floats]) -> Flags:
     if not any(column.get("axis") for column in columns):
         return np.zeros(series["t_s"].size, np.bool_)
     return repeated_rows([series[str(column["name"])] for column in columns if column["role"] not in _OF_ROWS])
-
-
-def _refuse_silent(columns: list[Document], series: Mapping[str, Floats]) -> None:
-    """Refuse a column that is the same in all rows and must move. Raises: FitError B-FIT-145."""
-    for column in columns:
-        if column["role"] in _READ and is_silent(series[str(column["name"])]):
-            raise FitError(
-                "B-FIT-145",
-                f"the column {column['header']} has one and the same value in all rows",
-                next_step="map the column that moves, or leave this one out of the mapping ('role: ignore')",
-            )
 
 
 def _refuse_set_clock(

@@ -43,7 +43,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     noise = noise_at_rest(rate_deg_h, interval_s)
     entries = _estimates(rate_deg_h, noise) + _alignment(noise, material.campaign.get("laser"), rate_deg_h.size)
     possible = [say(f"term.{GYRO_TERMS[name][0]}") for name in noise.long.possible]
-    terms = [entry.quantity for entry in entries[1:]]  # behind the mean rate
+    sensor, terms = say("log.sensor"), [entry.quantity for entry in entries[1:]]  # behind the mean rate
     return Analysis(
         "rlg_count_log",
         method,
@@ -52,11 +52,11 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         notes=[
             say("log.intervals", count=rate_deg_h.size, seconds=interval_s),
             say("log.latched"),
-            *possible_terms(noise, say("log.sensor"), possible),
+            *possible_terms(noise, sensor, possible),
         ],
         tables=[_table(entries)],
         figures=[_figure(noise)],
-        evidence=list(noise_evidence(noise, say("log.sensor"), terms, {})),
+        evidence=list(noise_evidence(noise, sensor, terms, {})),
     )
 
 
@@ -94,14 +94,12 @@ def _estimates(rate_deg_h: Floats, noise: NoiseAtRest) -> Estimates:
 
 def _alignment(noise: NoiseAtRest, laser: Document | None, n: int) -> Estimates:
     """Return the alignment error that the bias leaves, where the log shows one and the mapping says the latitude."""
-    bias = [term for term in noise.stated if term.name == "bias_instability"]
-    if laser is None or not bias:
-        return []
-    value, std = (
-        bias_alignment_error_deg(size, float(laser["latitude_deg"]))
-        for size in (bias[0].coefficient, bias[0].std_uncertainty)
-    )
-    return [estimate("bias_alignment_error", "deg", value, std, {"kind": "gyro"}, n=n)]
+    for term in noise.stated:
+        if laser and term.name == "bias_instability":
+            of_one = bias_alignment_error_deg(1.0, float(laser["latitude_deg"]))
+            value, std = of_one * term.coefficient, of_one * term.std_uncertainty
+            return [estimate("bias_alignment_error", "deg", value, std, {"kind": "gyro"}, n=n)]
+    return []
 
 
 def _table(entries: Estimates) -> Table:

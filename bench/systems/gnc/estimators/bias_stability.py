@@ -242,16 +242,10 @@ def _sums(covariance: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class BiasRepeatability:
-    """``value``: standard deviation of the means, unit of the means; ``low``, ``high``: 95 % interval; ``dof``: n - 1.
-
-    ``means`` (n,): of the windows.
-    """
+    """``value``: standard deviation of the means, unit of the means; ``dof``: n - 1."""
 
     value: float
-    low: float
-    high: float
     dof: int
-    means: Floats
 
     @property
     def std(self) -> float:
@@ -265,7 +259,7 @@ def bias_repeatability(
     lengths_s: Sequence[float],
     declared: SensorNoise | None = None,
 ) -> BiasRepeatability:
-    """Repeatability and its interval.
+    """Return the repeatability of the means of windows.
 
     Args:    means: of the windows.   starts_s, lengths_s: of the windows.
              declared: noise of windows that hold none; ``value`` is then the expected one.
@@ -283,8 +277,7 @@ def bias_repeatability(
     else:
         covariance = declared.of_means(starts, lengths)
         value = math.sqrt(float(np.trace(covariance) - covariance.sum() / values.size) / dof)
-    low, high = _interval(value, dof)
-    return BiasRepeatability(value, low, high, dof, values)
+    return BiasRepeatability(value, dof)
 
 
 def _interval(value: float, dof: float) -> tuple[float, float]:
