@@ -106,15 +106,14 @@ class Residuals:
 class Finding:
     """A departure that the data show: its ``size`` in its unit and what it takes off twice the log-likelihood.
 
-    ``equals``: departures that explain the rows as well, the best first. ``move`` (k,): by how much of its expanded
-    uncertainty it moves each estimate; ``moves`` (k,): the most by which one does that explains them nearly as well.
+    ``equals``: departures that explain the rows as well, the best first. ``moves`` (k,): by how much of its
+    expanded uncertainty each estimate is moved, at most, by one that explains them nearly as well.
     """
 
     departure: Departure
     size: float
     gain: float
     equals: Sequence[Departure]
-    move: Floats
     moves: Floats
 
     @property
@@ -251,7 +250,6 @@ def _finding(
         size=float(np.linalg.norm(sizes[best])) if found.effect.shape[1] > 1 else float(sizes[best, 0]),
         gain=float(gains[best]),
         equals=[departures[at] for at in judged if gains[best] - gains[at] < _ALIKE],
-        move=_moves(rows, effects[best]),
         moves=np.max([_moves(rows, effect) for effect in (*(effects[at] for at in judged), *other_sides)], axis=0),
     )
 

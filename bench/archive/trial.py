@@ -40,7 +40,6 @@ class Refitted:
     path: Path
     rows: int
     failed: Mapping[str, int]
-    before: int  # sessions that were done when it began
 
 
 class Progress(Protocol):
@@ -68,8 +67,7 @@ def refit_sessions(
     trial = _trial(tasks, asked)
     begin_trial(url, trial)
     journal = TrialJournal(folder, vars(trial))
-    before = len(journal.done)
-    progress.begin(len(tasks), before)
+    progress.begin(len(tasks), len(journal.done))
     left = [task for task in tasks if task.key not in journal.done]
     unread: list[tuple[str, str]] = []
     for task, computed, wrong in compute(left, refit):
@@ -82,7 +80,7 @@ def refit_sessions(
         raise _not_all(unread, len(tasks))
     with writing(path):
         count = write_rows(path, COLUMNS, (row for session in journal.sessions() for row in session))
-    return Refitted(trial, path, count, _entered(url, trial, journal), before)
+    return Refitted(trial, path, count, _entered(url, trial, journal))
 
 
 def tasks_of(rows: Sequence[Row], asked: Asked) -> list[RefitTask]:

@@ -78,7 +78,6 @@ class BranchDifference:
     value: float
     std: float
     dof: float
-    n: int
 
 
 def block_means(t_s: Floats, count: int) -> Blocks:
@@ -160,8 +159,7 @@ def branch_differences(
             to = at - float(temperature_degC[blocks].mean())
             weights[blocks] = sign * (1.0 / blocks.size + to * off / float(off @ off))
         variance, dof = drift.noise.variance_of(weights, drift.middle_s)
-        n = int(near[0].size + near[1].size)
-        differences.append(BranchDifference(at, float(np.sum(weights * readings)), float(np.sqrt(variance)), dof, n))
+        differences.append(BranchDifference(at, float(np.sum(weights * readings)), float(np.sqrt(variance)), dof))
     return differences
 
 

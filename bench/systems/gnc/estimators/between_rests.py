@@ -163,21 +163,10 @@ def _angles_deg(first: Floats, second: Floats) -> Floats:
 class BetweenRestsFit:
     """``matrix`` (3, 3): w = K (N - zero), deg/s per indicated unit, in the frame of the accelerometers.
     ``zero`` (3,): mean indicated output of the rests.
-    ``covariance`` (9, 9) of K row by row.   ``residual`` (k - 1, 3): unit vector of gravity carried on minus that
-    measured.   ``dof``: of the residuals, two per turn, minus nine.
     """
 
     matrix: Floats
     zero: Floats
-    covariance: Floats
-    residual: Floats
-    dof: int
-    condition: float
-
-    @property
-    def counts_per_unit(self) -> Floats:
-        """(3,) indicated unit per deg/s: 1 / K_ii."""
-        return 1.0 / self.matrix.diagonal()
 
 
 def fit_between_rests(
@@ -188,7 +177,7 @@ def fit_between_rests(
     Args:    step_s: (n,) time to the sample before.   gyro: (n, 3) indicated.   rests: k intervals.
              force: (k, 3) calibrated specific force of each rest (``NormFit.apply``), any length.
              counts_per_deg_s: rough scale to begin with, within a few per cent.
-    Returns: BetweenRestsFit; covariance from the residuals.
+    Returns: BetweenRestsFit.
     Raises:  FitError B-FIT-085 for fewer than 8 turns or turns that leave an element open; B-FIT-086 if gravity
              carried on is off by more than 10 degrees.
     Source:  Tedaldi et al. 2014, equations (11) to (14).
@@ -203,21 +192,11 @@ def fit_between_rests(
         (gyro[span] - 0.5 * (rest[k] + rest[k + 1])) * step_s[span, None] / counts_per_deg_s
         for k, span in enumerate(spans)
     ]
-    matrix, residual, jacobian = _search(side_by_side(increments), unit)
-    dof = 2 * len(spans) - 9  # a unit vector has two free components
-    variance = float(np.sum(residual**2)) / dof
-    return BetweenRestsFit(
-        matrix=matrix / counts_per_deg_s,
-        zero=rest.mean(axis=0),
-        covariance=np.asarray(np.linalg.inv(jacobian.T @ jacobian) * variance / counts_per_deg_s**2),
-        residual=residual,
-        dof=dof,
-        condition=float(np.linalg.cond(jacobian)),
-    )
+    return BetweenRestsFit(_search(side_by_side(increments), unit) / counts_per_deg_s, rest.mean(axis=0))
 
 
-def _search(padded: Floats, unit: Floats) -> tuple[Floats, Floats, Floats]:
-    """K relative to the rough scale, residuals (k - 1, 3) and Jacobian of the smallest sum of squares."""
+def _search(padded: Floats, unit: Floats) -> Floats:
+    """Return K relative to the rough scale, of the smallest sum of squares."""
     from scipy import optimize
 
     def residual(x: Floats) -> Floats:
@@ -240,7 +219,7 @@ def _search(padded: Floats, unit: Floats) -> tuple[Floats, Floats, Floats]:
             f"{len(padded)} turns do not determine the matrix: condition {condition:.3g}, limit {_CONDITION_LIMIT:g}",
             next_step=_TURNS,
         )
-    return solution.x.reshape(3, 3), solution.fun.reshape(-1, 3), solution.jac
+    return np.asarray(solution.x.reshape(3, 3))
 
 
 _TURNS = "turn the unit between rests about each axis in both directions, by 90 degrees or so"

@@ -16,7 +16,6 @@ from bench.maths.allan import (
     expected_curve,
 )
 from bench.maths.arrays import Floats
-from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
@@ -44,11 +43,6 @@ class BiasMean:
     resolution_std: float
     samples: int
     missing: int
-
-    @property
-    def expanded(self) -> float:
-        """Half-width of the 95 % interval."""
-        return coverage_factor(self.dof) * self.std
 
 
 def mean_bias(samples: Floats, interval_s: float, resolution: float = 0.0) -> BiasMean:

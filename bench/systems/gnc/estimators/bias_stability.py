@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
@@ -41,18 +40,14 @@ class BiasStability:
     """Standard deviation of means of 10 s over 1 h, in the unit of the samples.
 
     Attributes:
-        value: s.   low, high: 95 % interval of the expected s of such an hour.   dof: effective degrees of freedom.
-        mean: of the hour.   averages: (360,).
-        noise: white and slow part of the averages' noise.   missing: samples that were not there.
+        value: s.   dof: effective degrees of freedom.   mean: of the hour.   averages: (360,).
+        missing: samples that were not there.
     """
 
     value: float
-    low: float
-    high: float
     dof: float
     mean: float
     averages: Floats
-    noise: MeanNoise
     missing: int
 
     @property
@@ -125,69 +120,40 @@ def bias_stability(
     Returns: BiasStability.
     Raises:  FitError B-FIT-092 as ``averages_of``.
     Source:  GNC paper section 5.1 3); degrees of freedom 2 E^2 / Var of a quadratic form of Gaussian noise
-             (Satterthwaite, Biometrics Bulletin 2 (1946) 110), its covariance from ``mean_noise``.
+             (Satterthwaite, Biometrics Bulletin 2 (1946) 110), their covariance from ``dof_of_means``.
     """
     means = averages_of(samples, interval_s, averages)
-    noise = mean_noise(means) if declared is None else declared_noise(declared, averages, AVERAGE_s)
-    value = float(np.std(means, ddof=1)) if declared is None else math.sqrt(noise.expected)
-    dof = noise.dof_of_variance
-    low, high = _interval(value, dof)
+    if declared is None:
+        variance, dof = float(np.var(means, ddof=1)), dof_of_means(means)
+    else:
+        variance, dof = declared_variance(declared, averages, AVERAGE_s)
     used = samples[: round(averages * AVERAGE_s / interval_s)]
     return BiasStability(
-        value=value,
-        low=low,
-        high=high,
+        value=math.sqrt(variance),
         dof=dof,
         mean=float(means.mean()),
         averages=means,
-        noise=noise,
         missing=int(np.isnan(used).sum()) + max(0, round(averages * AVERAGE_s / interval_s) - used.size),
     )
 
 
-@dataclass(frozen=True)
-class MeanNoise:
-    """Noise of ``count`` means, unit squared.
+def declared_variance(noise: SensorNoise, count: int, average_s: float) -> tuple[float, float]:
+    """Return expected variance of ``count`` means of ``average_s`` that follow each other, and its degrees of freedom.
 
-    Attributes:
-        white, slow: variance of a mean by part, ``steps``: correlation length of the slow part in means; the most
-            likely ones.   dof_of_variance: effective degrees of freedom of the variance of the means about their mean.
-        expected: that variance where the noise is declared, by parts of any length; ``steps`` is then NaN.
-    """
-
-    white: float
-    slow: float
-    steps: float
-    count: int
-    dof_of_variance: float
-    expected: float = math.nan
-
-
-def declared_noise(noise: SensorNoise, count: int, average_s: float) -> MeanNoise:
-    """Return the noise of ``count`` means of ``average_s`` that follow each other, by declared noise.
-
-    Args:    noise: of the sensor.   count, average_s: of the means.
-    Returns: MeanNoise.
-    Source:  as ``mean_noise``, with one covariance that is known.
+    Args:    noise: of the sensor, declared.   count, average_s: of the means.
+    Source:  as ``dof_of_means``, with one covariance that is known.
     """
     begin_s, length_s = average_s * np.arange(count, dtype=np.float64), np.full(count, average_s)
     lags = noise.of_means(begin_s, length_s)[0]
     total = _sums(lags)[1]
-    return MeanNoise(
-        white=noise.density / average_s,
-        slow=float(lags[0]) - noise.density / average_s,
-        steps=math.nan,
-        count=count,
-        dof_of_variance=float(np.clip(1.0 / _inverse_dof_of(lags), 1.0, count - 1.0)),
-        expected=float((count * lags[0] - total / count) / (count - 1)),
-    )
+    dof = float(np.clip(1.0 / _inverse_dof_of(lags), 1.0, count - 1.0))
+    return float((count * lags[0] - total / count) / (count - 1)), dof
 
 
-def mean_noise(means: Floats) -> MeanNoise:
-    """White and slow part of the noise of equally spaced means.
+def dof_of_means(means: Floats) -> float:
+    """Return effective degrees of freedom of the variance of equally spaced means about their mean.
 
-    Args:    means: (n,), n >= 8.
-    Returns: MeanNoise.
+    Args:    means: (n,), n >= 8, whose noise has a white and a slow part.
     Source:  see the head of this file; degrees of freedom 2 E^2 / Var, their inverse averaged.
     """
     count = means.size
@@ -198,19 +164,11 @@ def mean_noise(means: Floats) -> MeanNoise:
     shape = (1.0 - _SHARES)[None, :, None] + _SHARES[None, :, None] * slow[:, None, :]
     size = (power / shape).mean(axis=2)
     if not np.all(size > 0.0):
-        return MeanNoise(0.0, 0.0, 1.0, count, count - 1.0)
+        return count - 1.0
     cost = power.size * np.log(size) + np.log(shape).sum(axis=2)
     weight = np.exp(cost.min() - cost)
     spread = float((weight * _inverse_dof(kept, count)).sum() / weight.sum())
-    time, share = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    total = float(size[time, share])
-    return MeanNoise(
-        white=total * (1.0 - float(_SHARES[share])),
-        slow=total * float(_SHARES[share]),
-        steps=float(-1.0 / np.log(kept[time])),
-        count=count,
-        dof_of_variance=float(np.clip(1.0 / spread, 1.0, count - 1.0)),
-    )
+    return float(np.clip(1.0 / spread, 1.0, count - 1.0))
 
 
 def _inverse_dof(kept: Floats, count: int) -> Floats:
@@ -278,12 +236,6 @@ def bias_repeatability(
         covariance = declared.of_means(starts, lengths)
         value = math.sqrt(float(np.trace(covariance) - covariance.sum() / values.size) / dof)
     return BiasRepeatability(value, dof)
-
-
-def _interval(value: float, dof: float) -> tuple[float, float]:
-    """Return the interval of a standard deviation."""
-    tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
-    return tuple((value * np.sqrt(dof / tails)).tolist())
 
 
 def _require(starts: Floats, lengths: Floats) -> None:

@@ -29,12 +29,11 @@ _APART = 1e-3  # of the slope: beyond it the stamps are not of one clock
 @dataclass(frozen=True)
 class UnitClock:
     """``error``: relative, positive = the unit's clock is fast.   ``std``: its standard uncertainty.
-    ``span_s``: over which it was seen. An error that is known no better than crystals in general is taken as zero.
+    An error that is known no better than crystals in general is taken as zero.
     """
 
     error: float = 0.0
     std: float = UNKNOWN_STD
-    span_s: float = 0.0
 
 
 def unit_clock(records: Sequence[tuple[Integers, Floats]], interval_s: float) -> UnitClock:
@@ -82,15 +81,14 @@ def _stretches(records: Sequence[tuple[Integers, Floats]]) -> list[list[tuple[in
 
 def _slope(stretch: Sequence[tuple[Floats, Floats]], interval_s: float) -> UnitClock:
     at_s, delay_s = _least_delays(stretch)
-    span_s = float(at_s[-1] - at_s[0])
-    if span_s <= 0.0:
+    if at_s[-1] <= at_s[0]:
         return UnitClock()
     edges = [np.array(edge) for edge in pairwise(lower_hull(at_s, delay_s, 200))]
     base_s, edge = max(((float(np.ptp(at_s[edge])), edge) for edge in edges), key=lambda each: each[0])
     slope = float(delay_s[edge[1]] - delay_s[edge[0]]) / base_s
     above = delay_s - slope * at_s
     least_s = max(interval_s, float(np.median(above) - above.min()))
-    return UnitClock(error=-slope, std=least_s / base_s / math.sqrt(6.0), span_s=span_s)
+    return UnitClock(error=-slope, std=least_s / base_s / math.sqrt(6.0))
 
 
 def _least_delays(stretch: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:

@@ -180,7 +180,6 @@ def _triad(
     inflated = improbable(chi2, rank)
     matrix = parameters[:9].reshape(3, 3)
     known = inputs.known + inputs.earth
-    design = np.column_stack([known, inputs.duration_s])
     # S grows with the seconds that are counted, K and the bias shrink
     time = time_std**2 * np.outer(parameters, parameters)
     return TriadFit(
@@ -191,7 +190,6 @@ def _triad(
         chi2=chi2,
         residual_dof=rank,
         dof=min(dof, float(rank)) if inflated else dof,
-        condition=float(np.linalg.cond(design / np.linalg.norm(design, axis=0))),
         inflated=inflated,
     )
 
@@ -268,5 +266,4 @@ def fit_turns_from_rest(
         chi2=0.0,
         residual_dof=0,
         dof=math.inf,
-        condition=float(np.linalg.cond(inputs.known / np.linalg.norm(inputs.known, axis=0))),
     )

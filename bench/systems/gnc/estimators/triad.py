@@ -65,7 +65,6 @@ class TriadFit:
     chi2: float
     residual_dof: int
     dof: float
-    condition: float  # of the design with columns of unit length
     inflated: bool = False
     rows: TriadRows | None = None
 
@@ -207,7 +206,6 @@ def fit_six_position(
         chi2=chi2,
         residual_dof=dof,
         dof=behind,
-        condition=float(np.linalg.cond(design / np.linalg.norm(design, axis=0))),
         inflated=inflated,
     )
 

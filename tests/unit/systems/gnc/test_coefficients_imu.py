@@ -34,7 +34,7 @@ MATRIX = np.array([[1.0101, -2.1e-3, 0.3e-3], [4.5e-3, 0.9899, -1.7e-3], [0.1, 3
 def triad(scale: float = 1.0) -> TriadFit:
     return TriadFit(
         matrix=MATRIX * scale, bias=np.array([0.1, -0.07, 1e-5 / 3]), covariance=np.eye(12) * 1e-12,
-        residual=np.zeros((6, 3)), chi2=0.0, residual_dof=6, dof=6.0, condition=1.0,
+        residual=np.zeros((6, 3)), chi2=0.0, residual_dof=6, dof=6.0,
     )  # fmt: skip
 
 

@@ -234,7 +234,7 @@ def test_multi_position_recording(xsens: tuple[np.ndarray, np.ndarray, StaticInt
     )
     step = np.diff(gyro[:, 0], prepend=gyro[0, 0] - 0.01)
     turned = fit_between_rests(step, gyro[:, 1:], rests, fit.apply(means), 83.0)
-    per_rad = np.degrees(turned.counts_per_unit)
+    per_rad = np.degrees(1.0 / turned.matrix.diagonal())
     scale, zero = ", ".join(f"{v:.2f}" for v in fit.counts_per_unit), ", ".join(f"{v:.1f}" for v in fit.zero)
     record_property(
         "obtained", f"{len(means)} rests, {scale} counts/(m/s2), zero {zero}, residual {fit.residual_rms:.5f} m/s2"

@@ -230,7 +230,7 @@ def test_columns_or_signs_that_were_mixed_up_are_refused(wrong: Any) -> None:
 
 
 def triad(sensitivity: Any) -> TriadFit:
-    return TriadFit(np.linalg.inv(sensitivity), np.zeros(3), np.eye(12), np.zeros((6, 3)), 0.0, 6, 6.0, 1.0)
+    return TriadFit(np.linalg.inv(sensitivity), np.zeros(3), np.eye(12), np.zeros((6, 3)), 0.0, 6, 6.0)
 
 
 def log(values: Array, t_s: Array, role: str = "gyro", unit: str = "deg/s") -> Material:
