@@ -57,7 +57,7 @@ def _recording(material: Material) -> Recording:
         stream.tick_s[:] -= first_s
     for name, stream in (("imu", imu), (EGI, egi)):
         check_clock(name, stream)
-    return Recording(imu, egi, None, "", ())
+    return Recording(imu, egi, None, "")
 
 
 def _before(counter: Integers, values: Floats) -> Floats:

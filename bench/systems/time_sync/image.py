@@ -27,7 +27,7 @@ class Image:
     """Responses of the targets, strongest first: ``compensated``, and ``plain`` without compensation.
 
     ``chips``: pieces of both images about the strongest target, compensated first.   ``speed_m_s``: along the track in
-    the aperture.   ``pulses``: used, of ``sent`` received.
+    the aperture.   ``pulses``: used.
     """
 
     compensated: list[Response]
@@ -35,7 +35,6 @@ class Image:
     chips: tuple[Chip, Chip]
     speed_m_s: float
     pulses: int
-    sent: int
 
     @property
     def shifts_m(self) -> Floats:
@@ -88,4 +87,4 @@ def image_of(radar: Stream, result: Filtered) -> Image:
     track_m = float(np.linalg.norm(solutions[COMPENSATED][-1] - solutions[COMPENSATED][0]))
     speed_m_s = track_m / float(tags_s[use][-1] - tags_s[use][0])
     chips = image_chip(pulses, solutions[COMPENSATED], targets_m[0]), image_chip(pulses, solutions[NONE], targets_m[0])
-    return Image(responses[COMPENSATED], responses[NONE], chips, speed_m_s, len(sound), len(radar))
+    return Image(responses[COMPENSATED], responses[NONE], chips, speed_m_s, len(sound))

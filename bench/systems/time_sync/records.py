@@ -72,16 +72,12 @@ class Stream:
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything both units (and the radar) sent while the records ran; ``manoeuvre``: as the records say.
-
-    ``phases``: (first counter of the inertial unit, name) of each record.
-    """
+    """Everything both units (and the radar) sent while the records ran; ``manoeuvre``: as the records say."""
 
     imu: Stream
     egi: Stream
     radar: Stream | None
     manoeuvre: str
-    phases: tuple[tuple[int, str], ...]
 
 
 def recording(material: Material) -> Recording:
@@ -104,8 +100,7 @@ def recording(material: Material) -> Recording:
     radar = _stream([row.beside.get(RADAR) for row in rows], RADAR, first)
     for name, stream in (("imu", imu), (EGI, egi)):
         check_clock(name, stream)
-    phases = tuple((row.window.first_counter, str(row.window.conditions.get("phase", ""))) for row in rows)
-    return Recording(imu, egi, radar, str(rows[0].window.conditions.get("manoeuvre", "")), phases)
+    return Recording(imu, egi, radar, str(rows[0].window.conditions.get("manoeuvre", "")))
 
 
 def _rows(material: Material) -> Sequence[RecordRow]:

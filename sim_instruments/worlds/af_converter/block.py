@@ -64,8 +64,6 @@ class GateBlock:
     """
 
     first: int
-    start_s: float
-    start_ns: int
     ends_s: NDArray[np.float64]
     ends_ns: Int64
     edges: Int64
@@ -113,8 +111,6 @@ class BlockFactory:
             blocks.append(
                 GateBlock(
                     first=(number + at) * BLOCK_GATES,
-                    start_s=start_s_of[at],
-                    start_ns=starts_ns[at],
                     ends_s=ends_s[at],
                     ends_ns=ends_ns[at],
                     edges=edges[at],

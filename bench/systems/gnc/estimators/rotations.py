@@ -179,7 +179,6 @@ def _triad(
     chi2 = float(np.sum((vectors.T @ residual.ravel()) ** 2 / values)) if known_spread else 0.0
     inflated = improbable(chi2, rank)
     matrix = parameters[:9].reshape(3, 3)
-    known = inputs.known + inputs.earth
     # S grows with the seconds that are counted, K and the bias shrink
     time = time_std**2 * np.outer(parameters, parameters)
     return TriadFit(

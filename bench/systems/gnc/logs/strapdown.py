@@ -70,7 +70,6 @@ class Found:
 
     method: str
     counts: bool
-    log: ImuLog
     stamps: SampleStamps
     rests: StaticIntervals
     walk: RandomWalk
@@ -316,7 +315,6 @@ def _found(log: ImuLog, gyro: Floats, method: str, latitude_deg: float) -> Found
     return Found(
         method=CALIBRATED if counts else method,
         counts=counts,
-        log=log,
         stamps=stamps,
         rests=rests,
         walk=random_walk(rates, rests, stamps.rate_Hz),
