@@ -10,7 +10,7 @@ from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Record, Resume, event_of
 from bench.record import layout
-from bench.record.files import Files, OsFiles
+from bench.record.files import OsFiles
 from bench.record.journal import read_journal
 from bench.record.reader import SessionReader
 from bench.record.scan import Damage
@@ -111,7 +111,7 @@ def _steps(folder: Path) -> tuple[int, str]:
         return 0, str(error)
 
 
-def resume_session(folder: Path, event: Resume, *, t_mono_ns: int, files: Files | None = None) -> SessionWriter:
+def resume_session(folder: Path, event: Resume, *, t_mono_ns: int) -> SessionWriter:
     """Open a session for more messages; the first one is ``event`` with the number of the new segment.
 
     The running number goes on behind the last good message and the hash chain behind the last whole record.
@@ -123,7 +123,7 @@ def resume_session(folder: Path, event: Resume, *, t_mono_ns: int, files: Files 
     topics = tuple(reader.topics.values()) if list(reader.topics) == list(range(1, len(reader.topics) + 1)) else ()
     writer = SessionWriter(
         folder,
-        files or OsFiles(),
+        OsFiles(),
         t_mono_ns=t_mono_ns,
         segment=last + 1,
         chain=bytes.fromhex(reader.sha256),

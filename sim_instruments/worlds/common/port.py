@@ -69,9 +69,9 @@ class Port:
     frames that are made again but were kept are recognised and never change.
     """
 
-    def __init__(self, baud: int = 115_200) -> None:
+    def __init__(self) -> None:
         self.produced = 0
-        self._baud = baud
+        self._baud = 115_200
         self._kept = 0
         self._busy_ns = 0
         self._total = 0
