@@ -21,7 +21,7 @@ from bench.replay import replay_series
 
 KNOWN = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
 WIRES, LOGS = (
-    "wire | form | lines | minutes | frames | the same as; `.c`: own parser by that source",
+    "wire | form | lines | minutes | frames | the same as (`.c`: own parser)",
     "log | form | lines | rows | span, s | mean, as numpy",
 )
 HEAD = "mapping: public\nuut: {model: M, serial: S}\nsite: {gravity: 9.81 m/s2}\n"

@@ -8,11 +8,11 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 987_854,
-    "tokens a line": 10.58,
+    "tokens": 987_040,
+    "tokens a line": 10.59,
     "files": 836,
-    "dict[str, Any]": 496,
-    "lines of tests": 97_270,
+    "dict[str, Any]": 495,
+    "lines of tests": 96_000,
     "tests of several deep modules": 147,
     "words of docs": 155_400,
 }
