@@ -135,7 +135,7 @@ def test_a_part_of_a_reading_moves_it_by_its_square_too() -> None:
     rows = rows_of(white, ONE[:, None], readings=100.0 * ONE)
     (finding,) = search(rows, [column(HOURS > 12.0)]).findings
     expected = np.array([40.0 + 40.0**2 / 100.0]) * np.mean(HOURS > 12.0) / rows.expanded
-    assert finding.move == pytest.approx(expected, rel=0.05)
+    assert finding.moves == pytest.approx(expected, rel=0.05)
 
 
 def test_what_no_column_explains_widens_or_doubts() -> None:
