@@ -8,7 +8,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 987_040,
+    "tokens": 987_050,
     "tokens a line": 10.59,
     "files": 836,
     "dict[str, Any]": 495,

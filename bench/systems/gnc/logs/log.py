@@ -125,6 +125,8 @@ def without_lone_samples(
 ) -> tuple[ImuLog, list[str], list[Evidence]]:
     """Return the log with the course of the neighbours in place of each sample of the segments that stands alone.
 
+    At rest only: where a hand turns the unit, shocks last for a sample too.
+
     Args:    segments: by kind ("accelerometer", "gyro").   quantities: that depend on a kind.
     Returns: the log; a sentence for each column and segment; a doubt where more than one sample in a hundred is so.
     """

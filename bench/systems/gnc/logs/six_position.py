@@ -53,7 +53,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             next_step="name them under 'segments' (docs/importing.md)",
         )
     at = {"accelerometer": positions} | ({} if log.gyro is None else {"gyro": [*positions, *rotations]})
-    log, lone, evidence = without_lone_samples(log, at, _QUANTITIES)
+    log, lone, evidence = without_lone_samples(log, dict.fromkeys(at, positions), _QUANTITIES)
     accelerometer = _accelerometer(log, positions)
     missing = [say("missing.stretch", up=up) for up in UPS if up not in {stretch["up"] for stretch in positions}]
     gyro = _gyro(log, positions, rotations, missing) if rotations else None
