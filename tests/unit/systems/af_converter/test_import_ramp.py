@@ -348,13 +348,12 @@ def test_a_coarse_sensor_may_stand_still_in_a_hold() -> None:
     assert unsound(analysed(rows, "drift")[1]) == []
 
 
-def test_gaps_are_named() -> None:
+def test_gaps_leave_a_ramp_sound() -> None:
     rows = log(5)
     kept = np.ones(rows["t_s"].size, dtype=bool)
     for first, length in ((100, 9), (300, 5), (500, 20), (700, 7)):
         kept[first : first + length] = False
-    analysis, results = analysed({name: values[kept] for name, values in rows.items()}, "drift")
-    assert any("4 gaps" in note and "the longest, 21.0 min, begins at 8.32 h" in note for note in analysis.notes)
+    _, results = analysed({name: values[kept] for name, values in rows.items()}, "drift")
     assert unsound(results) == []
 
 

@@ -316,7 +316,7 @@ def compared(units: int, rate_deg_s: float, clock: float, seed: int) -> tuple[np
                 methods[plane.EXTREMES].std,
             )
         )
-        assert both.roll[plane.EXTREMES].rms_deg > 20.0 * both.roll[plane.ELLIPSE].rms_deg
+        assert both.roll_std_deg[plane.EXTREMES] > 20.0 * both.roll_std_deg[plane.ELLIPSE]
     return tuple(np.array(part) for part in zip(*rows, strict=True))
 
 

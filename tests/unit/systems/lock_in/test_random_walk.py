@@ -356,5 +356,5 @@ def turning(laser: expecting.NominalLaser, time_s: Any, phase_rad: Any) -> Turna
     every, none = np.ones(len(time_s), bool), np.zeros(len(time_s), np.int64)
     sign = expecting.expected_turnarounds(laser)[1].sign
     return Turnarounds(
-        1.0 / laser.tick_s, laser.omega_rad_s, 0.0, sign, every, every, ~every, none, none, time_s, phase_rad, {}
+        1.0 / laser.tick_s, laser.omega_rad_s, 0.0, sign, every, every, ~every, none, time_s, phase_rad, {}
     )
