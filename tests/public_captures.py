@@ -1,7 +1,7 @@
 """Wires and logs of other people beside what their libraries, or numpy, say of them: rows of the validation record.
 
 ``make public FROM=FOLDER`` reads them again where the folder holds them as ``owner+name/path``, or the bytes that were
-taken out of hex text or levels of a line as ``NAME.bin``, and fails where a figure is another one.
+taken out of hex text or levels of a line as ``NAME.bin``. It fails where a figure is another one or a file is missing.
 """
 
 import sys
@@ -61,7 +61,7 @@ if __name__ == "__main__":
         place = known["at"].partition("@")[0].replace("/", "+") + "/" + known["at"].partition(":")[2]
         file = Path(sys.argv[1]) / known.get("bytes", place)
         due = [known[key] for key in ("frames", "rows", "span_s", "mean") if key in known]
-        seen = found(known, file) if file.exists() else due
-        wrong += not all(isclose(a, b, rel_tol=1e-8, abs_tol=1e-12) for a, b in zip(seen, due, strict=True))
-        print(seen if file.exists() else "is not there", due, known["at"])
+        seen = found(known, file) if file.exists() else []
+        wrong += not (seen and all(isclose(*pair, rel_tol=1e-8, abs_tol=1e-12) for pair in zip(seen, due, strict=True)))
+        print(seen or "is not there", due, known["at"])
     sys.exit(wrong > 0)

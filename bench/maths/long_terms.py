@@ -83,7 +83,7 @@ class LongTerms:
 
 @dataclass(frozen=True)
 class NoiseAtRest:
-    """What a sensor at rest shows: its long terms by the means, how large each term is by the Allan deviation.
+    """Noise of a sensor at rest: its long terms by the means, how large each term is by the Allan deviation.
 
     ``terms``: of the fit, with all that are possible; those that are there in ``stated``.   ``absent``: of all terms,
     for what may be there unseen.   ``white_from_s``: averaging time from which the noise is that of the terms: samples
