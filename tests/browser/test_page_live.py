@@ -14,13 +14,15 @@ from playwright.sync_api import Browser, Page, expect
 from rehearsal import writable_copy
 from shown_run import GYROS, ShownRun
 
+from bench.session.partial_fits import LONGEST_FIT_S
+
 pytestmark = pytest.mark.waits
 
 FIRST_POINTS_S = 2.0
 RESUMED_MS = 10_000
 ATTEMPTS = 3  # another process of the machine may be in the way once
 SMALL = {"width": 700, "height": 500}  # only what is seen is drawn, by the processors of this machine
-SLOW_MS = 60_000  # a fit of the lowest priority on a machine that has something else to do
+SLOW_MS = 1000 * LONGEST_FIT_S  # of the lowest priority: hardly anything beside a busy machine
 
 LOOKS = "() => [document.documentElement.dataset.theme, document.getElementById('time-form').value].join()"
 SAMPLE = """() => {

@@ -79,7 +79,7 @@ def errors_of_stamps(planned: Planned, span_s: float, runs: int, seed: int) -> d
             late_s = least_s + latency.std_s * rng.standard_normal()
             streams[link] = _stream(planned, link, span_s, begin_s + late_s, rates[link], rng)
         tags_s = streams["egi"].tick_s + offset_s
-        pair = Recording(streams["imu"], replace(streams["egi"], tick_s=tags_s), None, "", ())
+        pair = Recording(streams["imu"], replace(streams["egi"], tick_s=tags_s), None, "")
         clocks = clocks_of(pair, 0.5 * span_s, latency, {})
         apart_s = offset_s + 0.5 * span_s * (rates["egi"] - rates["imu"])  # both count from the begin
         errors = {
