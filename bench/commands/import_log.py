@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +41,11 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     if mapping.analysis != NO_ANALYSIS:
         _known_analysis(document)
     log = OtherLog(file, mapping)
-    surveyed = survey(log.lines(), mapping, str(file))
+    surveyed, lines_ns = survey(log.lines(), mapping, str(file))
     if (outside := mapping.beyond(surveyed.counts.rows)) is not None:
         place, message, cure = outside
         raise InputError("B-IMP-008", message, where=document.where(place), next_step=cure)
-    folder = _write(document, file, log, surveyed, out)
+    folder = _write(document, file, log, surveyed, lines_ns, out)
     counts = surveyed.counts
     say(f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read")
     for sentence in counts.salvaged():
@@ -73,7 +74,9 @@ def _known_analysis(document: Document[LogMapping]) -> None:
         ) from error
 
 
-def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: LogParser, out: Path) -> Path:
+def _write(
+    document: Document[LogMapping], file: Path, log: OtherLog, surveyed: LogParser, lines_ns: Sequence[int], out: Path
+) -> Path:
     """Return the session: every line of the file is a message, stamped with the time of its row."""
     mapping = document.model
     name = session_name(mapping, surveyed)
@@ -82,10 +85,8 @@ def _write(document: Document[LogMapping], file: Path, log: OtherLog, surveyed: 
         folder, _manifest(document, name, file, surveyed, log.origin), {MAPPING: document.text}, t_mono_ns=0
     )
     writer.clock_pair(0, surveyed.first_ns)
-    parser, t_ns, since = LogParser(mapping, str(file)), 0, 0
-    for line in log.lines(surveyed.size):
-        row = parser.row(line)
-        t_ns = t_ns if row is None else row.t_ns - surveyed.first_ns
+    t_ns, since = lines_ns[-1], 0
+    for line, t_ns in zip(log.lines(surveyed.size), chain(lines_ns, repeat(t_ns)), strict=False):
         writer.raw(LINK, "rx", t_ns, line)
         since += len(line)
         if since > ROTATE_BYTES:

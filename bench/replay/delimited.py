@@ -72,15 +72,6 @@ def _utc_ns(instant: datetime) -> int:
     return (instant - _EPOCH) // _MICROSECOND * 1000
 
 
-@dataclass(frozen=True, slots=True)
-class LogRow:
-    """One row: ``t_ns`` UTC since 1970, ``values`` in base units in the order of the mapping, NaN where overloaded."""
-
-    line: int
-    t_ns: int
-    values: tuple[float, ...]
-
-
 @dataclass
 class LogCounts:
     """Counts of the lines after the header; ``bad`` holds line and reason of the first few.
@@ -127,7 +118,7 @@ def listed(bad: Sequence[tuple[int, str]]) -> str:
 class LogParser:
     """Takes the lines of one log in order and gives its rows. ``name`` is the file in messages.
 
-    ``first_ns``, ``last_ns``: times of the first and last row, UTC since 1970; ``size``, ``digest``: of all lines.
+    ``first_ns``, ``last_ns``: times of the first and newest row, UTC since 1970; ``size``, ``digest``: of all lines.
     """
 
     def __init__(self, mapping: LogMapping, name: str) -> None:
@@ -136,13 +127,14 @@ class LogParser:
         self._name = name
         self._form = mapping.file
         self._columns = list(mapping.values.items())
+        self._factors = [column.factor for column in mapping.values.values()]
         self._time_header, column = mapping.time
         self._counts_rows = column.format == ROWS
         self._none_left_out, self._bad_rows = mapping.counts_rows, mapping.bad_rows
         self._may_wrap = column.format == ELAPSED
         self._time = TimeReader(column, mapping.file.decimal)
         self._sentinels = _Sentinels(mapping.overload, mapping.file)
-        self._readers: list[tuple[int, LogColumn, float]] = []
+        self._readers: list[tuple[int, LogColumn]] = []
         self._time_at = 0
         self._width = 0
         self._line = 0
@@ -154,8 +146,10 @@ class LogParser:
         if self._form.names is not None:
             self._take_header(self._form.names)
 
-    def row(self, raw: bytes) -> LogRow | None:
-        """Return the next line of the file; None if it is no row (comment, blank, header) or a bad one.
+    def row(self, raw: bytes) -> list[float] | None:
+        """Return the values of the next line, base units in the order of the mapping, NaN where overloaded.
+
+        It is None if the line is no row (comment, blank, header) or a bad one. The time of a row is ``last_ns``.
 
         Raises: InputError B-IMP-002 (not text), B-IMP-003 (a column is missing), B-IMP-006 (time goes back).
         """
@@ -268,7 +262,7 @@ class LogParser:
         self._width = len(names)
         numbered = self._counts_rows and self._time_header not in names  # nothing of the column is read
         self._time_at = 0 if numbered else self._place(names, self._time_header)
-        self._readers = [(self._place(names, header), column, column.factor) for header, column in self._columns]
+        self._readers = [(self._place(names, header), column) for header, column in self._columns]
 
     def _place(self, names: list[str], header: str) -> int:
         if names.count(header) == 1:
@@ -283,7 +277,7 @@ class LogParser:
             next_step="correct the column of the mapping, or its 'file: {delimiter: ..., header: ...}'",
         )
 
-    def _read(self, fields: list[str]) -> LogRow:
+    def _read(self, fields: list[str]) -> list[float]:
         if len(fields) == self._width + 1 and not fields[-1].strip():
             fields = fields[:-1]  # behind a delimiter at the end
         if len(fields) != self._width:
@@ -292,17 +286,19 @@ class LogParser:
         last = len(fields[-1])
         if self._open and self.counts.rows >= ENOUGH and last < self._shortest:
             raise ValueError
-        values, over = [], []
-        for place, column, factor in self._readers:
-            text = fields[place].strip()
-            number = self._sentinels.number(text)
-            if number is None:
-                over.append(column.quantity)
-                values.append(math.nan)
-            elif math.isfinite(number):
-                values.append(number * factor)
-            else:
-                raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
+        over = []
+        values = self._sentinels.plain([fields[place] for place, _ in self._readers])
+        if values is None:
+            values = []
+            for place, column in self._readers:
+                text = fields[place].strip()
+                number = self._sentinels.number(text)
+                if number is None:
+                    over.append(column.quantity)
+                    number = math.nan
+                elif not math.isfinite(number):
+                    raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
+                values.append(number)
         t_ns += self._ahead_ns
         if self._last_line == 0:
             self.first_ns = t_ns
@@ -314,7 +310,7 @@ class LogParser:
         if over:
             self.counts.overload_rows += 1
             self.counts.overloads.update(over)
-        return LogRow(self._line, t_ns, tuple(values))
+        return [value * factor for value, factor in zip(values, self._factors, strict=True)]
 
     def _further_ns(self, back_ns: int) -> int:
         """Return what a counter of 32 bits lost when it began anew and went back by ``back_ns``."""
@@ -343,6 +339,17 @@ class _Sentinels:
         self._texts = {text.strip().casefold() for text in overload.values if isinstance(text, str)}
         self._numbers = {float(number) for number in overload.values if not isinstance(number, str)}
         self._comma = form.decimal == ","
+
+    def plain(self, texts: list[str]) -> list[float] | None:
+        """Return the numbers of a row in which nothing is to be told apart; None if each is to be looked at."""
+        if self._comma or self._texts or "_" in "".join(texts):
+            return None
+        try:
+            numbers = [float(text) for text in texts]
+        except ValueError:
+            return None
+        usual = math.isfinite(sum(numbers)) and self._numbers.isdisjoint(numbers)
+        return numbers if usual and (self._limit is None or max(map(abs, numbers)) < self._limit) else None
 
     def number(self, text: str) -> float | None:
         """Return the number that a text is, or None for a sentinel. Raises ValueError if it is neither."""

@@ -35,16 +35,18 @@ MAPPING = "mapping.yaml"
 _TOPIC = f"/link/{LINK}/rx"
 
 
-def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> LogParser:
+def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> tuple[LogParser, array[int]]:
     """Read the lines of a log through a mapping; ``name`` is the file in messages.
 
+    Returns: what was read, and of each line the time of the newest row, ns from the first one on.
     Raises: InputError B-IMP-001 to B-IMP-006, as bench.replay.delimited.LogParser.
     """
-    parser = LogParser(mapping, name)
+    parser, lines_ns = LogParser(mapping, name), array("q")
     for line in lines:
         parser.row(line)
+        lines_ns.append(parser.last_ns - parser.first_ns)
     parser.finish()
-    return parser
+    return parser, lines_ns
 
 
 def file_lines(path: Path, size: int | None = None) -> Iterator[bytes]:
@@ -134,9 +136,10 @@ def replay_series(folder: Path) -> ImportedSeries:
     parser = LogParser(mapping, str(log.get("file", folder)))
     held = array("d")
     for line in lines_of(message.payload for message in reader.messages(frozenset({_TOPIC}))):
-        row = parser.row(line)
-        if row is not None:
-            held.extend(((row.t_ns - parser.first_ns) / NS, *row.values))
+        values = parser.row(line)
+        if values is not None:
+            held.append((parser.last_ns - parser.first_ns) / NS)
+            held.extend(values)
     parser.finish()
     held_columns = np.frombuffer(held).reshape(-1, 1 + len(names)).T
     columns = {name: column.copy() for name, column in zip(("t_s", *names), held_columns, strict=True)}

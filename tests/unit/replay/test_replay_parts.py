@@ -22,7 +22,7 @@ from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.record import RecordRow, SessionWriter
 from bench.replay import compare, moved_rows, replay_rows
-from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
+from bench.replay.delimited import MAX_LINE_BYTES, LogParser, lines_of
 from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
 from bench.replay.series import file_lines, survey
 from bench.run.control.operator import SimulatedOperator
@@ -311,24 +311,24 @@ def mapped(*changes: tuple[str, str]) -> LogMapping:
     return parse_yaml(text, "m.yaml", mapping_model()).model
 
 
-def read(content: bytes, mapping: LogMapping, cut: int = 1 << 30) -> tuple[list[LogRow], LogParser]:
+def read(content: bytes, mapping: LogMapping, cut: int = 1 << 30) -> tuple[list[Any], LogParser]:
+    """Time and values of each row."""
     parser = LogParser(mapping, "log.csv")
     chunks = (content[at : at + cut] for at in range(0, len(content), cut))
-    rows = [row for line in lines_of(chunks) if (row := parser.row(line)) is not None]
+    rows = [(parser.last_ns, row) for line in lines_of(chunks) if (row := parser.row(line)) is not None]
     return rows, parser
 
 
 def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> LogParser:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
-    return survey(file_lines(path), mapping or mapped(), str(path))
+    return survey(file_lines(path), mapping or mapped(), str(path))[0]
 
 
 def test_a_plain_log_in_base_units() -> None:
     rows, parser = read(LOG.encode(), mapped())
-    assert [row.t_ns - UTC_2024_ns for row in rows] == [0, 10 * 10**9]
-    assert [row.values for row in rows] == [(20.5, 1.0), (20.6, pytest.approx(1.001, rel=1e-15))]
-    assert [row.line for row in rows] == [2, 3]
+    assert [t_ns - UTC_2024_ns for t_ns, _ in rows] == [0, 10 * 10**9]
+    assert [values for _, values in rows] == [[20.5, 1.0], [20.6, pytest.approx(1.001, rel=1e-15)]]
     assert parser.counts.sentences() == []
 
 
@@ -348,7 +348,7 @@ def test_a_plain_log_in_base_units() -> None:
 def test_forms_of_files(form: str, text: str) -> None:
     encoding = "latin-1" if "latin-1" in form else "utf-8"
     rows, parser = read(text.encode(encoding), mapped(("uut:", f"file: {{{form}}}\nuut:")))
-    assert [(row.t_ns, row.values) for row in rows] == [(UTC_2024_ns, (20.5, 1.0))]
+    assert rows == [(UTC_2024_ns, [20.5, 1.0])]
     assert parser.counts.bad_rows == 0
 
 
@@ -367,7 +367,7 @@ def test_forms_of_files(form: str, text: str) -> None:
 )
 def test_times(column: str, text: str, after_2024_s: float) -> None:
     rows, _ = read(f"time,T,U\n{text},20,1\n".encode(), mapped(("format: iso, zone: UTC", column)))
-    assert rows[0].t_ns - UTC_2024_ns == round(after_2024_s * 1e9)
+    assert rows[0][0] - UTC_2024_ns == round(after_2024_s * 1e9)
 
 
 def test_overloads_are_left_out_and_counted_never_read_as_numbers() -> None:
@@ -377,7 +377,7 @@ def test_overloads_are_left_out_and_counted_never_read_as_numbers() -> None:
     )
     mapping = mapped(("uut:", "overload: {at_least: 1e37, values: [OL, -999]}\nuut:"))
     rows, parser = read(text.encode(), mapping)
-    assert [math.isnan(row.values[1]) for row in rows] == [False, True, True, True, True, True]
+    assert [math.isnan(values[1]) for _, values in rows] == [False, True, True, True, True, True]
     assert (parser.counts.rows, parser.counts.overload_rows, parser.counts.overloads) == (6, 5, {"voltage": 5})
     (said,) = parser.counts.sentences()
     assert said == "5 of 6 rows of the log have a cell that is empty or that the mapping calls an overload (voltage 5)."
@@ -452,7 +452,7 @@ def test_blocks_of_zero_bytes_are_passed_over_and_counted(length: int) -> None:
     content = LOG.encode() + b"2024-01-" + block + b"2,30,7\n2024-01-01T00:00:20,21,1002\n" + block
     for cut in (len(content), 70_000):
         rows, parser = read(content, mapped(), cut)
-        assert [(row.line, row.values[0]) for row in rows] == [(2, 20.5), (3, 20.6), (5, 21.0)]
+        assert [values[0] for _, values in rows] == [20.5, 20.6, 21.0]
         assert parser.counts.sentences()[0].startswith("2 lines of the log hold blocks of zero bytes, ")
     _, parser = read(content, mapped(BY_NUMBER))
     assert parser.counts.bad == [(4, "a block of zero bytes"), (6, "a block of zero bytes")]
@@ -478,7 +478,7 @@ def test_a_counter_of_32_bits_is_counted_on(tick: str, step: int) -> None:
     ticks = [(2**32 - 20 * step + k * step) % 2**32 for k in range(40)]
     mapping = mapped((COUNTER[0], COUNTER[1].replace("us", tick)))
     rows, parser = read("\n".join(["time,T,U", *(f"{each},20,1" for each in ticks), ""]).encode(), mapping)
-    assert {later.t_ns - row.t_ns for row, later in pairwise(rows)} == {10_000_000}
+    assert {later[0] - row[0] for row, later in pairwise(rows)} == {10_000_000}
     said = f"The time column is a counter of 32 bits in {tick} that began anew 1 times; it is counted on."
     assert parser.counts.sentences() == [said]
     with pytest.raises(InputError, match="B-IMP-006"):
