@@ -85,14 +85,14 @@ def _write(
         folder, _manifest(document, name, file, surveyed, log.origin), {MAPPING: document.text}, t_mono_ns=0
     )
     writer.clock_pair(0, surveyed.first_ns)
-    t_ns, since = lines_ns[-1], 0
-    for line, t_ns in zip(log.lines(surveyed.size), chain(lines_ns, repeat(t_ns)), strict=False):
+    since = 0
+    for line, t_ns in zip(log.lines(surveyed.size), chain(lines_ns, repeat(lines_ns[-1])), strict=False):
         writer.raw(LINK, "rx", t_ns, line)
         since += len(line)
         if since > ROTATE_BYTES:
             writer.tick(t_ns)
             since = 0
-    writer.clock_pair(t_ns, surveyed.first_ns + t_ns)
+    writer.clock_pair(lines_ns[-1], surveyed.last_ns)
     writer.close("imported")
     return folder
 
