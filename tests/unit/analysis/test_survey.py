@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from spoiled_logs import LOGS, SIZES, SPOILT, Log, at_rest, held, ramp, twice, wrong
+from spoiled_logs import LOGS, SIZES, SPOILT, Log, at_rest, held, outcome, ramp, twice, wrong
 
 from bench.analysis import Material
 from bench.analysis.survey import surveyed
@@ -97,6 +97,14 @@ def test_stamps_tell_rate_gaps_and_bursts() -> None:
     rows = {name: np.resize(values, erratic.size) for name, values in log.columns.items()}
     (sentence,) = told(replace(log, columns=rows), t_s=erratic)[1]
     assert sentence.startswith("The time stamps tell no rate: rows come in bursts that are not alike")
+
+
+def test_many_lone_values_of_a_ramp_are_a_doubt() -> None:
+    log = ramp(np.random.default_rng(8))
+    values = log.columns["U"].copy()
+    values[::40] += 1e-5
+    assert outcome(log, log.columns)[1]
+    assert outcome(log, log.columns | {"U": values}) == ("", {})
 
 
 @pytest.mark.parametrize("kind", SPOILT)

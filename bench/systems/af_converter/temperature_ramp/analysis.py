@@ -186,7 +186,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),
         tables=[*tables(columns, fits), *unseen_tables(searches)],
-        evidence=[*columns.still, *evidence_of(searches)],
+        evidence=[*columns.doubt, *evidence_of(searches)],
     )
 
 

@@ -40,16 +40,19 @@ _WINDOWS = 150  # of the search for ramps, in a record
 _SHORTEST_WINDOW_ROWS = 10
 
 
-def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Flags:
-    """Return True for rows (k,) to be left out: a stamp not later than all before, a value unlike its neighbours.
+def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> tuple[Flags, list[Evidence]]:
+    """Return rows (k,) to be left out: a stamp not later than all before, a value unlike its neighbours.
 
-    If more than one row in a hundred is so, the values are the log's own nature and stay.
+    If values of more than one row in a hundred are so, they stay, with a doubt.
     """
     repeated = np.concatenate(([False], t_s[1:] <= np.maximum.accumulate(t_s)[:-1]))
-    odd = np.zeros(t_s.size, np.bool_)
-    for values in columns.values():
-        odd |= lone_values(values)
-    return repeated | odd if few(np.count_nonzero(odd), odd.size, _MOST) else repeated
+    lone = {name: lone_values(values) for name, values in columns.items()}
+    odd = np.any(list(lone.values()), axis=0)
+    count = int(odd.sum())
+    if few(count, odd.size, _MOST):
+        return repeated | odd, []
+    text = say("evidence.lone", name=max(lone, key=lambda name: lone[name].sum()), count=count, of=odd.size)
+    return repeated, [Evidence("lone_samples", text, float(count), 0.0)]
 
 
 def row_notes(bad: Floats) -> list[str]:
@@ -74,7 +77,7 @@ class RampColumns:
 
     ``sensors``: temperatures by name, their mean first if there are several.   ``readings`` by name: ppm of the median
     of the ratio to the mean of the references, or as read if there are none; ``unit`` of both.
-    ``row_notes``, ``still``: what the rows themselves show (rows.py); ``dropped`` holds ``overloaded`` and bad rows.
+    ``row_notes``, ``doubt``: what the rows themselves show (rows.py); ``dropped`` holds ``overloaded`` and bad rows.
     ``programme_degC``: set-point, or the mean sensor without one.
     """
 
@@ -88,7 +91,7 @@ class RampColumns:
     segments: list[Segment]
     overloaded: int
     row_notes: Sequence[str]
-    still: Sequence[Evidence]
+    doubt: Sequence[Evidence]
 
     @property
     def temperature_degC(self) -> Floats:
@@ -123,7 +126,7 @@ def ramp_columns(material: Material) -> RampColumns:
     overloaded = whole.size - rows
     held = [name for name in used if name not in roles["set_point"]]
     series_s = material.series["t_s"]
-    bad = bad_rows(series_s[whole], {name: material.series[name][whole] for name in held})
+    bad, doubt = bad_rows(series_s[whole], {name: material.series[name][whole] for name in held})
     bad_s = series_s[whole][bad]
     whole[np.flatnonzero(whole)[bad]] = False
     columns = {name: np.asarray(material.series[name][whole]) for name in ("t_s", *used)}
@@ -143,7 +146,7 @@ def ramp_columns(material: Material) -> RampColumns:
         dropped=overloaded + bad_s.size,
         overloaded=overloaded,
         row_notes=row_notes(bad_s),
-        still=list(still_evidence(t_s, {name: columns[name] for name in used}, roles["set_point"])),
+        doubt=[*doubt, *still_evidence(t_s, {name: columns[name] for name in used}, roles["set_point"])],
         segments=find_segments(t_s, programme, window_s),
     )
     if len(log_columns.main_ramps()) < 2:
