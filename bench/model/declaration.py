@@ -112,7 +112,7 @@ class UnitSections(StrictModel):
 
     def constants(self) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
-        raise NotImplementedError
+        return {name: section.constants() for name, section in self if section is not None}
 
     def channel_kind(self, name: str) -> ChannelKind | None:
         """Return what the data sheet says of a kind of channel, None if it says nothing."""

@@ -105,10 +105,6 @@ class ModuleUnit(UnitSections):
 
     imu: Imu | None = Field(None, description="inertial measurement unit and magnetometer of a GNC module")
 
-    def constants(self) -> dict[str, Any]:
-        """Return entries of the manifest's section "campaign"; what is not stated is left out."""
-        return {} if self.imu is None else {"imu": self.imu.constants()}
-
 
 class SensorColumn(LogColumn):
     """A column of numbers of one axis of a triad of gyroscopes, accelerometers or magnetometers."""

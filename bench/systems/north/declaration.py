@@ -45,10 +45,6 @@ class FogUnit(UnitSections):
 
     fog: Fog | None = Field(None, description="gyroscope of a north finder; what is predicted rests on it")
 
-    def constants(self) -> dict[str, Any]:
-        """Return entries of the manifest's section "campaign"; what is not stated is left out."""
-        return {} if self.fog is None else {"fog": self.fog.constants()}
-
 
 class NorthColumn(LogColumn):
     """A column of a north finder: output and table angle of each sample, or both lock-ins at each index position."""

@@ -95,11 +95,6 @@ class NavigationUnits(UnitSections):
     latency: Latency | None = Field(None, description="of two units that stream side by side")
     stamps: Stamps | None = Field(None, description="of their frames, for a prediction")
 
-    def constants(self) -> dict[str, Any]:
-        """Return entries of the manifest's section "campaign"; what is not stated is left out."""
-        sections = {"inertial": self.inertial, "egi": self.egi, "latency": self.latency, "stamps": self.stamps}
-        return {name: section.constants() for name, section in sections.items() if section is not None}
-
 
 class StreamColumn(LogColumn):
     """A column of one of two streams in a log: the unit's own stamp, or a motion that both units saw."""
