@@ -110,9 +110,14 @@ class ChannelKind(StrictModel):
 class UnitSections(StrictModel):
     """The sections of ``uut`` that belong to one system."""
 
-    def constants(self) -> dict[str, Any]:
-        """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
-        return {name: section.constants() for name, section in self if section is not None}
+    @classmethod
+    def constants(cls, unit: Any) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign", in base units; what is not stated is left out.
+
+        Args: unit: the sections of all systems.
+        """
+        sections = {name: getattr(unit, name) for name in cls.model_fields}
+        return {name: section.constants() for name, section in sections.items() if section is not None}
 
     def channel_kind(self, name: str) -> ChannelKind | None:
         """Return what the data sheet says of a kind of channel, None if it says nothing."""

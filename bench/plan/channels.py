@@ -213,7 +213,7 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
     if model.uut is not None:
         constants["uut"] = {"model": model.uut.model, "serial": serial}
         for sections in sections_in(model.uut, UnitSections):
-            constants |= sections.constants(model.uut)  # type: ignore[arg-type]
+            constants |= sections.constants(model.uut)
         for key, texts in (("limits", model.uut.limits), ("spread", model.uut.spread)):
             if texts:
                 constants[key] = {name: _limit(text) for name, text in texts.items()}

@@ -143,16 +143,17 @@ class ConverterUnit(UnitSections):
     )
     kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
 
-    def constants(self) -> dict[str, Any]:
+    @classmethod
+    def constants(cls, unit: Any) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
         constants = {
-            "temperature_sensor_u95_degC": self.temperature_sensor_uncertainty,
-            "thermal_lag_s": self.thermal_lag,
-            "af_clock_Hz": self.af_clock,
-            "fg_Hz": self.function_generator,
-            "master_Hz": self.master_clock,
+            "temperature_sensor_u95_degC": unit.temperature_sensor_uncertainty,
+            "thermal_lag_s": unit.thermal_lag,
+            "af_clock_Hz": unit.af_clock,
+            "fg_Hz": unit.function_generator,
+            "master_Hz": unit.master_clock,
         }
-        curve = {} if self.master_curve is None else {"master_curve_ppm": self.master_curve.constants()}
+        curve = {} if unit.master_curve is None else {"master_curve_ppm": unit.master_curve.constants()}
         return {**stated(constants), **curve}
 
     def channel_kind(self, name: str) -> ChannelKind | None:

@@ -40,9 +40,10 @@ class LaserUnit(UnitSections):
 
     laser: DeclaredLaser | None = Field(None, description="for predictions of a ring laser")
 
-    def constants(self) -> dict[str, Any]:
+    @classmethod
+    def constants(cls, unit: Any) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"; what is not stated is left out."""
-        laser = self.laser
+        laser = unit.laser
         if laser is None:
             return {}
         return {

@@ -260,8 +260,8 @@ class TimeSyncLog(LogSections):
 
     def log_constants(self, log: Log) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"."""
-        units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency, stamps=None).constants()
-        units |= stated({"rates": self.rates})
+        stated_units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency, stamps=None)
+        units = stated_units.constants(stated_units) | stated({"rates": self.rates})
         if self.frequencies is None:
             return units
         return units | {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}
