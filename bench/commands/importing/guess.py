@@ -20,6 +20,7 @@ from bench.model.declaration import Hint
 from bench.model.errors import ExitStatus
 from bench.model.systems import system_refusals, systems
 from bench.model.units import dimension_of, likely, read_quantity
+from bench.tables import LOG_TIME
 
 FILL_IN = "FILL_IN"
 _TIME = re.compile(r"(^|[^a-z])(t|ts|utc|tow|sec|secs|seconds|ms|us|ns)([^a-z]|$)|time|date|stamp|epoch")
@@ -162,8 +163,10 @@ def _time(seen: Seen, numbers: Mapping[str, Numbers | None]) -> tuple[str | None
         elif _rises(values) and (told or np.all(np.diff(values) == 1.0) or _may_be_time(name, numbers)):
             entry = _counted(name, values, told)
         if entry is not None:
-            rank = 3 if not told else 2 if f"unit: {FILL_IN}" in entry else 0
-            found.append((1 if "format: samples" in entry else rank, len(found), name, entry))
+            seconds = values is not None and not np.median(np.diff(values))  # several rows share each of them
+            rank = 4 if not told else 3 if seconds or f"unit: {FILL_IN}" in entry else 0
+            rank = 2 if "format: samples" in entry else 1 if name == LOG_TIME else rank  # of the recorder, not the unit
+            found.append((rank, len(found), name, entry))
     if found:
         *_, name, entry = min(found)
         return name, f"  {quoted(name)}: {entry}"

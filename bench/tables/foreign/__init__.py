@@ -1,6 +1,7 @@
 """Logs of other systems in binary form (NumPy, MATLAB, HDF5, MCAP, ROS bags), read as the rows of one table."""
 
+from bench.tables.foreign.messages import LOG_TIME
 from bench.tables.foreign.opening import ForeignTable, kind_of, open_table, topics_of
 from bench.tables.foreign.text import OtherLog
 
-__all__ = ["ForeignTable", "OtherLog", "kind_of", "open_table", "topics_of"]
+__all__ = ["LOG_TIME", "ForeignTable", "OtherLog", "kind_of", "open_table", "topics_of"]

@@ -339,6 +339,7 @@ def test_messages_of_a_topic_of_an_mcap_file(tmp_path: Path, capsys: pytest.Capt
     guess(tmp_path / "log.bin")
     said = capsys.readouterr().out
     assert "file: {topic: '/imu'}  # or: '/other'\n" in said
+    assert "  stamp: {role: time, format: unix, unit: ns}" in said
     (tmp_path / "two").mkdir()
     assert imported(tmp_path / "two", said.replace("FILL_IN", "S"), mcap).counts.rows == 300
     again = imported(tmp_path, text.replace("log_time", "stamp"), mcap)
