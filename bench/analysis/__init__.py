@@ -1,6 +1,5 @@
 """The shared parts of every analysis: its material, its results, and the form of results.json."""
 
-from bench.analysis.acceptance import Acceptances, Accepted, acceptable
 from bench.analysis.agreement import NOTED, ORDINARY, Agreement, agreements, by_foreseen_name, expected_at_end
 from bench.analysis.analysis import (
     Analysis,
@@ -72,29 +71,30 @@ from bench.analysis.figures import (
     Style,
     Table,
     band,
+    cell,
     curve,
+    decimals_for,
+    header,
+    limits_text,
+    number,
     picture,
     series,
+    significant,
+    unit_text,
+    value_and_uncertainty,
+    with_uncertainty,
     worded_figure,
     worded_table,
 )
 from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
-from bench.analysis.numbers import (
-    cell,
-    decimals_for,
-    header,
-    limits_text,
-    number,
-    significant,
-    unit_text,
-    value_and_uncertainty,
-    with_uncertainty,
-)
 from bench.analysis.prediction import PROMPT, Bound, Planned, Prediction
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
+    Acceptances,
+    Accepted,
+    acceptable,
     build_results,
     results_json,
     results_schema,

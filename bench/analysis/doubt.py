@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bench.analysis.estimates import Estimate, EvidenceInterval, Reason
+from bench.analysis.figures import with_uncertainty
 from bench.analysis.form import Document
-from bench.analysis.numbers import with_uncertainty
 from bench.analysis.wording import say
 from bench.maths.verdict import INDETERMINATE
 

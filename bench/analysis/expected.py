@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 from bench.analysis.doubt import CERTAIN, Evidence
 from bench.analysis.estimates import Estimates, estimate
-from bench.analysis.figures import Table
+from bench.analysis.figures import Table, limits_text, number, significant, value_and_uncertainty
 from bench.analysis.material import Material
-from bench.analysis.numbers import limits_text, number, significant, value_and_uncertainty
 from bench.analysis.values import Value, absent, conditions_text, placed, values_of
 from bench.analysis.wording import say
 from bench.maths.tests import odd_one, trend

@@ -29,7 +29,7 @@ PLANTED = {
     "systems": ("bench.systems.north.solve", "bench.systems.gnc.rows"),
     "engine-names-no-system": ("bench.session.partial", "bench.systems.north.analysis"),
     "declarations-are-plain": ("bench.systems.north.declaration", "bench.plan.language.sequence"),
-    "estimators": ("bench.systems.north.estimators.phasors", "bench.analysis.numbers"),
+    "estimators": ("bench.systems.north.estimators.phasors", "bench.analysis.figures"),
     "worlds": ("sim_instruments.worlds.north.world", "sim_instruments.worlds.gnc.world"),
     "simulated-bench": ("sim_instruments.worlds.common.world", "sim_instruments.bus.live"),
     "no-instruments-in-bench": ("bench.run.bench.opener", "instruments.hp_3458a"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.maths.arrays import Floats
-from bench.maths.extended import Extended, stacked
+from bench.maths.least_squares import Extended, stacked
 from bench.systems.af_converter.estimators.gates import Whitener
 
 

@@ -9,8 +9,7 @@ import scipy.optimize
 from strd_linear import PROBLEMS, Problem, polynomial_columns
 
 import bench.maths.least_squares as core
-from bench.maths.extended import Extended
-from bench.maths.least_squares import solve
+from bench.maths.least_squares import Extended, solve
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.readings import (

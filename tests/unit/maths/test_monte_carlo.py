@@ -9,8 +9,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal, stats
 
-from bench.maths.budget import independent_count
-from bench.maths.monte_carlo import Distribution, check_interval, numerical_tolerance, propagate, shortest_interval
+from bench.maths.budget import (
+    Distribution,
+    check_interval,
+    independent_count,
+    numerical_tolerance,
+    propagate,
+    shortest_interval,
+)
 from bench.maths.stein import needed, widening
 from bench.maths.tests import SMALLEST, chi2_both, chi2_tail, f_tail, odd_one, of_many, t_both, trend
 from bench.maths.variances import of_variances

@@ -15,8 +15,16 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Table, number, worded_table
-from bench.maths.budget import TYPE_A, Budget, Component, combine_all, effective_dof
-from bench.maths.monte_carlo import Distribution, check_interval, propagate
+from bench.maths.budget import (
+    TYPE_A,
+    Budget,
+    Component,
+    Distribution,
+    check_interval,
+    combine_all,
+    effective_dof,
+    propagate,
+)
 from bench.systems.af_converter.budget_tables import budget_table, correlation_table, figures, summary_table
 from bench.systems.af_converter.constants import REGISTER, Campaign, Standards
 from bench.systems.af_converter.estimators.readings import (
@@ -30,8 +38,7 @@ from bench.systems.af_converter.estimators.readings import (
     relative_errors,
     scatter_A2,
 )
-from bench.systems.af_converter.estimators.scale_factor import UNREFERRED
-from bench.systems.af_converter.estimators.scale_factor_trials import TrialModel
+from bench.systems.af_converter.estimators.scale_factor import UNREFERRED, TrialModel
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, UNKNOWN_SLOPE_ppm_degC
 from bench.systems.af_converter.scale_factor.estimates import scale_factor_std_ppm, scatter_parts, sensor_effect_ppm
 from bench.systems.af_converter.wording import kind_name, say
