@@ -35,6 +35,7 @@ _LONG_s = 120.0  # between rows whose times are such days
 _OVERLOAD = 9.0e36  # what an instrument writes in place of a number is as large
 _ODD_TEXTS = 3  # among the numbers of a column
 _AXIS = re.compile(r"[xyz](?![a-z]|\d{3})")
+_NUMBER = re.compile(r"\d+\]?$")
 _UNIT = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 _POWER = re.compile(r"[ *]([a-z]+)\^?-([12])$")
 Numbers = NDArray[np.float64]
@@ -269,13 +270,12 @@ def _entry(column: _Column, units: Mapping[str, str]) -> str:
 
 
 def _axis(name: str, names: Sequence[str]) -> str:
-    """Return the axis by the last letter x, y or z of a name, or by its place among three columns of one matrix."""
-    bracket = name.rfind("[")
-    if name.endswith("]") and name[bracket + 1 : -1].isdigit():
-        siblings = [other for other in names if other[: other.rfind("[")] == name[:bracket]]
-        return "xyz"[siblings.index(name)] if len(siblings) == 3 else FILL_IN
-    found = _AXIS.findall(name.lower())
-    return found[-1] if found else FILL_IN
+    """Return the axis by the last letter x, y or z of a name, or by its number among three columns at its end."""
+    stem = _NUMBER.sub("", name)
+    letters = [] if stem.endswith("[") else _AXIS.findall(name.lower())
+    siblings = [other for other in names if other != stem and _NUMBER.sub("", other) == stem]
+    by_number = "xyz"[siblings.index(name)] if len(siblings) == 3 and name in siblings else FILL_IN
+    return letters[-1] if letters else by_number
 
 
 def _range(values: Numbers | None) -> str:

@@ -112,6 +112,7 @@ UNITS = (("w", "rad s^-1"), ("a", "m s^-2"))
 EUROC = ",".join(["#timestamp [ns]", *(f"{word}_RS_S_{axis} [{unit}]" for word, unit in UNITS for axis in "xyz")])
 PX4 = "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt,accelerometer_timestamp_relative"
 PX4 += ",accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2]"
+OPENBCI = "Sample Index,Accel Channel 0,Accel Channel 1,Accel Channel 2,Timestamp"
 XSENS = "PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z"
 FINE = np.array([str((2**32 - 3000 + 200 * k) % 2**32) for k in range(ROWS)])  # begins anew
 DAYS = np.array([f"{45592 + 10 * k / 86400:.6f}" for k in range(ROWS)])
@@ -142,6 +143,7 @@ FORMS: dict[str, tuple[bytes, set[str], float]] = {  # by name of the file: its 
     "ticks.txt": (text(XSENS[14:], FINE, *FORCE.T, separator="\t"), ACCEL, 0.02),
     "gauss.csv": (text("t,Mag X (G),Mag Y (G),Mag Z (G)", T_s, *RATE.T * 3), MAG, 0.01),
     "model.csv": (text("TOW,X Gyro [x8005],Y Gyro [x8005],Z Gyro [x8005]", T_s, *RATE.T), GYRO, 0.01),
+    "OpenBCI.txt": (text(OPENBCI, T_s % 1 * 250, *FORCE.T, T_s + 1.7e9, above="%Sample Rate = 250 Hz\n"), ACCEL, 0.01),
     "pandas.csv": (text("sensor,left,left,left\naxis,gyr_x,gyr_y,gyr_z", T_s, *RATE.T), GYRO, 0.01),
     "meter.csv": (PLAIN.replace(b"\n0.01,", b"\n0.01,9.9E+37,OL,0\n0.01,"), GYRO, 0.01),
 }  # fmt: skip
