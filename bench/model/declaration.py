@@ -57,7 +57,8 @@ class AnalysisDeclaration:
     ``predicts_long``: it takes longer than all else that a check does, so that it must be asked for.
     ``point``: module that says how well the mean of a measuring point is known (``bench.model.stopping``).
     ``design``: function that says what of a campaign is free, so that the shortest one can be found.
-    ``roles``: that columns of a log play for it.   ``bench_clock``: its results are by the clock of the bench.
+    ``roles``: that columns of a log play for it; ``triads``: of which it needs three axes.
+    ``bench_clock``: its results are by the clock of the bench.
     """
 
     name: str
@@ -82,6 +83,7 @@ class AnalysisDeclaration:
     problems: str = ""
     assumptions: str = ""
     roles: tuple[str, ...] = ()
+    triads: tuple[str, ...] = ()
     predicted: str = ""
     predicts_long: bool = False
     point: str = ""

@@ -33,6 +33,7 @@ _DAY_s = 86400.0
 _SERIAL_DAYS = (36526.0, 73051.0)  # of the years 2000 to 2099 in a spreadsheet
 _LONG_s = 120.0  # between rows whose times are such days
 _OVERLOAD = 9.0e36  # what an instrument writes in place of a number is as large
+_AXES = 3  # of a triad
 _ODD_TEXTS = 3  # among the numbers of a column
 _AXIS = re.compile(r"[xyz](?![a-z]|\d{3})")
 _NUMBER = re.compile(r"\d+\]?$")
@@ -97,7 +98,10 @@ def _analysis(hints: Sequence[Hint]) -> tuple[str, str]:
         declared.name
         for system in systems()
         for declared in system.analyses
-        if hints and declared.roles and roles <= {*declared.roles, "temperature"}
+        if hints
+        and declared.roles
+        and roles <= {*declared.roles, "temperature"}
+        and all(sum(hint.role == role for hint in hints) == _AXES for role in declared.triads)
     ]
     proposed = next((hint.analysis for hint in hints if hint.analysis in taking), "none")
     others = [name for name in taking if name != proposed]

@@ -29,17 +29,18 @@ AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 UPS: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
 SIX_POSITION, MULTI_POSITION, STRAPDOWN = "imu_six_position", "imu_multi_position", "imu_strapdown"
 BIAS, MAGNETOMETER = "bias_log", "magnetometer_log"
-ANALYSES = (SIX_POSITION, MULTI_POSITION, STRAPDOWN, BIAS, MAGNETOMETER)
 _WORDS = {"gyro": "gyro", "accelerometer": "accel", "magnetometer": "mag"}
 _UNITS = {"gyro": ("deg/s", "1"), "accelerometer": ("m/s2", "g", "1"), "magnetometer": ("gauss", "1")}
 _IN_NAMES = {"deg/s": "deg_s", "m/s2": "m_s2", "g": "g", "gauss": "gauss", "1": "counts"}
-_DUE = {  # sensors of three axes that an analysis needs
-    SIX_POSITION: ("accelerometer",),
-    MULTI_POSITION: ("accelerometer",),
-    STRAPDOWN: ("gyro", "accelerometer"),
-    MAGNETOMETER: ("magnetometer",),
-    BIAS: (),
-}
+_LOGS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (  # module, methods, triads
+    (SIX_POSITION, "six_position", ("least_squares",), ("accelerometer",)),
+    (MULTI_POSITION, "multi_position", ("norm",), ("accelerometer",)),
+    (STRAPDOWN, "strapdown", ("indicated", "calibrated"), ("gyro", "accelerometer")),
+    (BIAS, "bias", ("allan",), ()),
+    (MAGNETOMETER, "magnetometer", ("ellipsoid", "turn_about_z"), ("magnetometer",)),
+)
+_DUE = {name: triads for name, *_, triads in _LOGS}
+ANALYSES = tuple(_DUE)
 
 
 class Wandering(StrictModel):
@@ -346,20 +347,16 @@ DECLARATION = System(
             predicted=f"{_HERE}.predicted:of_magnetometer",
             fields=("tick", "mag", "temperature"),
         ),
-        AnalysisDeclaration(
-            "imu_six_position", f"{_HERE}.logs.six_position", ("least_squares",), "logs", roles=_INERTIAL
-        ),
-        AnalysisDeclaration("imu_multi_position", f"{_HERE}.logs.multi_position", ("norm",), "logs", roles=_INERTIAL),
-        AnalysisDeclaration(
-            "imu_strapdown", f"{_HERE}.logs.strapdown", ("indicated", "calibrated"), "logs", roles=_INERTIAL
-        ),
-        AnalysisDeclaration("bias_log", f"{_HERE}.logs.bias", ("allan",), "logs", roles=_INERTIAL),
-        AnalysisDeclaration(
-            "magnetometer_log",
-            f"{_HERE}.logs.magnetometer",
-            ("ellipsoid", "turn_about_z"),
-            "logs",
-            roles=("time", "magnetometer"),
+        *(
+            AnalysisDeclaration(
+                name,
+                f"{_HERE}.logs.{module}",
+                methods,
+                "logs",
+                roles=("time", "magnetometer") if name == MAGNETOMETER else _INERTIAL,
+                triads=triads,
+            )
+            for name, module, methods, triads in _LOGS
         ),
     ),
     limits={name: Limit(dimension) for name, dimension in _DIMENSIONS.items()},

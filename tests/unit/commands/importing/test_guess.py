@@ -67,6 +67,7 @@ def test_a_matrix_of_hdf5_with_the_time_in_it(tmp_path: Path, capsys: pytest.Cap
     [
         ("date,T\n2024-05-02T08:00:00,20.1\n2024-05-02T08:00:10,20.2\n", "format: iso, zone: FILL_IN}"),
         ("t,mag_x\n1700000000.5,45\n1700000001.5,46\n", "mag_x: {role: magnetometer, axis: x, unit: uT}"),
+        ("t,mag_x\n1700000000.5,45\n1700000001.5,46\n", "analysis: none"),
         ("t,mag_x\n1700000000.5,45\n1700000001.5,46\n", "t: {role: time, format: unix, unit: s}"),
         ("n,w_z (rad/s)\n4,0.1\n5,0.2\n6,0.1\n", "'w_z (rad/s)': {role: gyro, axis: z, unit: rad/s}"),
         ("n,w_z (rad/s)\n4,0.1\n5,0.2\n6,0.1\n", "n: {role: time, format: samples, rate: FILL_IN"),
