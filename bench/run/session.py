@@ -6,13 +6,12 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bench.frame import FrameDefinition, LinkCounts
-from bench.model.clock import NS, Clock
+from bench.model.clock import Clock, utc_stamp
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
 from bench.model.lab_code import code_texts, recorded_code
@@ -65,9 +64,8 @@ class Conducted:
 
 def session_name(plan: Plan, clock: Clock) -> str:
     """Return ``<UTC start>_<sequence>_<serial number of the unit>``."""
-    start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]", "-", str(plan.campaign.get("uut", {}).get("serial", "none")))
-    return f"{start}_{plan.name}_{serial}"
+    return f"{utc_stamp(clock.utc_ns())}_{plan.name}_{serial}"
 
 
 def manifest_of(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from bench.analysis import Acceptances, Accepted, acceptable, check_form, estimates_of, results_json
-from bench.model.clock import NS
+from bench.model.clock import utc_text
 from bench.model.errors import InputError
 from bench.session.output import write_file
 from bench.session.shelf import ACCEPTANCES
@@ -52,7 +51,7 @@ def new_acceptances(
         raise InputError(
             "B-ACC-003", "the run has not ended, nothing can be accepted", where=where, next_step=next_step
         )
-    utc = datetime.fromtimestamp(utc_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    utc = utc_text(utc_ns)
     return [
         Accepted(
             quantity=entry.quantity,

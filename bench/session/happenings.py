@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from bench.analysis import Table
 from bench.model import events
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.model.errors import InputError
 from bench.model.events import (
     DECISION,
@@ -279,6 +278,4 @@ def splice_tables(splices: Sequence[Splice]) -> list[Table]:
 
 
 def _utc(t_ns: int | None) -> str | None:
-    if t_ns is None:
-        return None
-    return datetime.fromtimestamp(t_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return None if t_ns is None else utc_text(t_ns)

@@ -17,7 +17,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from bench.model.clock import NS, Clock, VirtualClock, to_ns
+from bench.model.clock import NS, Clock, VirtualClock, to_ns, utc_stamp
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, RunError
 from bench.model.events import Event
@@ -71,8 +71,8 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock, *, take
     """
     with station_lock(station, "drill", clock, take_over=take_over):
         pass  # whoever uses the bench is named before anything is begun
-    start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC)
-    folder = new_folder(out, f"{start.strftime('%Y%m%dT%H%M%SZ')}_drill_{station.name}")
+    start_ns = clock.utc_ns()
+    folder = new_folder(out, f"{utc_stamp(start_ns)}_drill_{station.name}")
     folder.mkdir(parents=True)
     if station.in_process:
         identities, trials = _virtual_drill(station)
@@ -85,7 +85,7 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock, *, take
         "schema": 1,
         "station": station.name,
         "simulated": station.simulated,
-        "utc": start.isoformat(),
+        "utc": datetime.fromtimestamp(start_ns // NS, UTC).isoformat(),
         "passed": all(trial.passed for trial in trials),
         "limit_s": SAFE_S,
         "trials": [{**asdict(trial), "passed": trial.passed} for trial in trials],

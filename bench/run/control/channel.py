@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from bench.model import events
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
@@ -190,8 +190,7 @@ class Control:
         order = ("prepare", "campaign", "finally")
         later_s = sum(lengths_s[phase] for phase in order[order.index(step.phase) + 1 :])
         left_ns = context.timeline.target_ns(lengths_s[step.phase] + later_s) - context.clock.now_ns()
-        end = datetime.fromtimestamp((context.clock.utc_ns() + max(0, left_ns)) // NS, UTC)
-        return f"{end:%Y-%m-%dT%H:%M:%SZ}"
+        return utc_text(context.clock.utc_ns() + max(0, left_ns))
 
     def _links(self) -> dict[str, dict[str, Any]]:
         links = {}

@@ -10,10 +10,9 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.model.events import Alarm, Deviation, End, Error, Event, Hold, Interlock, Notify, Release, Verdict
 from bench.model.yamlio import load_yaml
 from bench.plan import Notify as NotifySection
@@ -103,8 +102,8 @@ class Notifier(Observer):
         self._thread.join(LAST_WORDS_S)
 
     def _put(self, message: Message) -> None:
-        utc = datetime.fromtimestamp(self._context.clock.utc_ns() // NS, UTC)
-        message |= {"bench": self._bench(), "session": self._context.folder.name, "utc": f"{utc:%Y-%m-%dT%H:%M:%SZ}"}
+        utc = utc_text(self._context.clock.utc_ns())
+        message |= {"bench": self._bench(), "session": self._context.folder.name, "utc": utc}
         with self._wake:
             if len(self._queue) >= LONGEST_QUEUE:
                 self._queue.popleft()

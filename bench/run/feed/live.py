@@ -11,11 +11,10 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from typing import Any
 
 from bench.frame import LinkBatch
-from bench.model.clock import NS, WallClock, to_ns
+from bench.model.clock import NS, WallClock, to_ns, utc_of_stamp
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
 from bench.plan import Step, graphs_of, shown_signals, unwatched
@@ -163,11 +162,8 @@ def _boot_id() -> str:
 
 def _began(manifest: Mapping[str, Any], now_utc_s: float) -> float:
     """Start of the session, which its name says; a run that was gone on with began earlier than now."""
-    stamp = str(manifest.get("session", "")).partition("_")[0]
-    try:
-        return datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).timestamp()
-    except ValueError:
-        return now_utc_s
+    began_ns = utc_of_stamp(str(manifest.get("session", "")))
+    return now_utc_s if began_ns is None else began_ns / NS
 
 
 def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
