@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
 QUANTITY = "quantity"  # among the conditions of a reading: its name in the results
 _OF_THE_RUN = frozenset({QUANTITY, "purpose", "label", "window_index", "settle_band_degC", "settled"})
+
+
+def finite(value: float) -> float | None:
+    """Return a number, None for one that is not known: events and other JSON hold no NaN."""
+    return value if math.isfinite(value) else None
 
 
 def key_of_value(quantity: str, conditions: Mapping[str, Any]) -> str:

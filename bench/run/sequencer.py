@@ -87,7 +87,7 @@ class Sequencer:
                 with suppress(Exception):  # it is made safe; this only shows it
                     look(context.instruments)
         if error is not None:
-            context.note(Error(code=error.code, text=str(error), where=error.where, step=self._done))
+            context.note(Error.of(error, self._done))
         failed = [str(failure) for failure in unsafe]
         context.note(Safe(failures=failed, roles=[failure.where for failure in unsafe]))
         with suppress(BenchError):  # what a broken link still holds is not worth the outcome

@@ -34,9 +34,9 @@ from bench.run.steps.position import Resumption
 from bench.run.steps.reentry import enter
 from bench.run.steps.setpoints import differences, read_back
 from bench.run.steps.timing import Timeline
-from bench.run.stop import StopSwitch, guarded, unforeseen
+from bench.run.stop import StopSwitch, repeated, unforeseen
 from bench.run.watch.disk import disk_watch
-from bench.run.watch.environment import EnvironmentLog
+from bench.run.watch.environment import PERIOD_S, note_temperatures
 
 CLOCK_PAIR_S = 600.0
 
@@ -253,8 +253,8 @@ class _Run:
         self._pair()
         with closing(Journal(self.writer.folder)) as journal, ExitStack() as beside:
             context = self._context(operator)
-            beside.callback(EnvironmentLog(context).stop)
-            beside.callback(self.clock.every(CLOCK_PAIR_S, guarded(self._pair, self.stop)).cancel)
+            duties = (PERIOD_S, partial(note_temperatures, context)), (CLOCK_PAIR_S, self._pair)
+            beside.enter_context(repeated(self.clock, self.stop, *duties))
             if not self.clock.virtual:
                 beside.enter_context(disk_watch(context, {"session": self.writer.sync, "step journal": journal.sync}))
             beside.enter_context(keep_links(context))
@@ -262,7 +262,7 @@ class _Run:
                 for start in self.beside:
                     beside.enter_context(start(context))
             except BenchError as error:  # before the first step: the bench is as safe as it was made at the start
-                context.event(Error(code=error.code, text=str(error), where=error.where, step=0))
+                context.event(Error.of(error, step=0))
                 context.health.over({})
                 return replace(self._outcome, error=error)
             sequencer = Sequencer(context, journal, self.plan.station.safe_order)

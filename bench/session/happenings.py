@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,7 +36,9 @@ from bench.replay import Splice
 from bench.report import Surrounding
 from bench.session.wording import say
 
-E = TypeVar("E", bound=Event)
+if TYPE_CHECKING:
+    from bench.session.view import SessionView
+
 KINDS = (
     "late", "slip", "overrun", "retake", "hold", "release", "armed", "skip", "control", "interlock", "alarm",
     "verdict", "link", "guard", "suspend", "clock_step", "config", "error", "unit_left_out",
@@ -49,18 +52,7 @@ _SETTLING = ("time", "set", "samples", "mean", "slope", "spread", "chance", "fou
 _LAG = ("time", "step", "lag", "share", "residual", "bound", "saved")
 
 
-class Events(Protocol):
-    """A session, as far as its events are asked for."""
-
-    @property
-    def events(self) -> Sequence[tuple[int, Event]]:
-        """Return all that is kept, with its time."""
-
-    def events_of(self, model: type[E]) -> list[tuple[int, E]]:
-        """Return times and events of one kind."""
-
-
-def happenings(view: Events) -> list[str]:
+def happenings(view: SessionView) -> list[str]:
     """Return one line for each thing that did not go to plan, by kind, and how punctual the run was."""
     start_ns = _start_ns(view)
     troubles = sorted(_troubles(view), key=lambda trouble: KINDS.index(trouble[1].kind))
@@ -68,45 +60,24 @@ def happenings(view: Events) -> list[str]:
     return [*said, *punctuality(view)]
 
 
-def happening_tables(view: Events) -> list[Table]:
+def happening_tables(view: SessionView) -> list[Table]:
     """Return the same as a table of the report, in order of time; none for a run to which nothing happened."""
+    start_ns = _start_ns(view)
     troubles = sorted((t_ns, event.kind, event.sentence) for t_ns, event in _troubles(view))
-    if not troubles:
-        return []
-    start_ns = _start_ns(view)
-    return [
-        Table(
-            say("happening.title"),
-            say("happening.caption"),
-            [say("happening.time"), say("happening.what"), say("happening.text")],
-            [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in troubles],
-            prose=True,
-        )
-    ]
+    rows = [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in troubles]
+    return _tables("happening", ("time", "what", "text"), rows, prose=True)
 
 
-def settling_tables(view: Events) -> list[Table]:
+def settling_tables(view: SessionView) -> list[Table]:
     """Return how settled the temperature was at the end of each soak; none for a run without a soak."""
-    found = view.events_of(Settled)
-    if not found:
-        return []
     start_ns = _start_ns(view)
-    return [
-        Table(
-            say("settling.title"),
-            say("settling.caption"),
-            [say(f"settling.{head}") for head in _SETTLING],
-            [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in found],
-        )
-    ]
+    rows = [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in view.events_of(Settled)]
+    return _tables("settling", _SETTLING, rows)
 
 
-def lag_tables(view: Events) -> list[Table]:
+def lag_tables(view: SessionView) -> list[Table]:
     """Return how near its end each soak came that the lag of a unit may end; none for a run without such a soak."""
-    found = view.events_of(ThermalLag)
-    if not found:
-        return []
-    start_ns = _start_ns(view)
+    found, start_ns = view.events_of(ThermalLag), _start_ns(view)
     rows = [
         [
             _since(t_ns, start_ns), event.step, *([event.uut] if event.uut else []), f"{event.lag_s / 60.0:.2f}",
@@ -115,21 +86,28 @@ def lag_tables(view: Events) -> list[Table]:
         ]
         for t_ns, event in found
     ]  # fmt: skip
-    headers = [say(f"lag.{head}") for head in _LAG]
-    if found[0][1].uut:
-        headers.insert(2, say("lag.unit"))
-    return [Table(say("lag.title"), say("lag.caption"), headers, rows)]
+    of_unit = ["unit"] if found and found[0][1].uut else []
+    return _tables("lag", (*_LAG[:2], *of_unit, *_LAG[2:]), rows)
 
 
-def decision_tables(view: Events) -> list[Table]:
+def decision_tables(view: SessionView) -> list[Table]:
     """Return what the sequence has decided, and by what; none for a run without a decision."""
-    found = view.events_of(Decision)
-    if not found:
-        return []
-    start_ns = _start_ns(view)
-    rows = [[_since(t_ns, start_ns), event.step, event.word, event.by, event.outcome] for t_ns, event in found]
-    headers = [say(f"decision.{head}") for head in ("time", "step", "word", "by", "outcome")]
-    return [Table(say("decision.title"), say("decision.caption"), headers, rows)]
+    heads, start_ns = ("step", "word", "by", "outcome"), _start_ns(view)
+    rows = [
+        [_since(t_ns, start_ns), *(getattr(event, head) for head in heads)] for t_ns, event in view.events_of(Decision)
+    ]
+    return _tables("decision", ("time", *heads), rows)
+
+
+def _tables(name: str, heads: Iterable[str], rows: list[list[Any]], *, prose: bool = False) -> list[Table]:
+    """Return the table of this name, none without rows."""
+    return [_table(name, heads, rows, prose=prose)] if rows else []
+
+
+def _table(name: str, heads: Iterable[str], rows: list[list[Any]], *, prose: bool = False) -> Table:
+    """Return a table with its words from the catalogue."""
+    headers = [say(f"{name}.{head}") for head in heads]
+    return Table(say(f"{name}.title"), say(f"{name}.caption"), headers, rows, prose=prose)
 
 
 def _settled_cells(event: Settled) -> list[Any]:
@@ -147,10 +125,10 @@ def preflight_table(event: Preflight) -> Table:
     """Return the event "preflight" of a session as a table of its report."""
     keys = ("name", "status", "value", "limit", "text")
     rows = [[str(row[key]) for key in keys] for row in event.findings]
-    return Table(say("preflight.title"), say("preflight.caption"), [say(f"preflight.{key}") for key in keys], rows)
+    return _table("preflight", keys, rows)
 
 
-def punctuality(view: Events) -> Iterator[str]:
+def punctuality(view: SessionView) -> Iterator[str]:
     """Return how late the timed waits ended."""
     for _, end in view.events_of(End):
         median, p99, worst = (_length(1e-3 * late_ms) for late_ms in end.lateness_ms)
@@ -165,7 +143,7 @@ def _length(seconds: float) -> str:
     return f"{seconds:.3g}\u00a0s" if abs(seconds) < 999.5 else f"{seconds / 3600:.3g}\u00a0h"
 
 
-def _start_ns(view: Events) -> int:
+def _start_ns(view: SessionView) -> int:
     """Return when the run began, as the lines of its progress count; the bench clock may begin with the machine."""
     return min((t_ns for t_ns, _ in view.events_of(Phase)), default=0)
 
@@ -174,7 +152,7 @@ def _since(t_ns: int, start_ns: int) -> str:
     return hours(max(0, t_ns - start_ns) / NS)
 
 
-def _troubles(view: Events) -> Iterator[tuple[int, Event]]:
+def _troubles(view: SessionView) -> Iterator[tuple[int, Event]]:
     for t_ns, event in view.events:
         as_it_should_be = isinstance(event, Link | Guard) and event.state in ("open", "ready")
         as_it_should_be |= isinstance(event, Skip) and event.by in (DECISION, LEFT_OUT)
@@ -182,7 +160,7 @@ def _troubles(view: Events) -> Iterator[tuple[int, Event]]:
             yield t_ns, event
 
 
-def commands_given(view: Events) -> list[dict[str, Any]]:
+def commands_given(view: SessionView) -> list[dict[str, Any]]:
     """Return every command a person gave: when since the run began, what, who, why, and what else was said with it."""
     start_ns = _start_ns(view)
     commands = []
@@ -192,19 +170,19 @@ def commands_given(view: Events) -> list[dict[str, Any]]:
     return commands
 
 
-def alarms_raised(view: Events) -> list[dict[str, Any]]:
+def alarms_raised(view: SessionView) -> list[dict[str, Any]]:
     """Return every alarm and what the interlocks did, in order of time."""
     rows = (row for table in happening_tables(view) for row in table.rows)
     return [{"time": time, "what": kind, "text": text} for time, kind, text in rows if kind in _ALARMS]
 
 
-def length_s(view: Events) -> float:
+def length_s(view: SessionView) -> float:
     """From the first phase to the end of the run; NaN for one that has not ended or a log of another system."""
     ends = [t_ns for t_ns, _ in view.events_of(End)]
     return (ends[-1] - _start_ns(view)) / NS if ends and view.events_of(Phase) else math.nan
 
 
-def surroundings(view: Events, texts: Mapping[str, str], campaign_ns: int) -> list[Surrounding]:
+def surroundings(view: SessionView, texts: Mapping[str, str], campaign_ns: int) -> list[Surrounding]:
     """Return temperatures that a logger scanned, by channel, against the start of the campaign phase."""
     scans: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for t_ns, scan in view.events_of(events.Surroundings):
@@ -258,23 +236,22 @@ def splice_documents(splices: Sequence[Splice]) -> list[dict[str, Any]]:
 
 def splice_tables(splices: Sequence[Splice]) -> list[Table]:
     """Return the table "Splices" of the report; none for a run that was never stopped."""
-    if not splices:
-        return []
+    unknown = say("splice.unknown")
     rows = [
         [
-            _utc(splice.stopped_utc_ns) or say("splice.unknown"),
-            _utc(splice.started_utc_ns) or say("splice.unknown"),
-            say("splice.unknown") if splice.away_s is None else f"{splice.away_s:.0f} s",
+            _utc(splice.stopped_utc_ns) or unknown,
+            _utc(splice.started_utc_ns) or unknown,
+            unknown if splice.away_s is None else f"{splice.away_s:.0f} s",
             str(splice.step),
             splice.reason,
-            say("splice.unknown") if splice.drift_degC is None else f"{splice.drift_degC:+.2f} degC",
+            unknown if splice.drift_degC is None else f"{splice.drift_degC:+.2f} degC",
             say("splice.soaked" if splice.soaked else "splice.at_once"),
         ]
         for splice in splices
     ]
-    headers = [say(f"splice.{head}") for head in _SPLICE]
-    captions = [say("splice.caption"), *([] if all(splice.placed for splice in splices) else [say("splice.behind")])]
-    return [Table(say("splice.title"), " ".join(captions), headers, rows, prose=True)]
+    behind = [] if all(splice.placed for splice in splices) else [say("splice.behind")]
+    tables = _tables("splice", _SPLICE, rows, prose=True)
+    return [replace(table, caption=" ".join([table.caption, *behind])) for table in tables]
 
 
 def _utc(t_ns: int | None) -> str | None:

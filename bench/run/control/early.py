@@ -21,7 +21,7 @@ from bench.model.processes import EARLY_VERDICT, own_process
 from bench.plan import Early
 from bench.run.context import RunContext
 from bench.run.control.channel import EARLY
-from bench.run.stop import HOLD_LIMIT_S, guarded
+from bench.run.stop import HOLD_LIMIT_S, repeated
 
 LIMITS = ("max_lost", "max_bad", "max_dispersion", "max_residual")
 TIMEOUT_S = 900.0
@@ -116,9 +116,8 @@ class EarlyVerdicts:
 def early_verdicts(context: RunContext, early: Early) -> Iterator[EarlyVerdicts]:
     """Judge while the run goes on, on the wall clock."""
     verdicts = EarlyVerdicts(early, context, judge_command(context.folder, early))
-    periodic = context.clock.every(POLL_S, guarded(verdicts.poll, context.stop))
     try:
-        yield verdicts
+        with repeated(context.clock, context.stop, (POLL_S, verdicts.poll)):
+            yield verdicts
     finally:
-        periodic.cancel()
         verdicts.close()

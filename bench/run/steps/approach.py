@@ -130,5 +130,5 @@ def read_air_degC(context: RunContext, step: PlannedSoak) -> float:
         with context.in_use.take(step.role):
             return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
     except InstrumentError as error:
-        context.event(Error(code=error.code, text=str(error), where=error.where, step=step.number))
+        context.event(Error.of(error, step.number))
         return math.nan

@@ -14,12 +14,13 @@ from dataclasses import replace
 from bench.model.clock import NS, to_ns
 from bench.model.events import Reentry
 from bench.model.ports import Action, actions_of
+from bench.model.quantities import finite
 from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step
 from bench.run.context import RunContext
 from bench.run.control.operator import changes_of
 from bench.run.steps.dispatch import execute
 from bench.run.steps.setpoints import changes_motion, motion_again, steps_again, warm_up_s
-from bench.run.steps.soak import soak
+from bench.run.steps.soak import drive, soak
 from bench.run.steps.timing import Timeline
 
 UNIT_SPEAKS_S = 10.0  # housekeeping comes ten times a second once the unit streams
@@ -117,7 +118,6 @@ def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
         return
     began_ns, (newest, asked) = context.clock.now_ns(), thermal[-1]
     found_degC = _units_degC(context, newest)
-    unit_degC = max(found_degC)
     if isinstance(newest, PlannedSoak):
         soaked = not all(abs(degC - newest.temperature_degC) <= newest.within_degC for degC in found_degC)
         _back_to_soak(context, newest, soaked=soaked, stopped=stopped)
@@ -129,7 +129,7 @@ def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
             step=number,
             target_degC=asked.temperature_degC,
             soaked=soaked,
-            unit_degC=None if math.isnan(unit_degC) else unit_degC,
+            unit_degC=finite(max(found_degC)),
             seconds=(context.clock.now_ns() - began_ns) / NS,
         )
     )
@@ -141,7 +141,7 @@ def _back_to_soak(context: RunContext, step: PlannedSoak, *, soaked: bool, stopp
         context.message(f"the unit has left {band}: soaking again")
         _soak_again(context, step)
     elif stopped:
-        _drive(context, step.role, step.set_point)
+        drive(context, step.role, step.set_point)
 
 
 def _along_the_ramp(context: RunContext, thermal: Sequence[tuple[Step, SetPoint]], step: Step) -> None:
@@ -152,18 +152,9 @@ def _along_the_ramp(context: RunContext, thermal: Sequence[tuple[Step, SetPoint]
         start_degC = thermal[-2][1].temperature_degC
         context.message(f"the ramp from {start_degC:g} degC to {asked.temperature_degC:g} degC is done again")
         _soak_again(context, replace(pattern, temperature_degC=start_degC, late="hold"))
-    _drive(context, newest.role, asked)
+    drive(context, newest.role, asked)
     passed_s = step.at_s - newest.at_s if step.phase == newest.phase else 0.0
     context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(passed_s))
-
-
-def _drive(context: RunContext, role: str, asked: SetPoint) -> None:
-    """Give the chamber a set-point and let it run."""
-    chamber = context.instruments[role]
-    with context.in_use.take(role):
-        chamber.set_temperature(asked.temperature_degC, asked.ramp_degC_min)  # type: ignore[attr-defined]
-        chamber.run()  # type: ignore[attr-defined]
-    context.observers.set_point(asked)
 
 
 def _soak_again(context: RunContext, step: PlannedSoak) -> None:

@@ -16,7 +16,7 @@ from bench.model.clock import NS
 from bench.run.context import RunContext
 from bench.run.guard.health import WRITER
 from bench.run.observers import patient
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 
 DISK = "disk"  # who holds the run
 SYNC_S, LOOK_S = 1.0, 0.5
@@ -64,10 +64,5 @@ class DiskWatch:
 def disk_watch(context: RunContext, files: Mapping[str, Callable[[], None]]) -> Iterator[DiskWatch]:
     """Bring files to the disk beside a run, by name what syncs them."""
     watch = DiskWatch(context, files)
-    looking = context.clock.every(LOOK_S, guarded(watch.look, context.stop))
-    syncing = context.clock.every(SYNC_S, guarded(watch.sync, context.stop))
-    try:
+    with repeated(context.clock, context.stop, (LOOK_S, watch.look), (SYNC_S, watch.sync)):
         yield watch
-    finally:
-        looking.cancel()
-        syncing.cancel()

@@ -25,7 +25,7 @@ from bench.run.context import RunContext
 from bench.run.feed.outputs import LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs
 from bench.run.observers import Following, Observer, Order
 from bench.run.steps.setpoints import goes_off
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 from bench.run.watch.signals import leaves_the_bus
 
 WAKE_S = 5.0
@@ -105,13 +105,10 @@ def outputs_watch(context: RunContext, following: Following) -> Iterator[None]:
     """Look at the outputs while the run goes on, under either clock."""
     watch = OutputsWatch(context, following)
     wake_s = LOOK_VIRTUAL_S if context.clock.virtual else WAKE_S
-    running = [context.clock.every(wake_s, guarded(watch.take, context.stop))]
+    duties = [(wake_s, watch.take)]
     if not context.clock.virtual:
         contact = Contact(context)
         context.observers.add(contact)
-        running.append(context.clock.every(CONTACT_WAKE_S, guarded(contact.take, context.stop)))
-    try:
+        duties.append((CONTACT_WAKE_S, contact.take))
+    with repeated(context.clock, context.stop, *duties):
         yield
-    finally:
-        for periodic in running:
-            periodic.cancel()

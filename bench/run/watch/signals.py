@@ -250,7 +250,7 @@ def read_idle(context: RunContext, role: str, read: Callable[[], None]) -> None:
             with hurried(context.instruments[role], CALL_S):  # one that is mute must not keep the bus
                 read()
         except InstrumentError as error:
-            context.event(Error(code=error.code, text=str(error), where=error.where))
+            context.event(Error.of(error))
 
 
 def scanned(logger: Instrument) -> dict[int, float]:
