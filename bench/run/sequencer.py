@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
 from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip
-from bench.model.ports import actions_of
+from bench.model.ports import drivers_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
@@ -55,8 +55,7 @@ class Sequencer:
         self._context = context
         self._journal_step = patient(journal.step, context.event)
         self._safe_order = safe_order
-        self._drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
-        self._readings = readings_of(context.plan.steps, self._drivers)
+        self._readings = readings_of(context.plan.steps, drivers_of(context.instruments))
         self._done = 0
         self._start_ns = context.clock.now_ns()
         self._slip_ns = 0
@@ -260,7 +259,7 @@ class Sequencer:
         context.failed.discard(step.number)
         execute(context, step)
         if step.number in context.failed:
-            leave_out(context, step, self._drivers)
+            leave_out(context, step)
         set_to = setpoint_of(step, context.instruments)
         self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions, set_to)
         self._done = step.number + 1

@@ -2,46 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 from bench.analysis import Estimate, Estimates, by_foreseen_name, expected_at_end
 from bench.model.clock import NS
 from bench.model.errors import BenchError
 from bench.model.quantities import key_of_value
 from bench.model.systems import analysis_declaration
-from bench.plan import Plan, Step, plan_of_texts, values_not_due
-from bench.record import RecordRow
+from bench.plan import Plan, plan_of_texts, values_not_due
 from bench.session.predicted import predicted
 
+if TYPE_CHECKING:
+    from bench.session.view import SessionView
+
 Name = tuple[str, str, int]
-
-
-class Recorded(Protocol):
-    """A session, as far as it says what was planned and how much of it there is."""
-
-    @property
-    def manifest(self) -> Mapping[str, Any]: ...
-
-    @property
-    def texts(self) -> Mapping[str, str]: ...
-
-    @property
-    def plan_steps(self) -> Sequence[Step]: ...
-
-    @property
-    def rows(self) -> Sequence[RecordRow]: ...
-
-    @property
-    def events(self) -> Sequence[tuple[int, Any]]: ...
-
-    @property
-    def incomplete(self) -> bool: ...
-
-    @property
-    def utc_offset_ns(self) -> int | None: ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +29,7 @@ class Expected:
     at_end_U: float | None
 
 
-def predicted_of(session: Recorded, method: str) -> Estimates:
+def predicted_of(session: SessionView, method: str) -> Estimates:
     """Return estimates as the plan of a session predicts them, to hold those of a method against.
 
     None where the run has not ended, by another method than the first, which predictions are by, and where the session
@@ -65,7 +42,7 @@ def predicted_of(session: Recorded, method: str) -> Estimates:
     return [] if plan is None else predicted(plan, _begin_utc_s(session)).estimates
 
 
-def expectations(session: Recorded, known: Mapping[Name, Estimate]) -> dict[Name, Expected]:
+def expectations(session: SessionView, known: Mapping[Name, Estimate]) -> dict[Name, Expected]:
     """Return what each estimate will come to, by its name, for a session that is still being recorded.
 
     Args: known: estimates of the records so far, as they are stated, by their names.
@@ -75,7 +52,9 @@ def expectations(session: Recorded, known: Mapping[Name, Estimate]) -> dict[Name
     if plan is None or not whole:
         return {}
     not_due = values_not_due(plan.steps, (event for _, event in session.events))
-    part = predicted(_up_to_now(plan, session), _begin_utc_s(session)).estimates if session.rows else []
+    last = max((row.window.step for row in session.rows), default=-1)
+    until_now = replace(plan, steps=plan.steps[: last + 1])
+    part = predicted(until_now, _begin_utc_s(session)).estimates if session.rows else []
     so_far = by_foreseen_name(part)
     return {
         name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry))
@@ -84,7 +63,7 @@ def expectations(session: Recorded, known: Mapping[Name, Estimate]) -> dict[Name
     }
 
 
-def _begin_utc_s(session: Recorded) -> float | None:
+def _begin_utc_s(session: SessionView) -> float | None:
     """Return UTC at the begin of the preparation, the first event of a run, by the clock of the bench; None if unknown.
 
     That clock counts from anywhere, as from the start of the computer.
@@ -104,7 +83,7 @@ def _at_end_U(known: Estimate | None, so_far: Estimate | None, whole: Estimate) 
     return expected_at_end(known_U, so_far.expanded_uncertainty, whole.expanded_uncertainty)
 
 
-def _plan_of(session: Recorded) -> Plan | None:
+def _plan_of(session: SessionView) -> Plan | None:
     """Return the plan of a session whose analysis predicts soon; None if the session does not hold it whole."""
     declared = analysis_declaration(str(session.manifest.get("campaign", {}).get("analysis")))
     if declared is None or not declared.predicted or declared.predicts_long or not session.plan_steps:
@@ -113,9 +92,3 @@ def _plan_of(session: Recorded) -> Plan | None:
         return plan_of_texts(Path(session.manifest["session"]), session.manifest, session.texts, session.plan_steps)
     except BenchError:  # imported, of other software, or damaged: its results are the same without a prediction
         return None
-
-
-def _up_to_now(plan: Plan, session: Recorded) -> Plan:
-    """Return a plan without the steps that come after the last record there is."""
-    last = max(row.window.step for row in session.rows)
-    return replace(plan, steps=plan.steps[: last + 1])

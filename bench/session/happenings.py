@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import Table
+from bench.analysis import Table, worded_table
 from bench.model import events
 from bench.model.clock import NS, utc_text
 from bench.model.errors import InputError
@@ -100,14 +100,8 @@ def decision_tables(view: SessionView) -> list[Table]:
 
 
 def _tables(name: str, heads: Iterable[str], rows: list[list[Any]], *, prose: bool = False) -> list[Table]:
-    """Return the table of this name, none without rows."""
-    return [_table(name, heads, rows, prose=prose)] if rows else []
-
-
-def _table(name: str, heads: Iterable[str], rows: list[list[Any]], *, prose: bool = False) -> Table:
-    """Return a table with its words from the catalogue."""
-    headers = [say(f"{name}.{head}") for head in heads]
-    return Table(say(f"{name}.title"), say(f"{name}.caption"), headers, rows, prose=prose)
+    """Return the table of this name with its words from the catalogue; none without rows."""
+    return [worded_table(say, name, [say(f"{name}.{head}") for head in heads], rows, prose=prose)] if rows else []
 
 
 def _settled_cells(event: Settled) -> list[Any]:
@@ -125,7 +119,7 @@ def preflight_table(event: Preflight) -> Table:
     """Return the event "preflight" of a session as a table of its report."""
     keys = ("name", "status", "value", "limit", "text")
     rows = [[str(row[key]) for key in keys] for row in event.findings]
-    return _table("preflight", keys, rows)
+    return worded_table(say, "preflight", [say(f"preflight.{key}") for key in keys], rows)
 
 
 def punctuality(view: SessionView) -> Iterator[str]:

@@ -269,13 +269,6 @@ def _reading(t_ns: int, event: events.Reading) -> Reading:
     )
 
 
-def report_html(
-    view: SessionView, results: Mapping[str, Any], analysis: Analysis, laboratory: Laboratory | None = None
-) -> str:
-    """Return the report as one HTML page."""
-    return report_of(view, results, analysis, laboratory).html()
-
-
 def report_of(
     view: SessionView, results: Mapping[str, Any], analysis: Analysis, laboratory: Laboratory | None = None
 ) -> Report:
@@ -300,12 +293,12 @@ def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) 
         tables=analysis.tables,
         notes=[*([INCOMPLETE] if view.incomplete else []), *noted, *analysis.notes, *punctuality(view), *view.remarks],
         run=_story(view),
-        main=_main(view),
+        main=main_quantities(view),
         predicted=predicted_of(view, analysis.method),
     )
 
 
-def _main(view: SessionView) -> tuple[str, ...]:
+def main_quantities(view: SessionView) -> tuple[str, ...]:
     """Return the quantities that the analysis of a session declares as its main ones."""
     declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
     return () if declared is None else declared.main

@@ -14,7 +14,7 @@ from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.model.ports import Action, Effect
+from bench.model.ports import Action, Drivers, Effect, can_move
 from bench.plan.drivers import declared_action
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
@@ -35,11 +35,11 @@ class MotionState:
     with the place where they were.
     """
 
-    def __init__(self, plan: Plan, tables: Mapping[str, Mapping[str, Action]], findings: Findings) -> None:
+    def __init__(self, plan: Plan, drivers: Drivers, findings: Findings) -> None:
         self._findings = findings
         self._origins = plan.origins
-        self._tables = tables
-        self._axes = {role: _axes_of(actions) for role, actions in tables.items()}
+        self._tables = {role: actions for role, actions in drivers.items() if can_move(actions)}
+        self._axes = {role: _axes_of(actions) for role, actions in self._tables.items()}
         self._limits: dict[tuple[str, Any], Mapping[str, Any]] = {}
         self.may_move: dict[str, str] = {}
 
@@ -102,15 +102,6 @@ class MotionState:
                 message = f"{step.role}.{step.name}: {name} {value:g} is above {most:g}, the limit set for this axis"
                 origin = self._origins[step.number].get(name, "")
                 self._findings.add("B-PLAN-089", step.where, message, "move slower, or set a higher limit", origin)
-
-
-def tables_of(actions: Mapping[str, Mapping[str, Action]]) -> dict[str, Mapping[str, Action]]:
-    """Of the declared actions of each role, those of the roles that can move."""
-    return {
-        role: known
-        for role, known in actions.items()
-        if any(action.effect is Effect.MOTION_ON for action in known.values())
-    }
 
 
 def _axes_of(actions: Mapping[str, Action]) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from bench.model.errors import InputError
 from bench.model.ports import Action, Effect
 from bench.model.systems import analysis_declaration
 from bench.plan.check.actions import Judged
-from bench.plan.check.motion import MotionState, tables_of
+from bench.plan.check.motion import MotionState
 from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
@@ -50,7 +50,7 @@ class BenchState(Followed):
         self._levels_A = {int(c["number"]): frozenset(c.get("levels_A", ())) for c in channels}
         actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
         self._effects = {role: frozenset(action.effect for action in known.values()) for role, known in actions.items()}
-        self.motion = MotionState(plan, tables_of(actions), findings)
+        self.motion = MotionState(plan, actions, findings)
         self.switches = _with(Effect.ROUTE, self._effects)
         self.sources = _with(Effect.STIMULUS_ON, self._effects)
         self.energised: dict[str, str] = {}

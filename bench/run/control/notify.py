@@ -79,12 +79,10 @@ class Notifier(Observer):
 
     def event(self, event: Event, t_mono_ns: int) -> None:
         """Queue what an event says, if somebody wants to know."""
-        if (which := occasion(event)) in self._notify.on and not self._is_shelved(which, event):
+        which, t_utc_s = occasion(event), self._context.clock.utc_ns() / NS
+        if which in self._notify.on and not (which == "alarm" and self._shelved(event, t_utc_s)):
             said = {name: str(value) for name, value in event.document().items()}
             self._put({"kind": which, "event": event.kind, **said})
-
-    def _is_shelved(self, which: str, event: Event) -> bool:
-        return which == "alarm" and self._shelved(event, self._context.clock.utc_ns() / NS)
 
     def beat(self) -> None:
         """Queue a sign of life; one that would have to wait behind others is left out."""

@@ -32,16 +32,8 @@ class NotSent(Exception):
 
 def ways_of(notify: Notify) -> list[tuple[str, Callable[[Message], None]]]:
     """Return the ways that a section ``notify`` names, with their names; each raises NotSent."""
-    ways: list[tuple[str, Callable[[Message], None]]] = []
-    if notify.command is not None:
-        ways.append(("command", partial(by_command, notify.command)))
-    if notify.webhook is not None:
-        ways.append(("webhook", partial(by_webhook, notify.webhook)))
-    if notify.email is not None:
-        ways.append(("email", partial(by_mail, notify.email)))
-    if notify.apprise is not None:
-        ways.append(("apprise", partial(by_apprise, notify.apprise)))
-    return ways
+    sections = ((name, send, getattr(notify, name)) for name, send in _WAYS.items())
+    return [(name, partial(send, section)) for name, send, section in sections if section is not None]
 
 
 def by_command(words: list[str], message: Mapping[str, Any]) -> None:
@@ -113,6 +105,11 @@ def by_apprise(apprise: Apprise, message: Mapping[str, Any]) -> None:
     words += ["--notification-type", _APPRISE_TYPES.get(str(message["kind"]), "info")]
     secret = {**os.environ, "APPRISE_URLS": _secret(apprise.urls_env)}
     _give("apprise", words, _lines(message), secret)
+
+
+_WAYS: Mapping[str, Callable[[Any, Message], None]] = {  # by section of ``notify``, in the order of sending
+    "command": by_command, "webhook": by_webhook, "email": by_mail, "apprise": by_apprise,
+}  # fmt: skip
 
 
 def _title(message: Mapping[str, Any]) -> str:

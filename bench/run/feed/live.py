@@ -28,7 +28,7 @@ from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
 from bench.run.links.reader import LinkReader
-from bench.run.links.status import age_s, is_silent
+from bench.run.links.status import age_s, state_of
 from bench.run.observers import Observer
 
 FRESH_S = 10.0  # a temperature of the unit that was noted longer ago does not count
@@ -178,7 +178,7 @@ def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
 def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dict[str, Any]:
     counts, rate_Hz, seconds = reader.decoder.counts, reader.rate_Hz, age_s(reader, now_ns)
     return {
-        "state": _state(reader, now_ns, stale and not virtual),
+        "state": state_of(reader, now_ns, stale=stale and not virtual),
         "reason": reader.lost,
         "frames": counts.frames,
         "bad": counts.bad,
@@ -187,13 +187,3 @@ def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dic
         "rate_Hz": None if math.isnan(rate_Hz) else round(rate_Hz, 3),
         "age_s": None if math.isnan(seconds) else round(seconds, 3),
     }
-
-
-def _state(reader: LinkReader, now_ns: int, stale: bool) -> str:
-    if reader.lost:
-        return "lost"
-    if reader.last_frame_ns < 0:
-        return "waiting"
-    if is_silent(reader, now_ns):
-        return "silent"
-    return "stale" if stale else "streaming"

@@ -32,7 +32,7 @@ from bench.model.events import (
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
 from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs, bench_in_words
-from bench.run.feed.place import Place, Temperature, wait_of
+from bench.run.feed.place import Place, Temperature, wait_document, wait_of
 from bench.run.feed.planned import PlannedRun, Remaining, corners, early_s, end_of_run, in_words, soak_to_come_s
 from bench.run.feed.records import Records
 from bench.run.feed.traffic import InstrumentPanel
@@ -103,7 +103,8 @@ class RunState:
             self._place.on_event(event, t_utc_s)
             self._records.on_event(event, t_utc_s)
             self.alarms.on_event(event, t_utc_s)
-            if (text := event.sentence) and not _is_trifle(event):
+            is_trifle = isinstance(event, Overrun) and event.seconds < TRIFLE_S
+            if (text := event.sentence) and not is_trifle:
                 line = {"t_utc_s": t_utc_s, "kind": event.kind, "severity": event.severity, "text": text[:LONGEST_TEXT]}
                 self._log.appendleft(line)
 
@@ -301,7 +302,7 @@ class RunState:
     def _step_document(self, step: Step | None) -> dict[str, Any] | None:
         if step is None:
             return None
-        until = self._place.time_of(step, step.at_s + step.duration_s) if step.duration_s else None
+        until = self._place.end_of(step) if step.duration_s else None
         return {
             "number": step.number + 1, "of": len(self._plan.steps), "phase": step.phase, "kind": step.kind,
             "what": in_words(step), "conditions": dict(step.conditions), "where": step.where,
@@ -313,11 +314,9 @@ class RunState:
             return None
         if self._prompt is not None:
             reason = self._prompt["text"] if self._prompt.get("arms") else f"answer: {self._prompt['text']}"
-            return {"reason": reason, "since_utc_s": self._prompt["since_utc_s"],
-                    "until_utc_s": None, "last": None}  # fmt: skip
+            return wait_document(reason, self._prompt["since_utc_s"])
         if self._holds:
-            return {"reason": "; ".join(self._holds.values()), "since_utc_s": self._hold_since, "until_utc_s": None,
-                    "last": None}  # fmt: skip
+            return wait_document("; ".join(self._holds.values()), self._hold_since)
         return None if step is None else wait_of(t, step, self._place, self._temperature)
 
     def _progress(self, t: float) -> float:
@@ -345,13 +344,8 @@ class RunState:
     def _timetable(self, t: float) -> dict[str, list[Any]]:
         eta = self._eta(t)
         end = t if eta is None else eta["likely_utc_s"]
-        if self._place.step is None:
-            return {"t_utc_s": [], "temperature_degC": [], "bands": []}
-        return corners(self._plan.thermal, self._place.start_of, end, self._place.first_degC)
-
-
-def _is_trifle(event: Event) -> bool:
-    return isinstance(event, Overrun) and event.seconds < TRIFLE_S
+        thermal = () if self._place.step is None else self._plan.thermal
+        return corners(thermal, self._place.start_of, end, self._place.first_degC)
 
 
 def _head(manifest: Mapping[str, Any], source: str, boot_id: str, run: str) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from pathlib import Path
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
-from bench.model.ports import Effect, Instrument, actions_of
+from bench.model.ports import Effect, Instrument, actions_of, effects_of
 from bench.run.bench.safety import SafeState, WayToSafe, hurried
 from bench.run.guard.decision import Action, Address, Brief
 from bench.run.guard.diary import Diary
@@ -250,7 +250,7 @@ def put_safe(instrument: Instrument, heat_off: bool) -> None:
 
 def heats(driver: type) -> bool:
     """Return whether instruments of a driver are sources of heat."""
-    return any(action.effect is Effect.THERMAL for action in actions_of(driver).values())
+    return Effect.THERMAL in effects_of(driver)
 
 
 def _clear(instrument: Instrument, resource: str) -> None:

@@ -58,14 +58,16 @@ def is_stale(reader: LinkReader, now_ns: int) -> bool:
 def status_of(reader: LinkReader, now_ns: int) -> LinkStatus:
     """State and totals of a link whose bytes are decoded up to now."""
     counts = reader.decoder.counts
-    return LinkStatus(_state(reader, now_ns), counts.frames, counts.lost, counts.bad, age_s(reader, now_ns))
+    state = state_of(reader, now_ns, stale=is_stale(reader, now_ns))
+    return LinkStatus(state, counts.frames, counts.lost, counts.bad, age_s(reader, now_ns))
 
 
-def _state(reader: LinkReader, now_ns: int) -> State:
+def state_of(reader: LinkReader, now_ns: int, *, stale: bool) -> State:
+    """Return the state of a link that is ``stale`` unless something worse is true of it."""
     if reader.lost:
         return "lost"
     if reader.last_frame_ns < 0:
         return "waiting"
     if is_silent(reader, now_ns):
         return "silent"
-    return "stale" if is_stale(reader, now_ns) else "streaming"
+    return "stale" if stale else "streaming"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,19 +13,10 @@ from bench.frame import LinkBatch
 from bench.plan import PlannedUnit
 from bench.run.links.reader import LinkReader
 
+if TYPE_CHECKING:
+    from bench.run.links.acquisition import Acquisition
+
 TEMPERATURE = "unit_temperature"
-
-
-class Links(Protocol):
-    """All links of the bench."""
-
-    @property
-    def lock(self) -> AbstractContextManager[object]:
-        """Hold it to keep other threads from decoding."""
-
-    @property
-    def readers(self) -> Mapping[str, LinkReader]:
-        """Links by name."""
 
 
 def thermometer(readers: Mapping[str, LinkReader]) -> tuple[LinkReader | None, str]:
@@ -44,7 +35,7 @@ def of_unit(readers: Mapping[str, LinkReader], unit: PlannedUnit | None) -> Mapp
 
 @contextmanager
 def hearing(
-    links: Links, heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None], of: PlannedUnit | None = None
+    links: Acquisition, heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None], of: PlannedUnit | None = None
 ) -> Iterator[None]:
     """Hand over every temperature that the unit reports meanwhile, on the thread that decodes: receive stamps, ns, and
     means of its sensors, degC, (n,) each. ``of``: which unit, where several share a campaign.

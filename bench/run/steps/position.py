@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.events import Decision, End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
-from bench.model.ports import Action
+from bench.model.ports import Action, Drivers
 from bench.model.stopping import FIRST, STAGE, STAGE_INDEX, UNTIL
 from bench.plan import (
     Plan,
@@ -142,7 +142,7 @@ def _notes(plan: Plan, step: Step) -> bool:
     return isinstance(step, PlannedPrompt | PlannedDecision) or (isinstance(step, PlannedCommand) and bool(step.item))
 
 
-def _reads(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
+def _reads(step: Step, drivers: Drivers) -> bool:
     declared = drivers.get(step.role, {}).get(step.name)
     return declared is not None and bool(declared.returns)
 
@@ -165,7 +165,7 @@ def _item(step: Step) -> tuple[Any, ...] | None:
     return step.role, step.item, step.conditions.get("unit")
 
 
-def readings_of(steps: Sequence[Step], drivers: Mapping[str, Mapping[str, Action]]) -> frozenset[int]:
+def readings_of(steps: Sequence[Step], drivers: Drivers) -> frozenset[int]:
     """Return numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
     return frozenset(step.number for step in steps if isinstance(step, PlannedCall) and _reads(step, drivers))
 

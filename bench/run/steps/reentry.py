@@ -8,12 +8,12 @@ branch, and the position is entered when as much of the ramp has passed as the p
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 from bench.model.clock import NS, to_ns
 from bench.model.events import Reentry
-from bench.model.ports import Action, actions_of
+from bench.model.ports import drivers_of
 from bench.model.quantities import finite
 from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step
 from bench.run.context import RunContext
@@ -40,7 +40,7 @@ def enter(context: RunContext, start: int) -> None:
         context.operate(name, value)
     with context.stop.deferring():
         began_ns = context.clock.now_ns()
-        again = steps_again(context.plan, start, _drivers(context), left_out)
+        again = steps_again(context.plan, start, drivers_of(context.instruments), left_out)
         _do_again(context, [*again, *_motion(context, start)])
         _warm_up(context, start, began_ns)
         _to_temperature(context, start, stopped=True)
@@ -67,7 +67,7 @@ def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> Non
     They are made safe before: where the plan has an interlock open, somebody may be asked to come to the table.
     Raises: InstrumentError of a table.
     """
-    moved = dict.fromkeys(step.role for step in passed if changes_motion(step, _drivers(context)))
+    moved = dict.fromkeys(step.role for step in passed if changes_motion(step, drivers_of(context.instruments)))
     if not moved:
         return
     with context.stop.deferring():
@@ -79,11 +79,7 @@ def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> Non
 
 
 def _motion(context: RunContext, number: int) -> list[Step]:
-    return motion_again(context.plan.steps, number, _drivers(context), context.decided.left_out)
-
-
-def _drivers(context: RunContext) -> dict[str, Mapping[str, Action]]:
-    return {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
+    return motion_again(context.plan.steps, number, drivers_of(context.instruments), context.decided.left_out)
 
 
 def _do_again(context: RunContext, steps: Sequence[Step]) -> None:

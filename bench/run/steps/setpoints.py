@@ -13,7 +13,7 @@ from typing import Any
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import InstrumentError
-from bench.model.ports import Action, Effect, Instrument, actions_of
+from bench.model.ports import Action, Drivers, Effect, Instrument, actions_of, can_move, effects_of
 from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step
 from bench.record import JournalEntry
 
@@ -32,8 +32,6 @@ Readings = dict[str, dict[str, Any]]
 _STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
 _MOVE, _TURN, _SPIN = "move", "turn", "spin"
 _STOP = "stop"
-
-Drivers = Mapping[str, Mapping[str, Action]]
 
 
 def setpoint_of(step: Step, instruments: Mapping[str, Instrument]) -> dict[str, Any]:
@@ -122,9 +120,7 @@ def _word(on: bool) -> str:
     return "on" if on else "off"
 
 
-def steps_again(
-    plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Action]], left_out: Container[int] = ()
-) -> list[Step]:
+def steps_again(plan: Plan, first: int, drivers: Drivers, left_out: Container[int] = ()) -> list[Step]:
     """Return steps before ``first`` that bring supplies, generator and unit back after everything was made safe.
 
     The last call of each action (of each rail; on and off are one), settings before switches, then the last raw text
@@ -148,7 +144,7 @@ def steps_again(
     return again
 
 
-def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, ...] | None:
+def _key(step: Step, drivers: Drivers) -> tuple[Any, ...] | None:
     """Return sort and identity of a step that is done again; None for any other."""
     if isinstance(step, PlannedCommand):
         return None if step.item else (3, step.role, step.name)  # a test is not done twice
@@ -175,19 +171,14 @@ def _settles(steps: Sequence[Step], at: int) -> list[Step]:
     return [steps[at]] if at < len(steps) and isinstance(steps[at], PlannedSettle) else []
 
 
-def can_move(actions: Mapping[str, Action]) -> bool:
-    """Return whether an instrument with these actions is a table."""
-    return any(action.effect is Effect.MOTION_ON for action in actions.values())
-
-
 def goes_off(driver: type) -> bool:
     """Return True for an instrument that a hold makes safe: it drives a stimulus or leads it to the unit, or moves."""
-    return drives(driver) or can_move(actions_of(driver))
+    return drives(driver) or Effect.MOTION_ON in effects_of(driver)
 
 
 def drives(driver: type) -> bool:
     """Return True for an instrument that drives a stimulus or leads it to the unit."""
-    return any(action.effect in _STIMULUS for action in actions_of(driver).values())
+    return not effects_of(driver).isdisjoint(_STIMULUS)
 
 
 def is_motion(step: Step) -> bool:
