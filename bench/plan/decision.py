@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from bench.model.events import Decision, Event, UnitLeftOut
 from bench.model.units import plain_quantity
-from bench.plan.plan import Place, Step, StepKind
+from bench.plan.plan import Step, StepKind
 from bench.plan.values import UNIT
 
 IF, WHILE, CHOOSE = "if", "while", "choose"
@@ -71,10 +71,10 @@ class PlannedDecision(Step):
     retry_step: int
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
-        """Return a step from its arguments in a plan file and what else is in its row."""
+    def taken(cls, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the arguments of a plan file as the step holds them."""
         branches = tuple(Branch(**{**branch, "values": tuple(branch["values"])}) for branch in arguments["branches"])
-        return super(PlannedDecision, cls).read(place, {**arguments, "branches": branches})
+        return {**arguments, "branches": branches}
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""

@@ -37,23 +37,23 @@ def named_conditions(
     Findings: B-PLAN-120, B-PLAN-121.
     """
     (role, action), plan = called, node.plan
-    unit = _unit(plan, role, action)
+    unit = unit_of_action(plan, role, action)
     if expect is None:
-        if unit is None or plan.phase != "campaign" or not takes_all(plan):
+        if not unit or plan.phase != "campaign" or not takes_all(plan):
             return dict(conditions)
-    elif unit is None:
+    elif not unit:
         message = f"{role}.{action} gives no number, so nothing can be expected of it"
         node.fail("B-PLAN-120", message, "expect something of an action that returns a value")
         return dict(conditions)
     entry: dict[str, Any] = {
-        "quantity": _default_name(role, action, str(unit)) if expect is None else expect.name,
+        "quantity": _default_name(role, action, unit) if expect is None else expect.name,
         "unit": unit,
         "conditions": conditions_of_value(conditions),
     }
     if expect is not None:
         here = node.below("expect")
-        entry |= _limits_and_span(here, expect, str(unit))
-        entry |= _scatter(here.below("scatter"), expect, str(unit))
+        entry |= _limits_and_span(here, expect, unit)
+        entry |= _scatter(here.below("scatter"), expect, unit)
     keep(node, entry, f"{role}.{action}")
     return {**conditions, QUANTITY: entry["quantity"]}
 
@@ -151,10 +151,10 @@ def takes_all(plan: Expander) -> bool:
     return declared is not None and declared.made_of == "values"
 
 
-def _unit(plan: Expander, role: str, action: str) -> str | None:
-    """Return the unit of what an action gives, None if it gives no number or does not exist."""
+def unit_of_action(plan: Expander, role: str, action: str) -> str:
+    """Return the unit of what an action gives, "" if it gives no number or does not exist."""
     declared = declared_action(plan.station, role, action)
-    return None if declared is None else declared.returns or None
+    return "" if declared is None else declared.returns
 
 
 def _limits_and_span(node: Node, expect: Expect, unit: str) -> dict[str, float]:

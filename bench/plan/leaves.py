@@ -79,10 +79,9 @@ def _read(node: Node, step: ReadStep) -> None:
 
 def _call(node: Node, step: CallStep, expect: ReadingExpect | None = None) -> None:
     plan = node.plan
-    called, arguments = next(iter(step.root.items()))
-    role, name = called.split(".")
-    placed, here = _role(node, role), node.below(called)
-    values = here.values(arguments or {})
+    role, name, arguments = step.parts()
+    placed, here = _role(node, role), node.below(f"{role}.{name}")
+    values = here.values(arguments)
     if "current" in values:
         plan.programmed(role, values["current"], values.get("range") == "locked")
     declared = declared_action(plan.station, placed, name)

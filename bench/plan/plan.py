@@ -61,7 +61,12 @@ class Step:
     @classmethod
     def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
         """Return a step from its arguments in a plan file and what else is in its row."""
-        return cls(*place, **{_FIELDS.get(key, key): value for key, value in arguments.items()})
+        return cls(*place, **{_FIELDS.get(key, key): value for key, value in cls.taken(arguments).items()})
+
+    @classmethod
+    def taken(cls, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the arguments of a plan file as the step holds them."""
+        return arguments
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""

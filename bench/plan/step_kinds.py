@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from bench.model.errors import SessionDamaged
 from bench.model.quantities import QUANTITY
 from bench.plan.decision import PlannedDecision
-from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind
+from bench.plan.plan import PLACE, ROW, SetPoint, Step, StepKind
 
 CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
 MEASUREMENT, WIRING = "measurement", "wiring"  # purposes of a record
@@ -47,9 +47,9 @@ class PlannedCall(Step):
         return value if isinstance(value, float) else None
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
-        """Return a step from its arguments in a plan file and what else is in its row."""
-        return cls(*place, arguments)
+    def taken(cls, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the arguments of a plan file as the step holds them."""
+        return {"arguments": arguments}
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -126,11 +126,11 @@ class PlannedRecord(Step):
     longest_s: float = 0.0
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
-        """Return a step from its arguments in a plan file and what else is in its row."""
+    def taken(cls, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the arguments of a plan file as the step holds them."""
         readings = tuple(Reading(**reading) for reading in arguments.get("readings", ()))
         signals = tuple((quantity, signal) for quantity, signal in arguments.get("signals", ()))
-        return super(PlannedRecord, cls).read(place, {**arguments, "readings": readings, "signals": signals})
+        return {**arguments, "readings": readings, "signals": signals}
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -226,9 +226,9 @@ class PlannedCommand(Step):
     takes_s: float | None = None
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
-        """Return a step from its arguments in a plan file and what else is in its row."""
-        return super(PlannedCommand, cls).read(place, {**arguments, "payload": tuple(arguments["payload"])})
+    def taken(cls, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the arguments of a plan file as the step holds them."""
+        return {**arguments, "payload": tuple(arguments["payload"])}
 
 
 KINDS: Mapping[StepKind, type[Step]] = {

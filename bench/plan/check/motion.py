@@ -31,7 +31,7 @@ _MOVE, _TURN = "move", "turn"
 class MotionState:
     """Follows the tables of a bench, step by step.
 
-    Args: tables: declared actions of each role that can move. ``may_move`` holds the roles whose interlocks are closed,
+    Args: drivers: declared actions of each role. ``may_move`` holds the roles whose interlocks are closed,
     with the place where they were.
     """
 

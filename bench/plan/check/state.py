@@ -198,19 +198,19 @@ class BenchState(Followed):
         effects = self._effects.get(step.role, frozenset())
         if Effect.STIMULUS_ON in effects:
             if self.switches and not self.closed and not self.untrusted:
-                message = f"raw text to {step.role} may switch its output on without a closed route"
-                self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+                self._doubt(step, "may switch its output on without a closed route")
             self.output_on.add(step.role)
             self.unknown.add(step.role)
             self.level_A[step.role] = self.range_A[step.role] = None
         if Effect.ROUTE in effects:
-            message = f"raw text to {step.role} may close any route, so the plan cannot be proved safe"
-            self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+            self._doubt(step, "may close any route, so the plan cannot be proved safe")
         if Effect.MOTION_ON in effects and not _only_asks(step.text):
-            message = f"raw text to {step.role} may move it, faster and further than its limits allow"
-            self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+            self._doubt(step, "may move it, faster and further than its limits allow")
         if effects & {*_ENERGY, Effect.ROUTE}:
             self._energise(step, step.role)
+
+    def _doubt(self, step: PlannedSend, why: str) -> None:
+        self._findings.add("B-PLAN-074", step.where, f"raw text to {step.role} {why}", "write a call instead")
 
     def _energise(self, step: Step, role: str) -> None:
         self.energised[role] = step.where

@@ -26,7 +26,7 @@ from bench.model.posix import signals
 from bench.model.processes import DRILL_CONTROLLER, own_process
 from bench.plan import Station
 from bench.run.bench.beginning import begin_safely, identities_of
-from bench.run.bench.drill_controller import source_of, stimulate, stimulated
+from bench.run.bench.drill_controller import stimulate, stimulated
 from bench.run.bench.opener import open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import InUse
@@ -212,7 +212,7 @@ def _virtual_drill(station: Station) -> tuple[dict[str, Any], list[Trial]]:
     bench = open_bench(station, clock, HeldTranscript(), seed=1, links=False)
     try:
         identities = identities_of(begin_safely(bench, clock))
-        stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
+        stimulate(bench)
         limits_degC = station.guard_limits_degC
         run = _Bare(bench.instruments, clock, stop, Health(clock), InUse())
         with GuardTask(run, limits_degC) as guard:

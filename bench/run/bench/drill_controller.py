@@ -20,7 +20,7 @@ from bench.model.errors import BenchError, InputError
 from bench.model.ports import Effect, Instrument, effects_of
 from bench.plan import Station, load_station
 from bench.run.bench.beginning import begin_safely
-from bench.run.bench.opener import open_bench
+from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.safety import make_safe, states_of
 from bench.run.bench.transcript import HeldTranscript
 from bench.run.guard.diary import DIARY
@@ -48,8 +48,10 @@ def has_source(station: Station) -> bool:
     return any(Effect.STIMULUS_ON in effects_of(driver_class(entry.driver)) for entry in entries)
 
 
-def stimulate(instruments: dict[str, Instrument], source: str) -> None:
-    """Close a route if the bench has one, then switch the source on at 0 A."""
+def stimulate(bench: OpenBench) -> None:
+    """Close a route if the bench has one, then switch the source on at 0 A. Raises: InputError B-RUN-095."""
+    instruments = bench.instruments
+    source = source_of(bench.station, {role: type(instrument) for role, instrument in instruments.items()})
     for instrument in instruments.values():
         if Effect.ROUTE in effects_of(type(instrument)):
             instrument.route(channel=CHANNEL, polarity=POLARITY)  # type: ignore[attr-defined]
@@ -87,7 +89,7 @@ def main(station_file: str, folder: str) -> int:
         stack.callback(
             lambda: health.over(states_of(make_safe(bench.instruments, station.safe_order, clock, live=stop.is_alive)))
         )
-        stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
+        stimulate(bench)
         _say(on=stimulated(bench.instruments), identities={role: asdict(who) for role, who in identities.items()})
         _wait(clock, stop)
     return 0

@@ -8,7 +8,6 @@ person may take back, from afar only while every interlock is inside its limits.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -186,7 +185,7 @@ class Control:
             "planned_end_utc": self._planned_end(),
             "records": len(self._following.records),
             "records_planned": context.plan.record_count,
-            "links": self._links(),
+            "links": context.acquisition.status(),
             "alarms": dict(self._alarms()),
             "unconfirmed": {} if self._state is None else self._state.unconfirmed(),
             "prompt": None if self._asking is None else self._asking.document(lambda t_ns: t_ns / NS),
@@ -204,39 +203,24 @@ class Control:
         left_ns = context.timeline.target_ns(lengths_s[step.phase] + later_s) - context.clock.now_ns()
         return utc_text(context.clock.utc_ns() + max(0, left_ns))
 
-    def _links(self) -> dict[str, dict[str, Any]]:
-        links = {}
-        for name, link in self._context.acquisition.status().items():
-            age_s = None if math.isnan(link.age_s) else round(link.age_s, 3)
-            counts = {"frames": link.frames, "lost": link.lost, "bad": link.bad}
-            links[name] = {"state": link.state, **counts, "age_s": age_s}
-        return links
-
-
-@contextmanager
-def control(
-    context: RunContext,
-    following: Following,
-    alarms: Callable[[], Mapping[str, str]],
-    state: RunState | None = None,
-    asking: WaitingOperator | None = None,
-) -> Iterator[Control]:
-    """Answer other terminals, on the wall clock; a socket that cannot be made keeps no run back."""
-    answering = Control(context, following, alarms, state, asking)
-    try:
-        path = socket_path(context.folder)
-        server = ControlServer(path, answering.answer, context.clock)
-    except OSError as error:
-        context.message(f"no control from another terminal: {error}")
-        yield answering
-        return
-    if asking is not None:
-        asking.reachable = True
-    try:
-        yield answering
-    finally:
-        server.close()
-        forget_socket(context.folder, path)
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Answer other terminals, on the wall clock; a socket that cannot be made keeps no run back."""
+        context = self._context
+        try:
+            path = socket_path(context.folder)
+            server = ControlServer(path, self.answer, context.clock)
+        except OSError as error:
+            context.message(f"no control from another terminal: {error}")
+            yield
+            return
+        if self._asking is not None:
+            self._asking.reachable = True
+        try:
+            yield
+        finally:
+            server.close()
+            forget_socket(context.folder, path)
 
 
 def _written(value: Any) -> Any:

@@ -7,7 +7,6 @@ them anything: nothing is read, decoded or locked.
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from bench.frame import LinkBatch
 from bench.model.clock import NS, WallClock, to_ns, utc_of_stamp
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
+from bench.model.quantities import finite
 from bench.plan import Step, graphs_of, shown_signals, unwatched
 from bench.record import RecordRow
 from bench.run.context import RunContext
@@ -176,7 +176,7 @@ def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
 
 
 def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dict[str, Any]:
-    counts, rate_Hz, seconds = reader.decoder.counts, reader.rate_Hz, age_s(reader, now_ns)
+    counts = reader.decoder.counts
     return {
         "state": state_of(reader, now_ns, stale=stale and not virtual),
         "reason": reader.lost,
@@ -184,6 +184,6 @@ def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dic
         "bad": counts.bad,
         "lost": counts.lost,
         "duplicate": counts.duplicate,
-        "rate_Hz": None if math.isnan(rate_Hz) else round(rate_Hz, 3),
-        "age_s": None if math.isnan(seconds) else round(seconds, 3),
+        "rate_Hz": finite(round(reader.rate_Hz, 3)),
+        "age_s": finite(round(age_s(reader, now_ns), 3)),
     }
