@@ -21,7 +21,7 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.stopping import UNTIL
-from bench.model.systems import analysis_declaration
+from bench.model.systems import declared_by
 from bench.model.units import hours
 from bench.plan import Plan, PlannedSoak, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing
@@ -124,7 +124,7 @@ def _print_expected(out: Console, plan: Plan) -> None:
 
 def _predicted(plan: Plan, however_long: bool) -> tuple[dict[str, Any] | None, list[str]]:
     """Return what is predicted of a plan, for JSON and as lines; None where nothing is, or where that takes long."""
-    declared = analysis_declaration(str(plan.campaign.get("analysis")))
+    declared = declared_by(plan.campaign)
     if declared is None or not declared.predicted:
         return None, []
     if declared.predicts_long and not however_long:

@@ -10,6 +10,7 @@ from typing import Any
 
 from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
+from bench.model.quantities import Values
 from bench.model.shipped import find_beside, find_shipped
 from bench.model.yamlio import Document
 from bench.plan.channels import campaign_channels, check_counted, check_declared, declared_channels, unit_constants
@@ -62,7 +63,7 @@ def compile_sequence(
 class _Compiler(Draft[Sequence]):
     source: Path
     station: Station
-    parameters: Mapping[str, Any]
+    parameters: Values
     given: frozenset[str]
 
     def plan(self) -> Plan:
@@ -104,7 +105,7 @@ class _Compiler(Draft[Sequence]):
 
     def _assembled(
         self, expander: Expander, lengths: Mapping[str, float], frames: Mapping[str, FrameDefinition], link: str,
-        campaign: Mapping[str, Any],
+        campaign: Values,
     ) -> Plan:  # fmt: skip
         model = self.model
         steps, units = with_bus_time(expander.steps, self.station), expander.units

@@ -8,11 +8,12 @@ them begins when the longest would end, so planned times are the latest ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from bench.model.events import Decision, Event, UnitLeftOut
+from bench.model.quantities import Values
 from bench.model.units import plain_quantity
 from bench.plan.plan import Step, StepKind
 from bench.plan.values import UNIT
@@ -64,14 +65,14 @@ class PlannedDecision(Step):
     kind: ClassVar[StepKind] = "decide"
 
     word: str
-    arguments: Mapping[str, Any]
+    arguments: Values
     unit: str
     branches: tuple[Branch, ...]
     missing: str
     retry_step: int
 
     @classmethod
-    def taken(cls, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+    def taken(cls, arguments: Values) -> Values:
         """Return the arguments of a plan file as the step holds them."""
         branches = tuple(Branch(**{**branch, "values": tuple(branch["values"])}) for branch in arguments["branches"])
         return {**arguments, "branches": branches}

@@ -9,6 +9,7 @@ from pathlib import PurePath
 from typing import Any, NoReturn
 
 from bench.frame import FrameDefinition
+from bench.model.quantities import Values
 from bench.model.units import likely
 from bench.plan.drivers import range_after
 from bench.plan.findings import Draft, suggestion
@@ -67,14 +68,14 @@ class Expander(Draft[language.Sequence]):
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
         self.expected = NamedValues()
-        self.campaign: Mapping[str, Any] = {}  # constants of the unit, as in the manifest
+        self.campaign: Values = {}  # constants of the unit, as in the manifest
         self.units: tuple[PlannedUnit, ...] = ()
         self.unit: PlannedUnit | None = None  # of the loop over the units that is expanded
         self._short = PurePath(self.document.name).name
 
     def add(
-        self, node: Node, kind: StepKind, role: str, name: str, arguments: Mapping[str, Any],
-        duration: Quantity | None = NO_TIME, conditions: Mapping[str, Any] | None = None,
+        self, node: Node, kind: StepKind, role: str, name: str, arguments: Values,
+        duration: Quantity | None = NO_TIME, conditions: Values | None = None,
     ) -> None:  # fmt: skip
         """Append a step at the present planned time and advance it by ``duration`` (None: its mistake is noted).
 
@@ -125,7 +126,7 @@ class Expander(Draft[language.Sequence]):
         node.fail("B-PLAN-036", f"the plan has more than {MAX_STEPS} steps or turns of its loops", "shorten them")
         raise TooManySteps
 
-    def node(self, *path: str | int, variables: Mapping[str, Any] | None = None) -> Node:
+    def node(self, *path: str | int, variables: Values | None = None) -> Node:
         """Return a place outside of all loops, which may name these variables."""
         return Node(self, path, Scope(variables or {}, self.role_attribute, {}))
 
@@ -172,7 +173,7 @@ class Node:
         """Return a place below this one."""
         return Node(self.plan, (*self.path, *keys), self.scope)
 
-    def inside(self, variables: Mapping[str, Any], context: Mapping[str, Any] | None = None) -> Node:
+    def inside(self, variables: Values, context: Values | None = None) -> Node:
         """Return the same place with more variables; ``context`` adds to what identifies the position in the loops."""
         return Node(self.plan, self.path, self.scope.extended(variables, context))
 
@@ -190,7 +191,7 @@ class Node:
             self.below(*keys).fail("B-PLAN-031", str(error))
         return None
 
-    def values(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    def values(self, arguments: Values) -> dict[str, Any]:
         """Return the values of what stands below, by key."""
         return {name: self.resolve(raw, name) for name, raw in arguments.items()}
 

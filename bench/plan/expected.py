@@ -6,13 +6,13 @@ They go into the section "campaign" of the manifest, where the analysis finds th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bench.frame import BENCH, Signal, signal_of
 from bench.model.declaration import stated
 from bench.model.errors import InputError
-from bench.model.quantities import QUANTITY, conditions_of_value
+from bench.model.quantities import QUANTITY, Values, conditions_of_value
 from bench.model.systems import analysis_declaration
 from bench.model.units import dimension_of, likely, read_quantity
 from bench.plan.check.analysis import NONE
@@ -29,7 +29,7 @@ _MEASURE = "measure_"
 
 
 def named_conditions(
-    node: Node, called: tuple[str, str], expect: ReadingExpect | None, conditions: Mapping[str, Any]
+    node: Node, called: tuple[str, str], expect: ReadingExpect | None, conditions: Values
 ) -> dict[str, Any]:
     """Return the conditions of a reading with its name, if it has one, and keep what is expected of it.
 
@@ -84,7 +84,7 @@ def keep_given(node: Node, value: PromptValue) -> None:
     keep(node, entry | stated(read), "a person")
 
 
-def keep_signals(node: Node, expects: Sequence[SignalExpect], conditions: Mapping[str, Any]) -> list[tuple[str, str]]:
+def keep_signals(node: Node, expects: Sequence[SignalExpect], conditions: Values) -> list[tuple[str, str]]:
     """Keep what is expected of numbers that the unit streams during a record; return quantity and signal of each.
 
     Findings: B-PLAN-120 (no such number, a limit in another unit), B-PLAN-121.
@@ -118,7 +118,7 @@ def _resolution(plan: Expander, signal: Signal) -> float:
 
 
 def reply_conditions(
-    node: Node, expect: ReplyExpect | None, asked: tuple[str, str], conditions: Mapping[str, Any]
+    node: Node, expect: ReplyExpect | None, asked: tuple[str, str], conditions: Values
 ) -> dict[str, Any]:
     """Return the conditions of a step with the name of its reply, if it has one, and keep what is expected of it.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
 
 from bench.model.ports import Effect
+from bench.model.quantities import Values
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action, no_instrument
 from bench.plan.expand import NO_TIME, TIMED, Node, is_whole
@@ -144,7 +145,7 @@ def _record(outer: Node, step: RecordStep) -> None:
         arguments["samples"] = True
         _can_keep(node.below("samples"), _SAMPLES, plan.has_samples, seconds)
 
-    def take(length: Quantity | None, more: Mapping[str, Any], own: Mapping[str, Any]) -> None:
+    def take(length: Quantity | None, more: Values, own: Values) -> None:
         _windows(node, record, {**arguments, "seconds": length, **more}, {**conditions, **own}, length)
 
     if record.until is None or seconds is None:
@@ -154,9 +155,7 @@ def _record(outer: Node, step: RecordStep) -> None:
     plan.keep_dimensions(quantities, record.windows or 1)
 
 
-def _windows(
-    node: Node, record: Record, arguments: Mapping[str, Any], conditions: Mapping[str, Any], seconds: Quantity | None
-) -> None:
+def _windows(node: Node, record: Record, arguments: Values, conditions: Values, seconds: Quantity | None) -> None:
     name, plan = record.label or record.purpose, node.plan
     if record.windows is not None and record.windows > 1 and record.retry:
         message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
@@ -172,9 +171,7 @@ def _windows(
             plan.add(node, "record", plan.link, name, own, seconds, known)
 
 
-def _of_units(
-    node: Node, name: str, arguments: Mapping[str, Any], conditions: Mapping[str, Any], seconds: Quantity | None
-) -> None:
+def _of_units(node: Node, name: str, arguments: Values, conditions: Values, seconds: Quantity | None) -> None:
     """Append a record of the unit of the loop, or one of each unit at once where there is no loop over them.
 
     A wiring record of one unit comes with one of every other, which nothing may move; that of the unit itself is the

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from bench.frame import FrameDefinition, parse_frame
 from bench.model.errors import InputError
+from bench.model.quantities import Values
 from bench.plan.language.interlocks import InterlockRule
 from bench.plan.language.sequence import Early
 from bench.plan.station import Station
@@ -18,7 +19,7 @@ Phase = Literal["prepare", "campaign", "finally"]
 StepKind = Literal["call", "settle", "record", "soak", "prompt", "verify", "unit", "send", "decide"]
 
 
-Place = tuple[int, Phase, float, float, str, str, Mapping[str, Any], str]  # values of the fields of every step
+Place = tuple[int, Phase, float, float, str, str, Values, str]  # values of the fields of every step
 PLACE = ("number", "phase", "at_s", "duration_s", "role", "name", "conditions", "where")
 ROW = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "arguments", "conditions", "where")
 
@@ -50,7 +51,7 @@ class Step:
     duration_s: float
     role: str
     name: str
-    conditions: Mapping[str, Any]
+    conditions: Values
     where: str
 
     @property
@@ -59,12 +60,12 @@ class Step:
         return None
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
+    def read(cls, place: Place, arguments: Values) -> Self:
         """Return a step from its arguments in a plan file and what else is in its row."""
         return cls(*place, **{_FIELDS.get(key, key): value for key, value in cls.taken(arguments).items()})
 
     @classmethod
-    def taken(cls, arguments: Mapping[str, Any]) -> Mapping[str, Any]:
+    def taken(cls, arguments: Values) -> Values:
         """Return the arguments of a plan file as the step holds them."""
         return arguments
 
@@ -144,7 +145,7 @@ class Plan:
     record_count: int
     sha256: str
     texts: Mapping[str, str] = field(repr=False)
-    campaign: Mapping[str, Any] = field(repr=False)
+    campaign: Values = field(repr=False)
     station: Station = field(repr=False)
     frames: Mapping[str, str]
     measurement_link: str

@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.model.events import Event
 from bench.model.ports import Action, Effect
-from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
+from bench.model.quantities import QUANTITY, Values, conditions_of_value, key_of_value
 from bench.plan.decision import PlannedDecision, ways_not_taken
 from bench.plan.expand import Node, is_whole
 from bench.plan.expected import named_conditions
@@ -63,7 +63,7 @@ def is_read_by(decision: PlannedDecision, step: Step) -> bool:
     )
 
 
-def is_answered(decision: PlannedDecision, arguments: Mapping[str, Any]) -> bool:
+def is_answered(decision: PlannedDecision, arguments: Values) -> bool:
     """Return whether a reading of its action with these arguments is the one it asks for: as far as it names them."""
     return all(name in arguments and arguments[name] == value for name, value in decision.arguments.items())
 
@@ -84,7 +84,7 @@ def is_reading(action: Action) -> bool:
 
 
 def expand_readings(
-    node: Node, record: Record, seconds: Quantity | None, conditions: Mapping[str, Any]
+    node: Node, record: Record, seconds: Quantity | None, conditions: Values
 ) -> tuple[dict[str, Any], dict[str, Quantity]]:
     """Return the arguments of a record that say what is read, and the quantities in them by ``reading_place``.
 

@@ -11,7 +11,7 @@ from bench.analysis import Estimate, Estimates, by_foreseen_name, expected_at_en
 from bench.model.clock import NS
 from bench.model.errors import BenchError
 from bench.model.quantities import key_of_value
-from bench.model.systems import analysis_declaration
+from bench.model.systems import declared_by
 from bench.plan import Plan, plan_of_texts, values_not_due
 from bench.session.predicted import predicted
 
@@ -35,7 +35,7 @@ def predicted_of(session: SessionView, method: str) -> Estimates:
     None where the run has not ended, by another method than the first, which predictions are by, and where the session
     has no plan or nothing is predicted.
     """
-    declared = analysis_declaration(str(session.manifest["campaign"]["analysis"]))
+    declared = declared_by(session.manifest["campaign"])
     if session.incomplete or declared is None or method != declared.methods[0]:
         return []
     plan = _plan_of(session)
@@ -85,7 +85,7 @@ def _at_end_U(known: Estimate | None, so_far: Estimate | None, whole: Estimate) 
 
 def _plan_of(session: SessionView) -> Plan | None:
     """Return the plan of a session whose analysis predicts soon; None if the session does not hold it whole."""
-    declared = analysis_declaration(str(session.manifest.get("campaign", {}).get("analysis")))
+    declared = declared_by(session.manifest.get("campaign", {}))
     if declared is None or not declared.predicted or declared.predicts_long or not session.plan_steps:
         return None
     try:

@@ -21,7 +21,7 @@ from bench.analysis import (
 from bench.maths.verdict import chance_of_pass
 from bench.model.errors import FitError
 from bench.model.quantities import key_of_value
-from bench.model.systems import analysis_declaration, named
+from bench.model.systems import declared_by, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity, read_quantity
 from bench.plan import UNIT, Plan, decisions_of
@@ -39,7 +39,7 @@ def predicted(plan: Plan, begin_utc_s: float | None = None) -> Prediction:
     determined is ``missing``, all of a run that decides which records it takes among it. ``begin_utc_s``: when the run
     begins, which the age of certificates depends on.
     """
-    declared = analysis_declaration(str(plan.campaign.get("analysis")))
+    declared = declared_by(plan.campaign)
     if declared is None or not declared.predicted:
         return Prediction([])
     if decisions_of(plan.steps):

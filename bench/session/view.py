@@ -15,6 +15,7 @@ from bench.analysis import (
     INCOMPLETE,
     Accepted,
     Analysis,
+    Document,
     Exchange,
     GivenValue,
     Material,
@@ -33,7 +34,7 @@ from bench.model.clock import NS
 from bench.model.errors import BenchError, FitError, InputError
 from bench.model.events import Decision, Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
 from bench.model.lab_code import sha256_of
-from bench.model.systems import analysis_declaration
+from bench.model.systems import declared_by
 from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile, Step, unmet_loops, values_not_due
 from bench.record import Damage, RecordRow
@@ -84,7 +85,7 @@ class SessionView:
     texts the run was made from, by name; ``acceptances``: of doubtful values, made after the run.
     """
 
-    manifest: Mapping[str, Any]
+    manifest: Document
     rows: Sequence[RecordRow]
     counts: Mapping[str, int]
     session_sha256: str
@@ -269,14 +270,12 @@ def _reading(t_ns: int, event: events.Reading) -> Reading:
     )
 
 
-def report_of(
-    view: SessionView, results: Mapping[str, Any], analysis: Analysis, laboratory: Laboratory | None = None
-) -> Report:
+def report_of(view: SessionView, results: Document, analysis: Analysis, laboratory: Laboratory | None = None) -> Report:
     """Return the report, drawn; it can be written as a page and on paper."""
     return Report(model_of(view, results, analysis), laboratory=laboratory)
 
 
-def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> ReportModel:
+def model_of(view: SessionView, results: Document, analysis: Analysis) -> ReportModel:
     """Return everything that the report shows, before any drawing."""
     noted = [seen.sentence for seen in weigh(analysis.evidence).noted]
     return report_model(
@@ -300,7 +299,7 @@ def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) 
 
 def main_quantities(view: SessionView) -> tuple[str, ...]:
     """Return the quantities that the analysis of a session declares as its main ones."""
-    declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
+    declared = declared_by(view.manifest["campaign"])
     return () if declared is None else declared.main
 
 
@@ -361,7 +360,7 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def line_times_s(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, float]:
+def line_times_s(manifest: Document, texts: Mapping[str, str]) -> dict[str, float]:
     """Return seconds of a frame by link; links that are no serial port or whose frames vary in length are left out."""
     station = next((name for name in texts if name.startswith("stations/")), None)
     if station is None:

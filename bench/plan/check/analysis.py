@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from bench.model.declaration import AnalysisDeclaration, Limit
 from bench.model.lab import lab_here
 from bench.model.lab_code import own_code_names
-from bench.model.systems import analyses, analysis_declaration, system_of_analysis
+from bench.model.systems import analyses, analysis_declaration, declared_by, system_of_analysis
 from bench.model.units import parse_quantity
 from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.sequence import Sequence
@@ -79,7 +79,7 @@ def _check_rule(draft: Draft[Sequence]) -> None:
 
 def check_asked(plan: Plan, findings: Findings) -> None:
     """Note what an analysis would leave out or take for something else (B-PLAN-078)."""
-    asked = analysis_declaration(str(plan.campaign.get("analysis", NONE)))
+    asked = declared_by(plan.campaign)
     if asked is not None and asked.made_of != "logs":
         _Asked(asked, plan, findings).check()
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.model.ports import Action, Drivers, Effect, can_move
+from bench.model.quantities import Values
 from bench.plan.drivers import declared_action
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
@@ -40,7 +41,7 @@ class MotionState:
         self._origins = plan.origins
         self._tables = {role: actions for role, actions in drivers.items() if can_move(actions)}
         self._axes = {role: _axes_of(actions) for role, actions in self._tables.items()}
-        self._limits: dict[tuple[str, Any], Mapping[str, Any]] = {}
+        self._limits: dict[tuple[str, Any], Values] = {}
         self.may_move: dict[str, str] = {}
 
     def copy(self) -> MotionState:
@@ -53,7 +54,7 @@ class MotionState:
         """Return what tells the state from others."""
         return repr(sorted(self._limits.items(), key=repr)), tuple(sorted(self.may_move.items()))
 
-    def call(self, step: Step, action: Action, usable: Mapping[str, Any]) -> None:
+    def call(self, step: Step, action: Action, usable: Values) -> None:
         """Apply one call to a table; note what it breaks."""
         if step.role not in self._tables:
             return
@@ -77,7 +78,7 @@ class MotionState:
             message = f"somebody is asked to act while the {role} may move (from {where} on)"
             self._findings.add("B-PLAN-087", step.where, message, "open its interlock before the prompt")
 
-    def _set_limits(self, step: Step, usable: Mapping[str, Any]) -> None:
+    def _set_limits(self, step: Step, usable: Values) -> None:
         if step.role in self.may_move:
             message = f"{step.role}.{step.name} is called with the interlock closed"
             self._findings.add("B-PLAN-088", step.where, message, "set the limits before the interlock is closed")
@@ -90,7 +91,7 @@ class MotionState:
             self._findings.add("B-PLAN-088", step.where, message, "set the limits of every axis before it")
         self.may_move[step.role] = step.where
 
-    def _motion(self, step: Step, usable: Mapping[str, Any]) -> None:
+    def _motion(self, step: Step, usable: Values) -> None:
         limits = self._limits.get((step.role, usable["axis"]))
         missing = _SET_LIMITS if limits is None else "" if step.role in self.may_move else "the interlock is closed"
         if missing:
@@ -172,7 +173,7 @@ def _poses(step: Step, angles: Mapping[str, float | None]) -> Iterator[str]:
             yield f"{name.removesuffix('_deg')} axis at {said:g} deg, but the table was sent to {angle:g} deg"
 
 
-def _sets(conditions: Mapping[str, Any], was_set: Mapping[str, Any]) -> Iterator[str]:
+def _sets(conditions: Values, was_set: Values) -> Iterator[str]:
     for name, value in was_set.items():
         if name in conditions and conditions[name] != value:
             yield f"{name} {conditions[name]}, but the operator was told {value}"

@@ -6,12 +6,12 @@ import math
 import re
 from collections.abc import Hashable, Mapping
 from copy import copy
-from typing import Any
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Effect
-from bench.model.systems import analysis_declaration
+from bench.model.quantities import Values
+from bench.model.systems import declared_by
 from bench.plan.check.actions import Judged
 from bench.plan.check.motion import MotionState
 from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
@@ -43,7 +43,7 @@ class BenchState(Followed):
         self._findings = findings
         self._station = station
         self._origins = plan.origins
-        asked = analysis_declaration(str(plan.campaign.get("analysis")))
+        asked = declared_by(plan.campaign)
         self._metered = asked is not None and bool(asked.reading)
         channels = plan.campaign.get("channels", [])
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in channels}
@@ -57,7 +57,7 @@ class BenchState(Followed):
         self.output_on: set[str] = set()
         self.unknown: set[str] = set()
         self.untrusted: set[str] = set()
-        self.closed: dict[str, Mapping[str, Any]] = {}
+        self.closed: dict[str, Values] = {}
         self.level_A: dict[str, float | None] = {}
         self.range_A: dict[str, float | None] = {}
         self.used_A: dict[str, set[float]] = {}
@@ -102,7 +102,7 @@ class BenchState(Followed):
             self.untrusted |= self.switches | self.sources
         self.untrusted |= {role} & (self.switches | self.sources)
 
-    def _call(self, step: Step, effect: Effect, usable: Mapping[str, Any]) -> None:
+    def _call(self, step: Step, effect: Effect, usable: Values) -> None:
         role = step.role
         if effect in (Effect.ROUTE, Effect.ROUTES_OPEN):
             self._route(step, effect, usable)
@@ -123,7 +123,7 @@ class BenchState(Followed):
         elif effect in _ENERGY:
             self._energise(step, role)
 
-    def _set(self, role: str, usable: Mapping[str, Any]) -> None:
+    def _set(self, role: str, usable: Values) -> None:
         level_A = usable.get("current")
         self.level_A[role] = level_A
         ladder_A = driver_ladder_A(self._station.instruments[role].driver) or self._station.ranges_A(role)
@@ -133,7 +133,7 @@ class BenchState(Followed):
         if held_A is not None:
             self.used_A.setdefault(role, set()).add(held_A)
 
-    def _measure(self, role: str, usable: Mapping[str, Any]) -> None:
+    def _measure(self, role: str, usable: Values) -> None:
         """Range of a meter that is a standard: the register gives it uncertainties, or the analysis asks for them."""
         wanted_A = usable.get("range")
         standard = self._metered or bool(self._station.ranges_A(role))
@@ -155,7 +155,7 @@ class BenchState(Followed):
                 message = f"{step.role} is on its {limit_A:g} A range and cannot read the {level_A:g} A of {role}"
                 self._findings.add("B-PLAN-079", step.where, message, "configure a range that holds the level")
 
-    def _route(self, step: Step, effect: Effect, usable: Mapping[str, Any]) -> None:
+    def _route(self, step: Step, effect: Effect, usable: Values) -> None:
         if self.output_on and not self.untrusted:
             source = sorted(self.output_on)[0]
             state = "may be on after a raw command" if source in self.unknown else "is on"
@@ -230,7 +230,7 @@ class BenchState(Followed):
             self._findings.add("B-PLAN-075", step.where, message)
 
 
-def _told(value: Mapping[str, Any] | set[str]) -> Hashable:
+def _told(value: Values | set[str]) -> Hashable:
     return frozenset((key, repr(of)) for key, of in value.items()) if isinstance(value, Mapping) else frozenset(value)
 
 

@@ -15,10 +15,11 @@ ahead, the plan has their longest way, and the run may be sooner. What makes run
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.model.quantities import Values
 from bench.model.units import format_quantity
 from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, is_other_length
 
@@ -29,7 +30,7 @@ LOOSE = 0.005
 MARGIN_S = 30.0
 
 
-def is_measurement(conditions: Mapping[str, Any]) -> bool:
+def is_measurement(conditions: Values) -> bool:
     """Return whether a record counts as one of the campaign's (those of the wiring check do not)."""
     return bool(conditions.get("purpose", MEASUREMENT) == MEASUREMENT)
 
@@ -108,7 +109,7 @@ class PlannedRun:
         return self.before_s(step.phase) + inside
 
 
-def conditions_in_words(conditions: Mapping[str, Any]) -> str:
+def conditions_in_words(conditions: Values) -> str:
     """Return temperature, channel, level and branch of a step or record, such as "50 degC channel 3 -10 mA"."""
     parts = []
     if "temperature_degC" in conditions:

@@ -25,6 +25,7 @@ from bench.model.errors import BenchError, ExitStatus, InputError, OperatorStop,
 from bench.plan.language.sequence import Early
 from bench.run.context import RunContext
 from bench.run.control.asking import AT_BENCH, Refused, WaitingOperator
+from bench.run.control.channel import Control
 from bench.run.control.early import EarlyVerdicts, judge_command
 from bench.run.control.operator import AFAR, BENCH, Answer, Question, limits_of
 from bench.run.observers import Following
