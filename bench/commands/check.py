@@ -46,7 +46,7 @@ def check(request: CheckRequest) -> int:
     report = _examined(plan, request) if request.live else None
     told, lines = _predicted(plan, request.predict)
     if request.json:
-        document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
+        document = {"sequence": plan.name, "station": plan.station.name, "plan_sha256": plan.sha256, **asdict(summary)}
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
@@ -77,7 +77,7 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
            report: Report | None, predicted: Sequence[str]) -> None:  # fmt: skip
     finish = datetime.fromtimestamp(summary.finish_utc_ns / NS, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
     out.print(f"{plan.name}: {plan.title}")
-    out.print(f"  station      {plan.station_name}{' (simulated)' if plan.station.simulated else ''}")
+    out.print(f"  station      {plan.station.name}{' (simulated)' if plan.station.simulated else ''}")
     out.print(f"  steps        {summary.steps}, {summary.records} records")
     for unit in plan.units:
         out.print(f"  unit         {unit.serial} in slot {unit.slot}")

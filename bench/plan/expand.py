@@ -201,8 +201,10 @@ class Node:
         if isinstance(value, Quantity) and value.dimension == dimension:
             return value
         if value is not None:
-            origin = value.origin if isinstance(value, Quantity) else ""
-            message = f"{raw} is {_describe(value)}; a quantity in {dimension} is due{likely(value, dimension)}"
+            shown, origin = (
+                (f"in {value.dimension}", value.origin) if isinstance(value, Quantity) else (repr(plain(value)), "")
+            )
+            message = f"{raw} is {shown}; a quantity in {dimension} is due{likely(value, dimension)}"
             self.below(*keys).fail("B-PLAN-031", message, origin=origin)
         return None
 
@@ -221,7 +223,3 @@ def has_samples(definition: FrameDefinition) -> bool:
 def is_whole(times: float) -> bool:
     """Return whether a record holds frames or rounds of readings a whole number of times, once at least."""
     return times >= 1 and abs(times - round(times)) <= _WHOLE
-
-
-def _describe(value: Any) -> str:
-    return f"in {value.dimension}" if isinstance(value, Quantity) else f"{plain(value)!r}"

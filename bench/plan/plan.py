@@ -169,11 +169,6 @@ class Plan:
         """Planned time after the campaign, second."""
         return sum(step.duration_s for step in self.phase("finally"))
 
-    @property
-    def station_name(self) -> str:
-        """Name of the station the plan is for."""
-        return self.station.name
-
     def definitions(self) -> dict[str, FrameDefinition]:
         """Return the frame definition of each link, from the texts of the plan."""
         names = {link: f"frames/{frame}.yaml" for link, frame in self.frames.items()}

@@ -159,7 +159,7 @@ class FileForm(StrictModel):
         None, description="lines that begin with this are skipped"
     )
     encoding: Literal["utf-8", "latin-1"] = "utf-8"
-    topic: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = Field(
+    topic: Header | None = Field(
         None, description="of an MCAP file or a ROS bag, such as /sensor; default: the only one"
     )
 

@@ -140,7 +140,8 @@ def steps_again(plan: Plan, first: int, drivers: Drivers, left_out: Container[in
     again: list[Step] = []
     for key in ordered:
         again.append(plan.steps[last[key]])
-        again += _settles(plan.steps, last[key] + 1)
+        behind = plan.steps[last[key] + 1 : last[key] + 2]
+        again += [step for step in behind if isinstance(step, PlannedSettle)]
     return again
 
 
@@ -164,11 +165,6 @@ def warm_up_s(plan: Plan, first: int, left_out: Container[int] = ()) -> float:
     before = [step for step in plan.steps[:first] if step.phase == "prepare" and step.number not in left_out]
     on = next((at for at, step in enumerate(before) if isinstance(step, PlannedCall) and step.name in _ON), len(before))
     return max((step.duration_s for step in before[on:] if isinstance(step, PlannedSettle)), default=0.0)
-
-
-def _settles(steps: Sequence[Step], at: int) -> list[Step]:
-    """Return the settle step right behind a step, if there is one."""
-    return [steps[at]] if at < len(steps) and isinstance(steps[at], PlannedSettle) else []
 
 
 def goes_off(driver: type) -> bool:

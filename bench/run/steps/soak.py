@@ -49,7 +49,7 @@ class Stability:
         """The newest sample; NaN if there is none."""
         return float(self._heard[-1][1][-1]) if self._heard else math.nan
 
-    def judged(self, now_ns: int) -> tuple[bool, Window | None]:
+    def judged(self, now_ns: int) -> Judged:
         """Return whether it has settled, and what the samples of the window say; None without a sample.
 
         Settled: the window is covered without a long gap, every sample is within the band, and by all of them it stays
@@ -123,8 +123,7 @@ def _is_stable(found: Sequence[Judged]) -> bool:
 
 def _slowest(watches: Sequence[Stability], found: Sequence[Judged]) -> tuple[Stability, Window | None]:
     """Return the first that has not settled, and what its samples say."""
-    each = [(watch, window) for watch, (stable, window) in zip(watches, found, strict=True) if not stable]
-    return each[0]
+    return next((watch, window) for watch, (stable, window) in zip(watches, found, strict=True) if not stable)
 
 
 def _wait_out(context: RunContext, step: PlannedSoak, watches: Sequence[Stability], end_s: float) -> None:
