@@ -98,14 +98,13 @@ def expand_while(node: Node, step: WhileStep, run: Run) -> None:
     """Append every turn with the decision before it, and the decision behind the last one."""
     here, plan = node.below("while"), node.plan
     decisions, ways = [], []
-    for turn in range(1, step.at_most + 1):
+    for turn in range(1, step.at_most + 2):
         decisions.append(_decision(here, WHILE, step.while_.reading))
         ways.append(Known.of(plan))
-        run(step.do, node.below("do").inside({TURN: turn}, {TURN: turn}))
+        if turn <= step.at_most:
+            run(step.do, node.below("do").inside({TURN: turn}, {TURN: turn}))
         if turn == 1:
             _reads_again(here, decisions[0])
-    decisions.append(_decision(here, WHILE, step.while_.reading))
-    ways.append(Known.of(plan))
     join(plan, ways)
     end, missing = len(plan.steps), {None: HOLD, GO_ON: DONE}.get(step.else_, step.else_ or HOLD)
     for decision in decisions:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from bench.analysis import Acceptances, Accepted, acceptable, check_form, estimates_of, results_json
+from bench.analysis import Acceptances, Accepted, Document, acceptable, check_form, estimates_of, results_json
 from bench.model.clock import utc_text
 from bench.model.errors import InputError
 from bench.session.output import write_file
@@ -34,9 +33,7 @@ def known_acceptances(folder: Path, session_sha256: str) -> tuple[tuple[Accepted
     return tuple(Acceptances.model_validate(document).acceptances), []
 
 
-def new_acceptances(
-    results: Mapping[str, Any], named: Sequence[str], by: str, reason: str, utc_ns: int
-) -> list[Accepted]:
+def new_acceptances(results: Document, named: Sequence[str], by: str, reason: str, utc_ns: int) -> list[Accepted]:
     """Return an acceptance of every doubtful estimate that a person names.
 
     Raises: InputError B-ACC-001 (nothing doubtful), B-ACC-002 (refused), B-ACC-003 (nobody, no reason, or the run has

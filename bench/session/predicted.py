@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.analysis import (
     Common,
+    Document,
     Estimate,
     Planned,
     Prediction,
@@ -100,7 +101,7 @@ def components_of(entry: Estimate) -> dict[str, float]:
     return dict(sorted({OWN: math.sqrt(max(own, 0.0)), **parts}.items(), key=lambda part: -part[1]))
 
 
-def chance_of(entry: Estimate, campaign: Mapping[str, Any]) -> float | None:
+def chance_of(entry: Estimate, campaign: Document) -> float | None:
     """Return the chance that a unit of the declared spread passes; None without a spread or without both limits.
 
     Raises: FitError B-FIT-051 if the spread has a unit of another kind than the quantity.
