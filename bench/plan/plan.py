@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self
 
@@ -177,6 +177,9 @@ class Plan:
     def phase(self, phase: Phase) -> tuple[Step, ...]:
         """Return steps of one phase, in order."""
         return tuple(step for step in self.steps if step.phase == phase)
+
+
+Steps = Sequence[Step]
 
 
 def steps_sha256(steps: Iterable[Step]) -> str:

@@ -11,7 +11,7 @@ from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
 from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip
 from bench.model.ports import drivers_of
-from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
+from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe, states_of
@@ -122,7 +122,7 @@ class Sequencer:
             self._context.stop.shield()
         return None
 
-    def _run_phase(self, steps: Sequence[Step], position: int) -> None:
+    def _run_phase(self, steps: Steps, position: int) -> None:
         context = self._context
         context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns() - to_ns(steps[position].at_s))
         context.event(Phase(name=steps[0].phase, t_start_ns=context.clock.now_ns()))
@@ -139,7 +139,7 @@ class Sequencer:
             self._slip_ns += context.timeline.slip_ns
             self._lateness_ns += context.timeline.lateness_ns
 
-    def _stepped(self, steps: Sequence[Step], position: int) -> int:
+    def _stepped(self, steps: Steps, position: int) -> int:
         """Do one step; returns where to go on. Raises: what keeps the run from going on."""
         context, count = self._context, self._context.record_count
         try:
@@ -156,7 +156,7 @@ class Sequencer:
             return self._interrupted(wish, steps, position)
         return self._behind(steps, position)
 
-    def _without_unit(self, error: BenchError, steps: Sequence[Step], position: int) -> int:
+    def _without_unit(self, error: BenchError, steps: Steps, position: int) -> int:
         """Return where the others go on after an error that concerns one unit of several, armed as after any hold.
 
         Raises: any other error; RunError B-RUN-053 if the unit is not confirmed off.
@@ -170,7 +170,7 @@ class Sequencer:
         wish = Wish("hold", f"unit {unit.serial}", f"left out: {error.message}")
         return self._interrupted(wish, steps, position)
 
-    def _passed_over(self, steps: Sequence[Step], position: int) -> int:
+    def _passed_over(self, steps: Steps, position: int) -> int:
         """Return the first position from one on that no decision has left out; what is passed over is noted."""
         first, left_out = position, self._context.decided.left_out
         while position < len(steps) and steps[position].number in left_out:
@@ -183,7 +183,7 @@ class Sequencer:
             self._context.event(Skip(by=by, reason=why, first=steps[first].number, stop=stop))
         return position
 
-    def _behind(self, steps: Sequence[Step], position: int) -> int:
+    def _behind(self, steps: Steps, position: int) -> int:
         """Return where to go on behind a step: the next one, or behind all that a failed check leaves out."""
         step = steps[position]
         if step.number not in self._context.failed:
@@ -191,7 +191,7 @@ class Sequencer:
         self._context.timeline.done_s = None
         return behind(self._context.plan.steps, step) - steps[0].number
 
-    def _again(self, error: RunError, steps: Sequence[Step], position: int) -> int:
+    def _again(self, error: RunError, steps: Steps, position: int) -> int:
         """Return where to go on after a verify step failed: its point is taken again while attempts are left."""
         step = steps[position]
         left_out = self._context.decided.left_out
@@ -213,7 +213,7 @@ class Sequencer:
         self._holds[step.number] += 1
         return wish
 
-    def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int) -> int:
+    def _interrupted(self, wish: Wish, steps: Steps, position: int) -> int:
         """Return where to go on after a wish: hold and retake go back to the beginning of the point, skip behind it."""
         context = self._context
         context.timeline.done_s = None
@@ -265,7 +265,7 @@ class Sequencer:
         self._done = step.number + 1
         context.timeline.done_s = step.at_s + step.duration_s
 
-    def _retake(self, reason: str, again: Sequence[Step]) -> None:
+    def _retake(self, reason: str, again: Steps) -> None:
         """Take back every record of the steps that are done again."""
         context = self._context
         for step in again:

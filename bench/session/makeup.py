@@ -29,6 +29,7 @@ from bench.plan import (
     PlannedSoak,
     PlannedVerify,
     Step,
+    Steps,
     decisions_of,
     declared_action,
 )
@@ -86,7 +87,7 @@ def _refuse(plan: Plan, again: Sequence[RecordState]) -> None:
         raise InputError("B-RES-008", why, where=step.where, next_step=next_step)
 
 
-def _section(name: str, plan: Plan, steps: Sequence[Step]) -> list[str]:
+def _section(name: str, plan: Plan, steps: Steps) -> list[str]:
     return [f"{name}:", *(f"  - {_written(plan, step)}" for step in steps), ""] if steps else []
 
 
@@ -145,7 +146,7 @@ def _procedures(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
             yield f"      - {_written(plan, step)}"
 
 
-def _point(plan: Plan, record: PlannedRecord) -> Sequence[Step]:
+def _point(plan: Plan, record: PlannedRecord) -> Steps:
     """Return steps of a point, from where it would be taken again to its last verification.
 
     In the flat form a record stands alone: everything since the record before it belongs to the point.

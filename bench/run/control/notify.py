@@ -19,7 +19,7 @@ from bench.plan import Notify as NotifySection
 from bench.run.context import RunContext
 from bench.run.control.notify_ways import ATTEMPTS, Message, NotSent, ways_of
 from bench.run.observers import Observer
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 
 LONGEST_QUEUE = 100
 PAUSE_S = 5.0
@@ -147,15 +147,13 @@ def notifications(
     """Tell people while the run goes on, on the wall clock; nobody of an alarm that is ``shelved``."""
     notifier = Notifier(notify, context, bench, shelved=shelved)
     context.observers.add(notifier)
-    beats = notify.heartbeat
-    periodic = None if beats is None else context.clock.every(beats, guarded(notifier.beat, context.stop))
-    if beats is not None:
+    duties = [] if notify.heartbeat is None else [(notify.heartbeat, notifier.beat)]
+    if duties:
         notifier.beat()
     try:
-        yield notifier
+        with repeated(context.clock, context.stop, *duties):
+            yield notifier
     finally:
-        if periodic is not None:
-            periodic.cancel()
         notifier.close()
 
 

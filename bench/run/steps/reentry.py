@@ -15,7 +15,7 @@ from bench.model.clock import NS, to_ns
 from bench.model.events import Reentry
 from bench.model.ports import drivers_of
 from bench.model.quantities import finite
-from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step
+from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step, Steps
 from bench.run.context import RunContext
 from bench.run.control.operator import changes_of
 from bench.run.steps.dispatch import execute
@@ -61,7 +61,7 @@ def come_back(context: RunContext, number: int) -> None:
         _to_temperature(context, number, stopped=False)
 
 
-def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> None:
+def tables_back(context: RunContext, number: int, passed: Steps) -> None:
     """After a jump in the plan: tables that the steps ``passed`` move are brought to where step ``number`` needs them.
 
     They are made safe before: where the plan has an interlock open, somebody may be asked to come to the table.
@@ -82,7 +82,7 @@ def _motion(context: RunContext, number: int) -> list[Step]:
     return motion_again(context.plan.steps, number, drivers_of(context.instruments), context.decided.left_out)
 
 
-def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
+def _do_again(context: RunContext, steps: Steps) -> None:
     for step in steps:
         if isinstance(step, PlannedSettle):
             context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(step.duration_s))
@@ -101,7 +101,7 @@ def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
         context.timeline.wait_until_ns(context.clock.now_ns() + rest_ns)
 
 
-def thermal_steps(steps: Sequence[Step], number: int, left_out: Container[int] = ()) -> list[tuple[Step, SetPoint]]:
+def thermal_steps(steps: Steps, number: int, left_out: Container[int] = ()) -> list[tuple[Step, SetPoint]]:
     """Return soaks and set-points of the chamber before a step, oldest first; none inside ``finally``."""
     done = (step for step in steps[:number] if step.number not in left_out)
     set_points = [(step, step.set_point) for step in done if step.set_point is not None]

@@ -14,7 +14,7 @@ from typing import Any
 from bench.model.clock import NS, Clock
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action, Drivers, Effect, Instrument, actions_of, can_move, effects_of
-from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step
+from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step, Steps
 from bench.record import JournalEntry
 
 READ_BACK_S = 3.0  # looking at the bench must not keep it from being made safe
@@ -182,7 +182,7 @@ def is_motion(step: Step) -> bool:
     return isinstance(step, PlannedCall) and step.name in (_MOVE, _TURN, _SPIN) and step.axis is not None
 
 
-def motion_again(steps: Sequence[Step], number: int, drivers: Drivers, left_out: Container[int] = ()) -> list[Step]:
+def motion_again(steps: Steps, number: int, drivers: Drivers, left_out: Container[int] = ()) -> list[Step]:
     """Return calls and settle times that bring all tables to where they were before step ``number``, in order.
 
     None inside ``finally``, where nothing has to move any more. An axis that was only turned, never moved, has no known
@@ -223,9 +223,7 @@ def _closed(calls: Sequence[PlannedCall], actions: Mapping[str, Action]) -> Plan
     return closed
 
 
-def _axes(
-    steps: Sequence[Step], calls: Sequence[PlannedCall], number: int, actions: Mapping[str, Action]
-) -> list[Step]:
+def _axes(steps: Steps, calls: Sequence[PlannedCall], number: int, actions: Mapping[str, Action]) -> list[Step]:
     """Return the last motion of each axis as a move or a spin, and the longest settle time that follows one of them."""
     last: dict[int | None, PlannedCall] = {}
     for step in calls:
@@ -245,6 +243,6 @@ def _axes(
     return [*motions, *sorted(waits, key=lambda step: -step.duration_s)[:1]]
 
 
-def _settle_behind(steps: Sequence[Step], at: int, number: int) -> list[PlannedSettle]:
+def _settle_behind(steps: Steps, at: int, number: int) -> list[PlannedSettle]:
     """Return the first settle step behind step ``at``, before step ``number``."""
     return [step for step in steps[at + 1 : number] if isinstance(step, PlannedSettle)][:1]
