@@ -220,6 +220,7 @@ def has_samples(definition: FrameDefinition) -> bool:
     return any(item.per == "sample" for message in definition.layout.messages for item in message.fields)
 
 
-def is_whole(times: float) -> bool:
-    """Return whether a record holds frames or rounds of readings a whole number of times, once at least."""
-    return times >= 1 and abs(times - round(times)) <= _WHOLE
+def check_whole(node: Node, seconds: Quantity, times: float, of: str) -> None:
+    """Note a record that does not hold frames or rounds of readings a whole number of times, once at least."""
+    if not (times >= 1 and abs(times - round(times)) <= _WHOLE):
+        node.fail("B-PLAN-042", f"{seconds.value:g} s is not a whole number of {of}", origin=seconds.origin)

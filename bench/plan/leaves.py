@@ -14,7 +14,7 @@ from bench.model.ports import Effect
 from bench.model.quantities import Values
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action, no_instrument
-from bench.plan.expand import NO_TIME, TIMED, Node, is_whole
+from bench.plan.expand import NO_TIME, TIMED, Node, check_whole
 from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.language.expect import ReadingExpect
 from bench.plan.language.steps import (
@@ -118,7 +118,8 @@ def _record(outer: Node, step: RecordStep) -> None:
     record, node, plan = step.record, outer.below("record"), outer.plan
     seconds = _duration(node, record.seconds, "seconds")
     if seconds is not None and not math.isnan(plan.rate_Hz):
-        _whole_frames(node.below("seconds"), seconds)
+        frames = seconds.value * plan.rate_Hz
+        check_whole(node.below("seconds"), seconds, frames, f"frames at {plan.rate_Hz:g} Hz")
     conditions = {**node.scope.context}
     for name, value in node.below("conditions").values(record.conditions).items():
         conditions[named(name, value)] = plain(value)
@@ -225,13 +226,6 @@ def _can_keep(node: Node, kept: _Kept, carried: bool, seconds: Quantity | None) 
     elif seconds is not None and seconds.value * rate_Hz > kept.most:
         message = f"{kept.what.format(round(seconds.value * rate_Hz))} do not fit; {kept.most} are allowed"
         node.fail(kept.code, message, "take shorter records; 'windows' makes many without a gap")
-
-
-def _whole_frames(node: Node, seconds: Quantity) -> None:
-    rate_Hz = node.plan.rate_Hz
-    if not is_whole(seconds.value * rate_Hz):
-        message = f"{seconds.value:g} s is not a whole number of frames at {rate_Hz:g} Hz"
-        node.fail("B-PLAN-042", message, origin=seconds.origin)
 
 
 def _soak(outer: Node, slot: SoakStep) -> None:

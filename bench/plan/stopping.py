@@ -139,7 +139,8 @@ def _stages(node: Node, rule: _Rule, seconds: Quantity, take: Take) -> None:
     begin = len(plan.steps)
     for index in range(rule.first):
         take(seconds, {"follows": True} if index else {}, {STAGE: FIRST, STAGE_INDEX: index})
-    number, lengths = len(plan.steps), _lengths(rule.most - rule.first)
+    number, most = len(plan.steps), rule.most - rule.first
+    lengths = [*(length for length in _LENGTHS if length < most), most]  # few, so that a plan stays short
     asked = {"first": list(range(begin, number)), "target": rule.target, "least": rule.least}
     retry_step = begin if plan.retry_step is None else plan.retry_step
     more = {"word": UNTIL, "arguments": asked, "unit": "1", "branches": (), "missing": _outcome(lengths[-1])}
@@ -165,11 +166,6 @@ def _times(seconds: Quantity, records: int) -> Quantity:
 
 def _outcome(records: int) -> str:
     return f"{records} more"
-
-
-def _lengths(most: int) -> list[int]:
-    """Return the lengths of a second stage in records: few, so that a plan stays short, the last is ``most``."""
-    return [*(length for length in _LENGTHS if length < most), most]
 
 
 def is_other_length(step: Step, before: Step | None) -> bool:

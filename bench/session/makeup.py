@@ -73,7 +73,8 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
 
 def _refuse(plan: Plan, again: Sequence[RecordState]) -> None:
     """Raise InputError B-RES-008 for records that cannot be taken again one by one."""
-    for step in (*(state.step for state in again), *decisions_of(plan.steps)):
+    steps: list[PlannedRecord | PlannedDecision] = [*(state.step for state in again), *decisions_of(plan.steps)]
+    for step in steps:
         what = "run"
         if isinstance(step, PlannedDecision):
             why = "the sequence decides by what it reads, so its records cannot be taken again one by one"

@@ -78,7 +78,9 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
         number = len(plan.steps)
     else:
         number = _next_step(plan, entries, taken, skipped, told=told)
-        number = _first_lost(plan, number, taken, skipped, _noted(events))
+        # the steps that have noted in the session what, beside records, results are made of
+        noted = {event.step for event in events if isinstance(event, Exchange | Reading | Prompt | Decision)}
+        number = _first_lost(plan, number, taken, skipped, noted)
     if number < len(plan.steps):
         steps = plan.phase(plan.steps[number].phase)
         inside = number - steps[0].number
@@ -122,11 +124,6 @@ def _next_step(
     records = (step.number for step in plan.steps[last + 1 : number] if isinstance(step, PlannedRecord))
     lost = (record for record in records if not any(record in stretch for stretch in skipped))
     return next(lost, number)
-
-
-def _noted(events: Sequence[Event]) -> set[int]:
-    """Return the steps that have noted in the session what, beside records, results are made of."""
-    return {event.step for event in events if isinstance(event, Exchange | Reading | Prompt | Decision)}
 
 
 def _first_lost(plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[int]) -> int:
