@@ -1,5 +1,6 @@
 """Sequence and station files, the compiled plan, and its static check."""
 
+from bench.model.quantities import MEASUREMENT
 from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station, recorded_rules
@@ -34,7 +35,6 @@ from bench.plan.served import served_station
 from bench.plan.station import Station, StationFile, load_station
 from bench.plan.step_kinds import (
     CHAMBER,
-    MEASUREMENT,
     WIRING,
     PlannedCall,
     PlannedCommand,

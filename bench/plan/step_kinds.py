@@ -17,7 +17,7 @@ from bench.plan.decision import PlannedDecision
 from bench.plan.plan import PLACE, ROW, SetPoint, Step, StepKind
 
 CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
-MEASUREMENT, WIRING = "measurement", "wiring"  # purposes of a record
+WIRING = "wiring"  # purpose of a record
 
 
 @dataclass(frozen=True, slots=True)

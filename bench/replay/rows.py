@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame, signal_of
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Event, Resume, event_of
+from bench.model.quantities import is_measurement
 from bench.record import Block, Damage, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
 from bench.replay.parts import Part, RecordedWindow, Splice, moved_rows, recorded_windows, splices_of, time_shifts_ns
 
 BATCH_BYTES = 4_000_000
-MEASUREMENT = "measurement"
 _BESIDE = frozenset({layout.EVENT, layout.CLOCK})
 
 
@@ -46,7 +46,7 @@ class Replayed:
     @property
     def measurement_rows(self) -> list[RecordRow]:
         """The records an analysis sees: those without a purpose of their own, such as a wiring check."""
-        return [row for row in self.rows if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT]
+        return [row for row in self.rows if is_measurement(row.window.conditions)]
 
     @property
     def totals(self) -> dict[str, int]:

@@ -16,7 +16,8 @@ from bench.model.clock import Clock
 from bench.model.errors import OperatorStop
 from bench.model.events import Disk, Event, Retake
 from bench.model.ports import SessionSink
-from bench.plan import MEASUREMENT, SetPoint, Step
+from bench.model.quantities import is_measurement
+from bench.plan import SetPoint, Step
 from bench.record import PackedList, RecordError, RecordRow
 
 StoredEvent = tuple[str, int, Mapping[str, Any]]
@@ -244,7 +245,7 @@ class Following(Observer):
         self.step_under_way = step
 
     def record(self, row: RecordRow) -> None:
-        if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT:
+        if is_measurement(row.window.conditions):
             self.records.add(row.window.number)
 
     def event(self, event: Event, t_mono_ns: int) -> None:

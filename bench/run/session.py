@@ -15,6 +15,7 @@ from bench.model.clock import Clock, utc_stamp
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
 from bench.model.lab_code import code_texts, recorded_code
+from bench.model.quantities import Values
 from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
@@ -53,7 +54,7 @@ class Conducted:
     """
 
     folder: Path
-    manifest: Mapping[str, Any]
+    manifest: Values
     outcome: Outcome
     session_sha256: str
     counts: Mapping[str, int]
@@ -69,7 +70,7 @@ def session_name(plan: Plan, clock: Clock) -> str:
 
 
 def manifest_of(
-    plan: Plan, name: str, seed: int, clock: Clock, identities: Mapping[str, Any], frames: Mapping[str, str]
+    plan: Plan, name: str, seed: int, clock: Clock, identities: Values, frames: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return everything a reader needs to know before the first stimulus (docs/session-format.md)."""
     station = plan.station
@@ -103,7 +104,7 @@ def manifest_of(
     }
 
 
-def texts_of(plan: Plan, manifest: Mapping[str, Any]) -> dict[str, str]:
+def texts_of(plan: Plan, manifest: Values) -> dict[str, str]:
     """Return the texts a run is made of: every YAML file, and the lab's code, which nobody executes from a session."""
     return {**plan.texts, **code_texts(recorded_code(manifest)[0])}
 
@@ -172,9 +173,9 @@ def _begin(
     clock: Clock,
     seed: int,
     out: Path,
-    identities: Mapping[str, Any],
+    identities: Values,
     resumed: Resumption | None,
-) -> tuple[SessionWriter, Mapping[str, Any]]:
+) -> tuple[SessionWriter, Values]:
     """Return a new session, or one that is gone on with; and its manifest."""
     if resumed is not None:
         return resume_session(resumed.folder, resumed.event, t_mono_ns=clock.now_ns()), resumed.manifest
@@ -231,7 +232,7 @@ class _Run:
     stop: StopSwitch
     beside: Sequence[Beside]
     resumed: Resumption | None
-    manifest: Mapping[str, Any]
+    manifest: Values
     earlier: tuple[tuple[str, str, str, int], ...]
 
     def __post_init__(self) -> None:

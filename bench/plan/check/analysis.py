@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from bench.model.declaration import AnalysisDeclaration, Limit
 from bench.model.lab import lab_here
 from bench.model.lab_code import own_code_names
+from bench.model.quantities import is_measurement
 from bench.model.systems import analyses, analysis_declaration, declared_by, system_of_analysis
 from bench.model.units import parse_quantity
 from bench.plan.findings import Draft, Findings, suggestion
@@ -98,7 +99,7 @@ class _Asked:
         records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
         first = plan.steps[0]
         for step in records:
-            if step.conditions.get("purpose", "measurement") == "measurement":
+            if is_measurement(step.conditions):
                 self._conditions(step)
         if asked.made_of not in ("readings", "values") and not plan.frames:
             message = "is made of frames of a unit, and the sequence names no link"

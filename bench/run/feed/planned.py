@@ -19,20 +19,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.model.quantities import Values
+from bench.model.quantities import Values, is_measurement
 from bench.model.units import format_quantity
-from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, Steps, is_other_length
+from bench.plan import PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, Steps, is_other_length
 
 ORDER = ("prepare", "campaign", "finally")
 TELLING = ("decide", "prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
 SHARE = 0.10
 LOOSE = 0.005
 MARGIN_S = 30.0
-
-
-def is_measurement(conditions: Values) -> bool:
-    """Return whether a record counts as one of the campaign's (those of the wiring check do not)."""
-    return bool(conditions.get("purpose", MEASUREMENT) == MEASUREMENT)
 
 
 class PlannedRun:

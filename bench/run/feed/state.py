@@ -29,6 +29,7 @@ from bench.model.events import (
     StimulusAlarm,
     by_instrument,
 )
+from bench.model.quantities import Values
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
 from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs, bench_in_words
@@ -56,15 +57,15 @@ class RunState:
     def __init__(
         self,
         steps: Sequence[Step],
-        manifest: Mapping[str, Any],
+        manifest: Values,
         *,
         source: str = "live",
         boot_id: str = "",
         run: str = "",
         places: Mapping[str, tuple[str, str]] | None = None,
-        signals: Sequence[Mapping[str, Any]] = (),
-        graphs: Sequence[Mapping[str, Any]] = (),
-        limits: Sequence[Mapping[str, Any]] = (),
+        signals: Sequence[Values] = (),
+        graphs: Sequence[Values] = (),
+        limits: Sequence[Values] = (),
         left_out: Iterable[int] = (),
         unwatched: Sequence[str] = (),
     ) -> None:
@@ -129,7 +130,7 @@ class RunState:
         with self._lock:
             self._place.at_planned(phase, seconds)
 
-    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
+    def on_record(self, number: int, t_utc_s: float, conditions: Values, counts: Values) -> None:
         """A record is complete: ``counts`` has frames, lost, bad and flags (bits of bench.model.quality)."""
         with self._lock:
             self._records.on_record(number, t_utc_s, conditions, counts)
@@ -144,7 +145,7 @@ class RunState:
                 del self._unconfirmed[role]
                 self.alarms.over(event.topic)
 
-    def on_links(self, links: Mapping[str, Mapping[str, Any]]) -> None:
+    def on_links(self, links: Mapping[str, Values]) -> None:
         """Take the states of the links, by name, as in the document."""
         with self._lock:
             self._links = {name: dict(link) for name, link in links.items()}
@@ -155,7 +156,7 @@ class RunState:
             self._holds = dict(reasons)
             self._panel.away(away)
 
-    def on_prompt(self, prompt: Mapping[str, Any] | None) -> None:
+    def on_prompt(self, prompt: Values | None) -> None:
         """The question that is asked now, as in the document; None: none."""
         with self._lock:
             self._prompt = None if prompt is None else dict(prompt)
@@ -348,7 +349,7 @@ class RunState:
         return corners(thermal, self._place.start_of, end, self._place.first_degC)
 
 
-def _head(manifest: Mapping[str, Any], source: str, boot_id: str, run: str) -> dict[str, Any]:
+def _head(manifest: Values, source: str, boot_id: str, run: str) -> dict[str, Any]:
     uut = (manifest.get("campaign") or {}).get("uut") or {}
     return {
         "proto": PROTO, "run": run or str(manifest.get("session", "")), "boot_id": boot_id,

@@ -14,7 +14,8 @@ from bench.model.errors import InstrumentError
 from bench.model.events import Reading, Record, Retake
 from bench.model.ports import Instrument, RecordWindow, actions_of
 from bench.model.quality import Quality
-from bench.plan import MEASUREMENT, WIRING, PlannedCall, PlannedRecord, PlannedVerify, Step, is_reading, round_count
+from bench.model.quantities import is_measurement
+from bench.plan import WIRING, PlannedCall, PlannedRecord, PlannedVerify, Step, is_reading, round_count
 from bench.record import RecordRow, row_of_readings
 from bench.run.context import RunContext
 from bench.run.steps.proof import check_wiring
@@ -87,7 +88,7 @@ def _event_of(window: RecordWindow, **more: Any) -> Record:
 
 def measurement_rows(rows: Mapping[int, RecordRow]) -> list[RecordRow]:
     """Return the records that count, in order; wiring records are left out."""
-    return [row for _, row in sorted(rows.items()) if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT]
+    return [row for _, row in sorted(rows.items()) if is_measurement(row.window.conditions)]
 
 
 def act(
