@@ -25,14 +25,19 @@ def to_ns(seconds: float) -> int:
     return round(seconds * NS)
 
 
+def utc_moment(utc_ns: int) -> datetime:
+    """Return a time to the second."""
+    return datetime.fromtimestamp(utc_ns // NS, UTC)
+
+
 def utc_text(utc_ns: int) -> str:
     """Return a time as people write it, to the second: 2026-04-01T08:00:00Z."""
-    return datetime.fromtimestamp(utc_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return utc_moment(utc_ns).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def utc_stamp(utc_ns: int) -> str:
     """Return a time as the names of sessions begin with it: 20260401T080000Z."""
-    return datetime.fromtimestamp(utc_ns // NS, UTC).strftime(_STAMP)
+    return utc_moment(utc_ns).strftime(_STAMP)
 
 
 def utc_of_stamp(name: str) -> int | None:

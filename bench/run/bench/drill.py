@@ -13,11 +13,11 @@ import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from bench.model.clock import NS, Clock, VirtualClock, to_ns, utc_stamp
+from bench.model.clock import NS, Clock, VirtualClock, to_ns, utc_moment, utc_stamp
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, RunError
 from bench.model.events import Event
@@ -85,7 +85,7 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock, *, take
         "schema": 1,
         "station": station.name,
         "simulated": station.simulated,
-        "utc": datetime.fromtimestamp(start_ns // NS, UTC).isoformat(),
+        "utc": utc_moment(start_ns).isoformat(),
         "passed": all(trial.passed for trial in trials),
         "limit_s": SAFE_S,
         "trials": [{**asdict(trial), "passed": trial.passed} for trial in trials],
@@ -113,7 +113,7 @@ def latest_drill(out: Path, station: Station) -> dict[str, Any] | None:
 
 def drill_age(document: Mapping[str, Any], clock: Clock) -> timedelta:
     """Return how long ago a drill was."""
-    return datetime.fromtimestamp(clock.utc_ns() // NS, UTC) - datetime.fromisoformat(str(document["utc"]))
+    return utc_moment(clock.utc_ns()) - datetime.fromisoformat(str(document["utc"]))
 
 
 def _trial(

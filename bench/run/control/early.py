@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from bench.model.clock import NS
+from bench.model.clock import to_ns
 from bench.model.errors import RunError
 from bench.model.events import Verdict
 from bench.model.processes import EARLY_VERDICT, own_process
@@ -42,8 +42,8 @@ class EarlyVerdicts:
         self._early = early
         self._context = context
         self._command = command
-        self._timeout_ns = round(timeout_s * NS)
-        self._next_ns = context.clock.now_ns() + round(early.after * NS)
+        self._timeout_ns = to_ns(timeout_s)
+        self._next_ns = context.clock.now_ns() + to_ns(early.after)
         self._process: subprocess.Popen[bytes] | None = None
         self._output: IO[bytes] | None = None
         self._until_ns = 0
@@ -58,7 +58,7 @@ class EarlyVerdicts:
                 self.close()
                 self._take(Verdict(ok=None, error="no verdict in time"))
         elif now_ns >= self._next_ns and not self._context.stop.over:
-            self._next_ns = now_ns + round(self._early.every * NS)
+            self._next_ns = now_ns + to_ns(self._early.every)
             self._start(now_ns)
 
     def close(self) -> None:

@@ -17,13 +17,13 @@ from bench.model.clock import NS, WallClock, to_ns, utc_of_stamp
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
 from bench.model.quantities import finite
-from bench.plan import Step, graphs_of, shown_signals, unwatched
+from bench.plan import Step, unwatched
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.local_socket import LIVE, forget_socket, socket_path
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, PointBatch, Points
-from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows
+from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows, signals_of
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
@@ -44,9 +44,7 @@ class LiveFeed(Observer):
         self._context, self._asking = context, asking
         clock, station = context.clock, context.plan.station
         self._offset_ns = clock.utc_ns() - clock.now_ns()
-        frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
-        graphs = graphs_of(station.file.graphs, frames, context.measurement_link)
-        signals = shown_signals(graphs, frames)
+        _, graphs, signals = signals_of(context)
         periods_ns = {name: to_ns(reader.period_s) for name, reader in context.acquisition.readers.items()}
         patience_ns = PATIENCE_VIRTUAL_NS if clock.virtual else PATIENCE_NS
         self.points = Points(signals, periods_ns, clock.now_ns(), self._utc_s(clock.now_ns()), patience_ns)

@@ -10,18 +10,26 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from bench.frame import MEAN_S, Signal
+from bench.frame import MEAN_S, FrameDefinition, Signal
 from bench.model.declaration import Count
 from bench.model.quantities import Values
 from bench.model.systems import system_of_analysis
 from bench.model.units import prefix_of
-from bench.plan import COUNTS, Graph, InterlockRule
+from bench.plan import COUNTS, Graph, InterlockRule, graphs_of, shown_signals
+from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR, UNIT
 
 Row = dict[str, Any]
 _WATCHED = {"chamber_air": "air", "second_air": "air", "unit_temperature": "unit"}
 _GUARDED = {CHAMBER_AIR: "air", UNIT: "unit"}
 GUARD = "guard"
+
+
+def signals_of(context: RunContext) -> tuple[dict[str, FrameDefinition], list[Graph], tuple[Signal, ...]]:
+    """Return the frames of a run's links, its graph windows, and every signal that they show."""
+    frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
+    graphs = graphs_of(context.plan.station.file.graphs, frames, context.measurement_link)
+    return frames, graphs, shown_signals(graphs, frames)
 
 
 def signal_rows(signals: Sequence[Signal], manifest: Values) -> list[Row]:

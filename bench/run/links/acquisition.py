@@ -332,7 +332,7 @@ class Acquisition:
             now = self._clock.now_ns()
             if now >= until_ns:
                 return False
-            self._clock.sleep_until_ns(min(until_ns, now + round(period_s * NS)))
+            self._clock.sleep_until_ns(min(until_ns, now + to_ns(period_s)))
 
     def status(self) -> dict[str, dict[str, Any]]:
         """Return every link as it is now; as it was up to ``SERVICE_S`` ago while somebody holds the lock for long."""

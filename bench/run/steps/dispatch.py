@@ -21,7 +21,7 @@ from bench.plan import (
 from bench.run.context import RunContext
 from bench.run.control.operator import Question, answered, judge, within
 from bench.run.links.reader import LinkReader, UnitAnswer
-from bench.run.links.unit import IDENTIFY
+from bench.run.links.unit import DONE, IDENTIFY
 from bench.run.steps.deciding import decide
 from bench.run.steps.exchange import ATTEMPTS, exchange, timeout_of
 from bench.run.steps.proof import check_identity
@@ -30,7 +30,6 @@ from bench.run.steps.soak import soak
 
 ANSWER_S = 2.0
 PROMPT_SLIP_NS = NS  # a person takes longer; the simulated one takes no time
-DONE = 0  # status of an answer
 
 
 def _verify(context: RunContext, step: PlannedVerify) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from bench.model.clock import NS, Clock
+from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action, Drivers, Effect, Instrument, actions_of, can_move, effects_of
 from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step, Steps
@@ -73,7 +73,7 @@ def read_back(instruments: Mapping[str, Instrument], clock: Clock) -> Readings:
     Takes ``READ_BACK_S`` and one question more at most.
     """
     readings: Readings = {}
-    limit_ns = clock.now_ns() + round(READ_BACK_S * NS)
+    limit_ns = clock.now_ns() + to_ns(READ_BACK_S)
     for role, instrument in instruments.items():
         declared = actions_of(type(instrument))
         if not any(action.effect is not Effect.NONE for action in declared.values()):

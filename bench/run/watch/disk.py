@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_moment
 from bench.run.context import RunContext
 from bench.run.guard.health import WRITER
 from bench.run.observers import patient
@@ -42,7 +41,7 @@ class DiskWatch:
         clock = self._context.clock
         began_ns = self._began_ns = clock.now_ns()
         for name, sync in self._files.items():
-            self._waiting = f"the {name} since {datetime.fromtimestamp(clock.utc_ns() // NS, UTC):%H:%M:%S} UTC"
+            self._waiting = f"the {name} since {utc_moment(clock.utc_ns()):%H:%M:%S} UTC"
             sync()
         self._began_ns = None
         if not self._is_late(began_ns):

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
-from bench.model.clock import NS
+from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Interlock
 from bench.model.quantities import finite
@@ -82,7 +82,7 @@ class InterlockState:
     def trip(self, t_ns: int, change: Change) -> Change:
         """Trip now, dwell or not; returns ``change``."""
         self.tripped, self._back_ns = True, None
-        self._lasting_ns = t_ns + round(max(self.rule.dwell_s, LASTING_S) * NS)
+        self._lasting_ns = t_ns + to_ns(max(self.rule.dwell_s, LASTING_S))
         return change
 
     def _lasting(self, t_ns: int) -> Change | None:
@@ -103,8 +103,8 @@ class InterlockWatch:
     def __init__(self, rules: Sequence[InterlockRule], context: RunContext, following: Following) -> None:
         now_ns = context.clock.now_ns()
         self._following = following
-        self._period_ns = round((ASK_VIRTUAL_S if context.clock.virtual else ASK_WALL_S) * NS)
-        self._ask_ns = now_ns + min(self._period_ns, round(ASK_WALL_S * NS))
+        self._period_ns = to_ns(ASK_VIRTUAL_S if context.clock.virtual else ASK_WALL_S)
+        self._ask_ns = now_ns + min(self._period_ns, to_ns(ASK_WALL_S))
         self.signals = WatchedSignals(context, rules)
         self._context = context
         self._all = [InterlockState(rule, now_ns) for rule in rules]

@@ -17,7 +17,7 @@ from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from bench.model.clock import NS
+from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument
 from bench.run.bench.safety import QUICK_S, hurried
@@ -51,7 +51,7 @@ class OutputsWatch:
 
     def __init__(self, context: RunContext, following: Following) -> None:
         self._context, self._following = context, following
-        self._period_ns = round((LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S) * NS)
+        self._period_ns = to_ns(LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S)
         self._due_ns = context.clock.now_ns() + self._period_ns
 
     def take(self) -> None:
