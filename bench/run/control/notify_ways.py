@@ -107,7 +107,7 @@ def by_apprise(apprise: Apprise, message: Message) -> None:
     _give("apprise", words, _lines(message), secret)
 
 
-_WAYS: Mapping[str, Callable[[Any, Message], None]] = {  # by section of ``notify``, in the order of sending
+_WAYS: dict[str, Callable[[Any, Message], None]] = {  # by section of ``notify``, in the order of sending
     "command": by_command, "webhook": by_webhook, "email": by_mail, "apprise": by_apprise,
 }  # fmt: skip
 
