@@ -3,26 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from typing import Any
 
 Values = Mapping[str, Any]
 """Conditions, arguments, constants of a campaign or other parts of a plan or a manifest, by name, as JSON has them."""
 
-MEASUREMENT = "measurement"  # purpose of a record
 QUANTITY = "quantity"  # among the conditions of a reading: its name in the results
 _OF_THE_RUN = frozenset({QUANTITY, "purpose", "label", "window_index", "settle_band_degC", "settled"})
-
-
-def finite(value: float) -> float | None:
-    """Return a number, None for one that is not known: events and other JSON hold no NaN."""
-    return value if math.isfinite(value) else None
-
-
-def is_measurement(conditions: Values) -> bool:
-    """Return whether a record counts as one of the campaign's (those of the wiring check do not)."""
-    return bool(conditions.get("purpose", MEASUREMENT) == MEASUREMENT)
 
 
 def key_of_value(quantity: str, conditions: Values) -> str:

@@ -1,6 +1,5 @@
 """Sequence and station files, the compiled plan, and its static check."""
 
-from bench.model.quantities import MEASUREMENT
 from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station, recorded_rules
@@ -35,6 +34,7 @@ from bench.plan.served import served_station
 from bench.plan.station import Station, StationFile, load_station
 from bench.plan.step_kinds import (
     CHAMBER,
+    MEASUREMENT,
     WIRING,
     PlannedCall,
     PlannedCommand,
@@ -44,6 +44,7 @@ from bench.plan.step_kinds import (
     PlannedSettle,
     PlannedSoak,
     PlannedVerify,
+    is_measurement,
     plan_json,
     steps_of,
 )
@@ -112,6 +113,7 @@ __all__ = [
     "frozen_plan",
     "graphs_of",
     "is_answered",
+    "is_measurement",
     "is_other_length",
     "is_reading",
     "json_schemas",

@@ -128,9 +128,7 @@ def _decision(node: Node, word: str, reading: str | CallStep) -> PlannedDecision
     """Append a decision whose branches are not known yet. Its reading must be taken before it (B-PLAN-110)."""
     role, name, given, plan = "", reading, {}, node.plan
     if isinstance(reading, CallStep):
-        role, name, arguments = reading.parts()
-        here = node if word == CHOOSE else node.below("reading")
-        values = here.below(f"{role}.{name}").values(arguments)
+        role, name, values = (node if word == CHOOSE else node.below("reading")).called(reading)
         given = {key: plain(value) for key, value in values.items()}
     number = len(plan.steps)
     more = {"word": word, "arguments": given, "unit": "", "branches": (), "missing": HOLD, "retry_step": number}

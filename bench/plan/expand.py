@@ -14,6 +14,7 @@ from bench.model.units import likely
 from bench.plan.drivers import range_after
 from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
+from bench.plan.language.steps import CallStep
 from bench.plan.named_values import NamedValues
 from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
 from bench.plan.station import Station
@@ -194,6 +195,12 @@ class Node:
     def values(self, arguments: Values) -> dict[str, Any]:
         """Return the values of what stands below, by key."""
         return {name: self.resolve(raw, name) for name, raw in arguments.items()}
+
+    def called(self, call: CallStep) -> tuple[str, str, dict[str, Any]]:
+        """Return role, name and arguments of a call that stands here; mistakes are noted as by ``values``."""
+        ((called, arguments),) = call.root.items()
+        role, name = called.split(".")
+        return role, name, self.below(called).values(arguments or {})
 
     def quantity(self, raw: Any, dimension: str, *keys: str | int) -> Quantity | None:
         """Return a field that is already a number in the base unit, or still a reference; None after a mistake."""

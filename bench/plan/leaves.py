@@ -80,9 +80,8 @@ def _read(node: Node, step: ReadStep) -> None:
 
 def _call(node: Node, step: CallStep, expect: ReadingExpect | None = None) -> None:
     plan = node.plan
-    role, name, arguments = step.parts()
+    role, name, values = node.called(step)
     placed, here = _role(node, role), node.below(f"{role}.{name}")
-    values = here.values(arguments)
     if "current" in values:
         plan.programmed(role, values["current"], values.get("range") == "locked")
     declared = declared_action(plan.station, placed, name)

@@ -110,9 +110,8 @@ def expand_readings(
     quantities: dict[str, Quantity] = {}
     for index, reading in enumerate(record.readings):
         call, expect = (reading.call, reading.expect) if isinstance(reading, ReadStep) else (reading, None)
-        role, name, given = call.parts()
         place = node.below(READINGS, index)
-        values = place.below(f"{role}.{name}").values(given)
+        role, name, values = place.called(call)
         quantity = named_conditions(place, (role, name), expect, conditions).get(QUANTITY, "")
         arguments = {key: plain(value) for key, value in values.items()}
         calls.append({"role": role, "name": name, "arguments": arguments, QUANTITY: quantity})

@@ -9,15 +9,15 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from bench.model.errors import SessionDamaged
 from bench.model.quantities import QUANTITY, Values
 from bench.plan.decision import PlannedDecision
-from bench.plan.plan import PLACE, ROW, SetPoint, Step, StepKind
+from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind
 
 CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
-WIRING = "wiring"  # purpose of a record
+MEASUREMENT, WIRING = "measurement", "wiring"  # purposes of a record
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class PlannedCall(Step):
         return value if isinstance(value, float) else None
 
     @classmethod
-    def taken(cls, arguments: Values) -> Values:
-        """Return the arguments of a plan file as the step holds them."""
-        return {"arguments": arguments}
+    def read(cls, place: Place, arguments: Values) -> Self:
+        """Return a step from its arguments in a plan file and what else is in its row."""
+        return cls(*place, arguments)
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -245,6 +245,11 @@ KINDS: Mapping[StepKind, type[Step]] = {
         PlannedDecision,
     )
 }
+
+
+def is_measurement(conditions: Values) -> bool:
+    """Return whether a record counts as one of the campaign's (those of the wiring check do not)."""
+    return bool(conditions.get("purpose", MEASUREMENT) == MEASUREMENT)
 
 
 def step_of(row: Values) -> Step:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from bench.maths.stein import LEAST_FIRST
 from bench.model.errors import FitError
-from bench.model.quantities import MEASUREMENT, Values
+from bench.model.quantities import Values
 from bench.model.stopping import FIRST, SECOND, STAGE, STAGE_INDEX, UNTIL, Point
 from bench.model.systems import declared_by, named
 from bench.model.units import format_quantity, hours
@@ -22,7 +22,7 @@ from bench.plan.decision import Branch, PlannedDecision, decisions_of
 from bench.plan.expand import Expander, Node
 from bench.plan.language.steps import Record, Until
 from bench.plan.plan import Plan, Step
-from bench.plan.step_kinds import PlannedRecord
+from bench.plan.step_kinds import MEASUREMENT, PlannedRecord
 from bench.plan.values import Quantity
 
 NEEDED = "records"  # what the decision goes by: how many more, each as long as one of the first stage

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame, signal_of
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Event, Resume, event_of
-from bench.model.quantities import Values, is_measurement
+from bench.model.quantities import Values
+from bench.plan import is_measurement
 from bench.record import Block, Damage, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
 from bench.replay.parts import Part, RecordedWindow, Splice, moved_rows, recorded_windows, splices_of, time_shifts_ns
 

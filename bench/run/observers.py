@@ -16,8 +16,7 @@ from bench.model.clock import Clock
 from bench.model.errors import OperatorStop
 from bench.model.events import Disk, Event, Retake
 from bench.model.ports import SessionSink
-from bench.model.quantities import is_measurement
-from bench.plan import SetPoint, Step
+from bench.plan import SetPoint, Step, is_measurement
 from bench.record import PackedList, RecordError, RecordRow
 
 StoredEvent = tuple[str, int, Mapping[str, Any]]

@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -36,9 +36,7 @@ from bench.replay import Splice
 from bench.report import Surrounding
 from bench.session.wording import say
 
-if TYPE_CHECKING:
-    from bench.session.view import SessionView
-
+E = TypeVar("E", bound=Event)
 KINDS = (
     "late", "slip", "overrun", "retake", "hold", "release", "armed", "skip", "control", "interlock", "alarm",
     "verdict", "link", "guard", "suspend", "clock_step", "config", "error", "unit_left_out",
@@ -52,7 +50,18 @@ _SETTLING = ("time", "set", "samples", "mean", "slope", "spread", "chance", "fou
 _LAG = ("time", "step", "lag", "share", "residual", "bound", "saved")
 
 
-def happenings(view: SessionView) -> list[str]:
+class Events(Protocol):
+    """A session, as far as its events are asked for."""
+
+    @property
+    def events(self) -> Sequence[tuple[int, Event]]:
+        """Return all that is kept, with its time."""
+
+    def events_of(self, model: type[E]) -> list[tuple[int, E]]:
+        """Return times and events of one kind."""
+
+
+def happenings(view: Events) -> list[str]:
     """Return one line for each thing that did not go to plan, by kind, and how punctual the run was."""
     start_ns = _start_ns(view)
     troubles = sorted(_troubles(view), key=lambda trouble: KINDS.index(trouble[1].kind))
@@ -60,7 +69,7 @@ def happenings(view: SessionView) -> list[str]:
     return [*said, *punctuality(view)]
 
 
-def happening_tables(view: SessionView) -> list[Table]:
+def happening_tables(view: Events) -> list[Table]:
     """Return the same as a table of the report, in order of time; none for a run to which nothing happened."""
     start_ns = _start_ns(view)
     troubles = sorted((t_ns, event.kind, event.sentence) for t_ns, event in _troubles(view))
@@ -68,14 +77,14 @@ def happening_tables(view: SessionView) -> list[Table]:
     return _tables("happening", ("time", "what", "text"), rows, prose=True)
 
 
-def settling_tables(view: SessionView) -> list[Table]:
+def settling_tables(view: Events) -> list[Table]:
     """Return how settled the temperature was at the end of each soak; none for a run without a soak."""
     start_ns = _start_ns(view)
     rows = [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in view.events_of(Settled)]
     return _tables("settling", _SETTLING, rows)
 
 
-def lag_tables(view: SessionView) -> list[Table]:
+def lag_tables(view: Events) -> list[Table]:
     """Return how near its end each soak came that the lag of a unit may end; none for a run without such a soak."""
     found, start_ns = view.events_of(ThermalLag), _start_ns(view)
     rows = [
@@ -90,7 +99,7 @@ def lag_tables(view: SessionView) -> list[Table]:
     return _tables("lag", (*_LAG[:2], *of_unit, *_LAG[2:]), rows)
 
 
-def decision_tables(view: SessionView) -> list[Table]:
+def decision_tables(view: Events) -> list[Table]:
     """Return what the sequence has decided, and by what; none for a run without a decision."""
     heads, start_ns = ("step", "word", "by", "outcome"), _start_ns(view)
     rows = [
@@ -122,7 +131,7 @@ def preflight_table(event: Preflight) -> Table:
     return worded_table(say, "preflight", [say(f"preflight.{key}") for key in keys], rows)
 
 
-def punctuality(view: SessionView) -> Iterator[str]:
+def punctuality(view: Events) -> Iterator[str]:
     """Return how late the timed waits ended."""
     for _, end in view.events_of(End):
         median, p99, worst = (_length(1e-3 * late_ms) for late_ms in end.lateness_ms)
@@ -137,7 +146,7 @@ def _length(seconds: float) -> str:
     return f"{seconds:.3g}\u00a0s" if abs(seconds) < 999.5 else f"{seconds / 3600:.3g}\u00a0h"
 
 
-def _start_ns(view: SessionView) -> int:
+def _start_ns(view: Events) -> int:
     """Return when the run began, as the lines of its progress count; the bench clock may begin with the machine."""
     return min((t_ns for t_ns, _ in view.events_of(Phase)), default=0)
 
@@ -146,7 +155,7 @@ def _since(t_ns: int, start_ns: int) -> str:
     return hours(max(0, t_ns - start_ns) / NS)
 
 
-def _troubles(view: SessionView) -> Iterator[tuple[int, Event]]:
+def _troubles(view: Events) -> Iterator[tuple[int, Event]]:
     for t_ns, event in view.events:
         as_it_should_be = isinstance(event, Link | Guard) and event.state in ("open", "ready")
         as_it_should_be |= isinstance(event, Skip) and event.by in (DECISION, LEFT_OUT)
@@ -154,7 +163,7 @@ def _troubles(view: SessionView) -> Iterator[tuple[int, Event]]:
             yield t_ns, event
 
 
-def commands_given(view: SessionView) -> list[dict[str, Any]]:
+def commands_given(view: Events) -> list[dict[str, Any]]:
     """Return every command a person gave: when since the run began, what, who, why, and what else was said with it."""
     start_ns = _start_ns(view)
     commands = []
@@ -164,19 +173,19 @@ def commands_given(view: SessionView) -> list[dict[str, Any]]:
     return commands
 
 
-def alarms_raised(view: SessionView) -> list[dict[str, Any]]:
+def alarms_raised(view: Events) -> list[dict[str, Any]]:
     """Return every alarm and what the interlocks did, in order of time."""
     rows = (row for table in happening_tables(view) for row in table.rows)
     return [{"time": time, "what": kind, "text": text} for time, kind, text in rows if kind in _ALARMS]
 
 
-def length_s(view: SessionView) -> float:
+def length_s(view: Events) -> float:
     """From the first phase to the end of the run; NaN for one that has not ended or a log of another system."""
     ends = [t_ns for t_ns, _ in view.events_of(End)]
     return (ends[-1] - _start_ns(view)) / NS if ends and view.events_of(Phase) else math.nan
 
 
-def surroundings(view: SessionView, texts: Mapping[str, str], campaign_ns: int) -> list[Surrounding]:
+def surroundings(view: Events, texts: Mapping[str, str], campaign_ns: int) -> list[Surrounding]:
     """Return temperatures that a logger scanned, by channel, against the start of the campaign phase."""
     scans: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for t_ns, scan in view.events_of(events.Surroundings):

@@ -26,10 +26,9 @@ from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.titles import quantity_titles
 from bench.record import UNIT_TEMPERATURE, SessionReader
-from bench.session.expected import Expected, expectations
 from bench.session.one_unit import serials_of
 from bench.session.service import read_view
-from bench.session.view import SessionView, analysis_of, main_quantities
+from bench.session.view import Expected, SessionView, analysis_of, expectations, main_quantities
 
 NICE = 19
 KEYS = (

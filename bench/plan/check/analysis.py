@@ -12,13 +12,12 @@ from difflib import get_close_matches
 from bench.model.declaration import AnalysisDeclaration, Limit
 from bench.model.lab import lab_here
 from bench.model.lab_code import own_code_names
-from bench.model.quantities import is_measurement
 from bench.model.systems import analyses, analysis_declaration, declared_by, system_of_analysis
 from bench.model.units import parse_quantity
 from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.sequence import Sequence
 from bench.plan.plan import Plan, Step
-from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord
+from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, is_measurement
 
 NONE = "none"
 

@@ -19,7 +19,6 @@ from typing import Any
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError
 from bench.model.installed import offer_of
-from bench.model.quantities import MEASUREMENT
 from bench.plan.check.actions import ActionCheck
 from bench.plan.check.analysis import check_asked
 from bench.plan.check.motion import check_poses
@@ -34,6 +33,7 @@ from bench.plan.plan import Plan, PlannedUnit, Step
 from bench.plan.readings import roles_of
 from bench.plan.station import Station
 from bench.plan.step_kinds import (
+    MEASUREMENT,
     WIRING,
     PlannedCommand,
     PlannedPrompt,

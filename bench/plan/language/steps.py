@@ -98,12 +98,6 @@ def _call_form(pattern: str) -> tuple[BeforeValidator, AfterValidator, WithJsonS
 class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], *_call_form(f"^{ACTION_PATTERN}$")]]):
     """An action of an instrument: ``calibrator.standby`` or ``switch.route: {channel: 1, polarity: +}``."""
 
-    def parts(self) -> tuple[str, str, Arguments]:
-        """Return role and name of the action, and the arguments as they are written."""
-        ((called, arguments),) = self.root.items()
-        role, name = called.split(".")
-        return role, name, arguments or {}
-
 
 class ReadStep(StrictModel):
     """An action that reads, and what is expected of it: ``meter.measure_voltage``, beside it ``expect``."""

@@ -16,7 +16,7 @@ from bench.frame import LinkBatch
 from bench.model.clock import NS, WallClock, to_ns, utc_of_stamp
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
-from bench.model.quantities import finite
+from bench.model.units import finite
 from bench.plan import Step, unwatched
 from bench.record import RecordRow
 from bench.run.context import RunContext

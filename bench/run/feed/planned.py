@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.model.quantities import Values, is_measurement
+from bench.model.quantities import Values
 from bench.model.units import format_quantity
-from bench.plan import PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, Steps, is_other_length
+from bench.plan import PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, Steps, is_measurement, is_other_length
 
 ORDER = ("prepare", "campaign", "finally")
 TELLING = ("decide", "prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session

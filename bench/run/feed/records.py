@@ -6,7 +6,8 @@ from collections import deque
 from typing import Any
 
 from bench.model.events import Decision, Event, Record, Retake
-from bench.model.quantities import Values, is_measurement
+from bench.model.quantities import Values
+from bench.plan import is_measurement
 from bench.run.feed.planned import PlannedRun
 
 LAST = 10

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from operator import lt
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
 from bench.plan import PlannedUnit
@@ -25,9 +25,6 @@ from bench.run.links.reader import LinkReader
 from bench.run.links.status import status_of
 from bench.run.links.thermometer import TEMPERATURE, of_unit, thermometer
 from bench.run.stop import StopSwitch, guarded, unforeseen
-
-if TYPE_CHECKING:
-    from bench.run.links.keeper import LinkKeeper
 
 VIRTUAL_POLL_S = 1.0
 VIRTUAL_DECODE_BYTES = 1_000_000
@@ -51,6 +48,20 @@ Arrivals = list[tuple[int, ...]]
 """By turn: how many bytes have arrived at each link."""
 
 
+class LinkWatch(Protocol):
+    """Who looks after the links (bench.run.links.keeper)."""
+
+    @property
+    def calm(self) -> bool:
+        """Whether no link is in trouble."""
+
+    def judge(self) -> None:
+        """Everything received is decoded: ask the run to stand still for a link that is lost or silent."""
+
+    def service(self) -> None:
+        """A few times a second: bring back what is lost."""
+
+
 class Acquisition:
     """All links of the bench; closes the recorder's chunks on seconds of the bench clock.
 
@@ -65,7 +76,7 @@ class Acquisition:
     ) -> None:
         self.readers = dict(readers)
         self.lock = threading.RLock()
-        self.watch: LinkKeeper | None = None
+        self.watch: LinkWatch | None = None
         self.on_serviced: Callable[[], None] = lambda: None
         self.on_passed = on_tick  # a second that others follow at once
         self._clock = clock

@@ -6,7 +6,7 @@ import math
 from typing import Any, Literal
 
 from bench.model.clock import NS, to_ns
-from bench.model.quantities import finite
+from bench.model.units import finite
 from bench.run.links.port import InstrumentLink
 from bench.run.links.reader import LinkReader
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,6 @@ from numpy.typing import NDArray
 from bench.frame import LinkBatch
 from bench.plan import PlannedUnit
 from bench.run.links.reader import LinkReader
-
-if TYPE_CHECKING:
-    from bench.run.links.acquisition import Acquisition
 
 TEMPERATURE = "unit_temperature"
 
@@ -35,12 +31,15 @@ def of_unit(readers: Mapping[str, LinkReader], unit: PlannedUnit | None) -> Mapp
 
 @contextmanager
 def hearing(
-    links: Acquisition, heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None], of: PlannedUnit | None = None
+    lock: AbstractContextManager[object],
+    readers: Mapping[str, LinkReader],
+    heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None],
+    of: PlannedUnit | None = None,
 ) -> Iterator[None]:
     """Hand over every temperature that the unit reports meanwhile, on the thread that decodes: receive stamps, ns, and
-    means of its sensors, degC, (n,) each. ``of``: which unit, where several share a campaign.
+    means of its sensors, degC, (n,) each. ``lock``: keeps other threads from decoding. ``of``: which unit of several.
     """
-    reader, message = thermometer(of_unit(links.readers, of))
+    reader, message = thermometer(of_unit(readers, of))
 
     def listen(batch: LinkBatch) -> None:
         frames = batch.messages.get(message)
@@ -50,11 +49,11 @@ def hearing(
             heard(frames.t_ns[good], (column if column.ndim == 1 else column.mean(axis=1))[good])
 
     if reader is not None:
-        with links.lock:
+        with lock:
             reader.listeners.append(listen)
     try:
         yield
     finally:
         if reader is not None:
-            with links.lock:
+            with lock:
                 reader.listeners.remove(listen)

@@ -81,9 +81,10 @@ class Approach:
     @contextmanager
     def listening(self) -> Iterator[None]:
         """Hear what the units say meanwhile."""
+        acquisition = self._context.acquisition
         with ExitStack() as heard:
             for unit, means in self.means.items():
-                heard.enter_context(hearing(self._context.acquisition, means.add, unit))
+                heard.enter_context(hearing(acquisition.lock, acquisition.readers, means.add, unit))
             yield
 
     def look(self, at_s: float) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import replace
 from bench.model.clock import NS, to_ns
 from bench.model.events import Reentry
 from bench.model.ports import drivers_of
-from bench.model.quantities import finite
+from bench.model.units import finite
 from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step, Steps
 from bench.run.context import RunContext
 from bench.run.control.operator import changes_of

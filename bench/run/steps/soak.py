@@ -14,7 +14,7 @@ from bench.maths.relaxation import Window, window_of
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Late, Settled, Slip
-from bench.model.quantities import finite
+from bench.model.units import finite
 from bench.plan import PlannedSoak, PlannedUnit, SetPoint
 from bench.run.context import RunContext
 from bench.run.links.thermometer import hearing
@@ -87,9 +87,10 @@ def soak(context: RunContext, step: PlannedSoak) -> None:
     approach = None if step.residual_degC is None else Approach(context, step, units)
     drive(context, step.role, step.set_point)
     watches = [Stability(step.temperature_degC, step.within_degC, step.for_s) for _ in units]
+    acquisition = context.acquisition
     with ExitStack() as heard:
         for unit, watch in zip(units, watches, strict=True) if step.sensor == "unit" else ():
-            heard.enter_context(hearing(context.acquisition, watch.add, unit))
+            heard.enter_context(hearing(acquisition.lock, acquisition.readers, watch.add, unit))
         if approach is None:
             _wait_out(context, step, watches, step.at_s + step.duration_s)
         else:

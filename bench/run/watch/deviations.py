@@ -16,7 +16,7 @@ from functools import partial
 
 from bench.model.clock import NS, to_ns
 from bench.model.events import Deviation, Environment, Event, Surroundings
-from bench.model.quantities import finite
+from bench.model.units import finite
 from bench.plan import CHAMBER, InterlockRule, PlannedCall, PlannedRecord, SetPoint, Step
 from bench.record import RecordError
 from bench.run.context import RunContext

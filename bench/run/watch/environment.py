@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bench.model.errors import InstrumentError
 from bench.model.events import Environment, Error
-from bench.model.quantities import finite
+from bench.model.units import finite
 from bench.plan import CHAMBER
 from bench.run.bench.safety import QUICK_S, hurried
 from bench.run.context import RunContext, hottest_degC

@@ -11,7 +11,7 @@ from typing import Literal
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Interlock
-from bench.model.quantities import finite
+from bench.model.units import finite
 from bench.plan import Action, InterlockRule
 from bench.record import RecordRow
 from bench.run.context import RunContext
