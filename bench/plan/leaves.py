@@ -80,8 +80,10 @@ def _read(node: Node, step: ReadStep) -> None:
 
 def _call(node: Node, step: CallStep, expect: ReadingExpect | None = None) -> None:
     plan = node.plan
-    role, name, values = node.called(step)
-    placed, here = _role(node, role), node.below(f"{role}.{name}")
+    called, arguments = next(iter(step.root.items()))
+    role, name = called.split(".")
+    placed, here = _role(node, role), node.below(called)
+    values = here.values(arguments or {})
     if "current" in values:
         plan.programmed(role, values["current"], values.get("range") == "locked")
     declared = declared_action(plan.station, placed, name)

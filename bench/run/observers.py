@@ -99,8 +99,7 @@ class Observers:
 
     def event(self, event: Event) -> None:
         """Something happens now. Raises: what a vital observer raises; those behind it are not told then."""
-        t_mono_ns = self._clock.now_ns()
-        self._tell("event", event, t_mono_ns)
+        self._tell("event", event, self._clock.now_ns())
 
     def note(self, event: Event) -> None:
         """Something happens that nothing depends on: a person hears of it even if the disk refuses it."""

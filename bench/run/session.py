@@ -73,7 +73,7 @@ def manifest_of(
     plan: Plan, name: str, seed: int, clock: Clock, identities: Values, frames: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return everything a reader needs to know before the first stimulus (docs/session-format.md)."""
-    station = plan.station
+    station, analysis = plan.station, str(plan.campaign["analysis"])
     return {
         "schema": 1,
         "session": name,
@@ -98,8 +98,8 @@ def manifest_of(
             "records": plan.record_count,
             "steps": len(plan.steps),
         },
-        "software": software(str(plan.campaign["analysis"]), {entry.driver for entry in station.instruments.values()}),
-        **lab_of(station, str(plan.campaign["analysis"])),
+        "software": software(analysis, {entry.driver for entry in station.instruments.values()}),
+        **lab_of(station, analysis),
         **({"units": [asdict(unit) for unit in plan.units]} if plan.units else {}),
     }
 

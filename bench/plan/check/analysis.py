@@ -17,7 +17,7 @@ from bench.model.units import parse_quantity
 from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.sequence import Sequence
 from bench.plan.plan import Plan, Step
-from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, is_measurement
+from bench.plan.step_kinds import MEASUREMENT, PlannedCall, PlannedCommand, PlannedRecord
 
 NONE = "none"
 
@@ -98,7 +98,7 @@ class _Asked:
         records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
         first = plan.steps[0]
         for step in records:
-            if is_measurement(step.conditions):
+            if step.conditions.get("purpose", MEASUREMENT) == MEASUREMENT:
                 self._conditions(step)
         if asked.made_of not in ("readings", "values") and not plan.frames:
             message = "is made of frames of a unit, and the sequence names no link"

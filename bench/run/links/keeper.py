@@ -103,8 +103,7 @@ class LinkKeeper(Observer):
             kept.reader.kept = True
             kept.counted = kernel_counts(kept.reader.link)
             if not context.clock.virtual:
-                counts = kept.counted is not None
-                self._tell(kept, state="open", kernel_counts=counts)
+                self._tell(kept, state="open", kernel_counts=kept.counted is not None)
 
     @property
     def _links(self) -> list[Kept]:
