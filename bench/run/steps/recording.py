@@ -104,8 +104,8 @@ def act(
 
 def reading_of(step: Step, value: object, **more: Any) -> Reading:
     """Return what a step has read as an event; ``more``: its other fields."""
-    place: dict[str, Any] = {"step": step.number, "role": step.role, "name": step.name or step.kind}
-    return Reading(**place, value=value, conditions=dict(step.conditions), **more)
+    name, conditions = step.name or step.kind, dict(step.conditions)
+    return Reading(step=step.number, role=step.role, name=name, value=value, conditions=conditions, **more)
 
 
 def call_or_flag(context: RunContext, step: PlannedCall, arguments: Mapping[str, object] | None = None) -> Quality:
