@@ -73,7 +73,7 @@ def check(sequence: str | Path, station: str | Path | None = None, settings: Set
 
     plan = checked_plan(str(sequence), _text(station), _pairs(settings))
     return Checked(
-        plan.name, plan.title, plan.station_name, plan.station.simulated, plan.sha256,
+        plan.name, plan.title, plan.station.name, plan.station.simulated, plan.sha256,
         summarise(plan, start_utc_ns(plan)),
     )  # fmt: skip
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.analysis import OF_UNIT
+from bench.model.clock import utc_text
 from bench.store import (
     Filters,
     StoreError,
     compare_unit,
     show_calibration,
-    utc_text,
 )
 
 Row = Mapping[str, Any]

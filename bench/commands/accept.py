@@ -19,7 +19,7 @@ from bench.session.acceptances import new_acceptances, write_acceptances
 from bench.session.coefficients import write_coefficients
 from bench.session.output import write_file
 from bench.session.service import analysed
-from bench.session.view import SessionView, analyse_view, report_html
+from bench.session.view import SessionView, analyse_view, report_of
 
 
 def accept(folder: Path, acceptance: Acceptance, method: str | None = None, make_up: Sequence[Path] = ()) -> None:
@@ -57,5 +57,5 @@ def accept_in(folders: Sequence[Path], acceptance: Acceptance) -> None:
 def _write_again(folder: Path, view: SessionView) -> None:
     results, analysis = analyse_view(view)
     write_file(folder / "results.json", results_json(results))
-    write_file(folder / "report.html", report_html(view, results, analysis, laboratory_of(folder)))
+    write_file(folder / "report.html", report_of(view, results, analysis, laboratory_of(folder)).html())
     write_coefficients(folder, analysis, results, view.manifest["campaign"])

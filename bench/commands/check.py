@@ -21,7 +21,7 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.stopping import UNTIL
-from bench.model.systems import analysis_declaration
+from bench.model.systems import declared_by
 from bench.model.units import hours
 from bench.plan import Plan, PlannedSoak, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing
@@ -46,7 +46,7 @@ def check(request: CheckRequest) -> int:
     report = _examined(plan, request) if request.live else None
     told, lines = _predicted(plan, request.predict)
     if request.json:
-        document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
+        document = {"sequence": plan.name, "station": plan.station.name, "plan_sha256": plan.sha256, **asdict(summary)}
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
@@ -77,7 +77,7 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
            report: Report | None, predicted: Sequence[str]) -> None:  # fmt: skip
     finish = datetime.fromtimestamp(summary.finish_utc_ns / NS, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
     out.print(f"{plan.name}: {plan.title}")
-    out.print(f"  station      {plan.station_name}{' (simulated)' if plan.station.simulated else ''}")
+    out.print(f"  station      {plan.station.name}{' (simulated)' if plan.station.simulated else ''}")
     out.print(f"  steps        {summary.steps}, {summary.records} records")
     for unit in plan.units:
         out.print(f"  unit         {unit.serial} in slot {unit.slot}")
@@ -124,7 +124,7 @@ def _print_expected(out: Console, plan: Plan) -> None:
 
 def _predicted(plan: Plan, however_long: bool) -> tuple[dict[str, Any] | None, list[str]]:
     """Return what is predicted of a plan, for JSON and as lines; None where nothing is, or where that takes long."""
-    declared = analysis_declaration(str(plan.campaign.get("analysis")))
+    declared = declared_by(plan.campaign)
     if declared is None or not declared.predicted:
         return None, []
     if declared.predicts_long and not however_long:

@@ -6,7 +6,6 @@ import hashlib
 import os
 import re
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 from bench.analysis import declared_analysis
 from bench.commands.console import console, say
 from bench.commands.tables import print_finished
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_stamp
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
 from bench.plan import LogMapping, load_mapping, names_made_of_logs
@@ -99,9 +98,8 @@ def _write(
 
 def session_name(mapping: LogMapping, surveyed: LogParser) -> str:
     """Return ``<UTC of the first row>_<mapping>_<serial number>``."""
-    start = datetime.fromtimestamp(surveyed.first_ns // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]", "-", mapping.uut.serial)
-    return f"{start}_{mapping.mapping}_{serial}"
+    return f"{utc_stamp(surveyed.first_ns)}_{mapping.mapping}_{serial}"
 
 
 def _manifest(

@@ -11,7 +11,7 @@ from pydantic import Discriminator, StrictBool, StringConstraints, Tag, model_va
 from pydantic import Field as Limits
 
 from bench.model.units import quantity
-from bench.model.yamlio import StrictModel
+from bench.model.yamlio import StrictModel, characters
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
 Part = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)?$", max_length=121)]
@@ -48,7 +48,7 @@ class FieldSpec(StrictModel):
     endian: Endian | None = None
     scale: Number | None = None
     offset: Number | None = None
-    unit: Annotated[str, StringConstraints(min_length=1, max_length=20)] | None = None
+    unit: Annotated[str, characters(20)] | None = None
     role: Literal["counter", "own_counter"] | None = None
     wrap: Annotated[Integer, Limits(ge=4)] | None = None
     per: Literal["frame", "cumulative", "sample"] | None = None

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench.model.systems import analysis_declaration, named
+from bench.model.systems import declared_by, named
 
 
 @dataclass(frozen=True)
@@ -56,5 +56,5 @@ def assumptions_of(campaign: Mapping[str, Any]) -> list[Assumption]:
 
     Empty for a campaign that only records.
     """
-    declared = analysis_declaration(str(campaign.get("analysis", "none")))
+    declared = declared_by(campaign)
     return list(named(declared.assumptions)(campaign)) if declared is not None and declared.assumptions else []

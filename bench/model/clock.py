@@ -11,16 +11,42 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Protocol
 
 NS = 1_000_000_000
 VIRTUAL_START_UTC_NS = 946_684_800 * NS  # 2000-01-01T00:00:00Z
+_STAMP = "%Y%m%dT%H%M%SZ"
 _BOOT: int | None = getattr(time, "CLOCK_BOOTTIME", None)  # Linux alone has it
 
 
 def to_ns(seconds: float) -> int:
     """Return seconds to whole nanoseconds, rounded to the nearest."""
     return round(seconds * NS)
+
+
+def utc_moment(utc_ns: int) -> datetime:
+    """Return a time to the second."""
+    return datetime.fromtimestamp(utc_ns // NS, UTC)
+
+
+def utc_text(utc_ns: int) -> str:
+    """Return a time as people write it, to the second: 2026-04-01T08:00:00Z."""
+    return utc_moment(utc_ns).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def utc_stamp(utc_ns: int) -> str:
+    """Return a time as the names of sessions begin with it: 20260401T080000Z."""
+    return utc_moment(utc_ns).strftime(_STAMP)
+
+
+def utc_of_stamp(name: str) -> int | None:
+    """Return the time that a name begins with, nanoseconds since 1970; None if it begins with none."""
+    try:
+        moment = datetime.strptime(name[:16], _STAMP).replace(tzinfo=UTC)
+    except ValueError:
+        return None
+    return int(moment.timestamp()) * NS
 
 
 class Periodic(Protocol):

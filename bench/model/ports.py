@@ -89,6 +89,10 @@ def action(
     return mark
 
 
+Drivers = Mapping[str, Mapping[str, Action]]
+"""Declared actions, by role and name."""
+
+
 @cache
 def actions_of(driver: type) -> Mapping[str, Action]:
     """Return all actions a driver class declares, by name."""
@@ -98,6 +102,21 @@ def actions_of(driver: type) -> Mapping[str, Action]:
         if isinstance(declaration, Action):
             actions[name] = declaration
     return actions
+
+
+def drivers_of(instruments: Mapping[str, Instrument]) -> Drivers:
+    """Return all actions that the drivers of some instruments declare."""
+    return {role: actions_of(type(instrument)) for role, instrument in instruments.items()}
+
+
+def can_move(actions: Mapping[str, Action]) -> bool:
+    """Return whether an instrument with these actions is a table."""
+    return any(action.effect is Effect.MOTION_ON for action in actions.values())
+
+
+def effects_of(driver: type) -> frozenset[Effect]:
+    """Return all effects that the actions of a driver class declare."""
+    return frozenset(action.effect for action in actions_of(driver).values())
 
 
 @dataclass(frozen=True)

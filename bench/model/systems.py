@@ -128,6 +128,11 @@ def analysis_declaration(name: str) -> AnalysisDeclaration | None:
     return None if entry is None else entry.analysis
 
 
+def declared_by(campaign: Mapping[str, Any]) -> AnalysisDeclaration | None:
+    """Return the declaration of the analysis that a campaign asks for, as ``analysis_declaration``."""
+    return analysis_declaration(str(campaign.get("analysis", "none")))
+
+
 def refuse_unknown_analysis(name: str) -> None:
     """Refuse an analysis that nobody has, if a system that cannot be used may have it.
 

@@ -192,6 +192,11 @@ def known_unit(text: str) -> str:
     return text
 
 
+def finite(value: float) -> float | None:
+    """Return a number, None for one that is not known: events and other JSON hold no NaN."""
+    return value if math.isfinite(value) else None
+
+
 def quantity(dimension: str, low: float | None = None, high: float | None = None) -> Any:
     """Pydantic annotation: text with a unit of ``dimension`` to a float in the base unit, inside [low, high].
 

@@ -39,6 +39,13 @@ ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 NAME_PATTERN = r"[a-z][a-z0-9_]{0,39}"
+
+
+def characters(most: int) -> StringConstraints:
+    """Pydantic annotation: a text that is not empty, of ``most`` characters at most."""
+    return StringConstraints(min_length=1, max_length=most)
+
+
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 
 

@@ -26,7 +26,7 @@ from bench.plan.language.mapping import (
 from bench.plan.language.notices import Apprise, Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
 from bench.plan.language.standards import Date, Standard, Stated, Words, told_standard
-from bench.plan.plan import Phase, Plan, PlannedUnit, SetPoint, Step, steps_sha256
+from bench.plan.plan import Phase, Plan, PlannedUnit, SetPoint, Step, Steps, steps_sha256
 from bench.plan.planned_air import LAB_AIR_degC, planned_temperature, timed_steps
 from bench.plan.readings import is_answered, is_reading, quantities_of, roles_of, round_count, values_not_due
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
@@ -44,6 +44,7 @@ from bench.plan.step_kinds import (
     PlannedSettle,
     PlannedSoak,
     PlannedVerify,
+    is_measurement,
     plan_json,
     steps_of,
 )
@@ -97,6 +98,7 @@ __all__ = [
     "Station",
     "StationFile",
     "Step",
+    "Steps",
     "Summary",
     "TimeColumn",
     "Webhook",
@@ -111,6 +113,7 @@ __all__ = [
     "frozen_plan",
     "graphs_of",
     "is_answered",
+    "is_measurement",
     "is_other_length",
     "is_reading",
     "json_schemas",

@@ -10,7 +10,9 @@ from typing import Any
 
 from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
+from bench.model.quantities import Values
 from bench.model.shipped import find_beside, find_shipped
+from bench.model.yamlio import Document
 from bench.plan.channels import campaign_channels, check_counted, check_declared, declared_channels, unit_constants
 from bench.plan.check.analysis import check_limits, check_named
 from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
@@ -61,7 +63,7 @@ def compile_sequence(
 class _Compiler(Draft[Sequence]):
     source: Path
     station: Station
-    parameters: Mapping[str, Any]
+    parameters: Values
     given: frozenset[str]
 
     def plan(self) -> Plan:
@@ -103,7 +105,7 @@ class _Compiler(Draft[Sequence]):
 
     def _assembled(
         self, expander: Expander, lengths: Mapping[str, float], frames: Mapping[str, FrameDefinition], link: str,
-        campaign: Mapping[str, Any],
+        campaign: Values,
     ) -> Plan:  # fmt: skip
         model = self.model
         steps, units = with_bus_time(expander.steps, self.station), expander.units
@@ -208,18 +210,16 @@ class _Compiler(Draft[Sequence]):
         return tuple(draft.findings.sorted()) if self.parameters == model.parameters else ()
 
     def _texts(self, frames: Mapping[str, FrameDefinition]) -> dict[str, str]:
-        model = self.model
-        texts = {f"sequences/{model.sequence}.yaml": self.document.text}
-        texts[f"stations/{self.station.name}.yaml"] = self.station.document.text
-        for link, definition in frames.items():
-            texts[f"frames/{model.frame[link]}.yaml"] = definition.text
-        return texts
+        texts = {name: document.text for name, document in self._documents().items()}
+        return texts | {f"frames/{self.model.frame[link]}.yaml": frame.text for link, frame in frames.items()}
 
     def _files(self) -> dict[str, str]:
-        model = self.model
-        files = {f"sequences/{model.sequence}.yaml": self.document.name}
-        files[f"stations/{self.station.name}.yaml"] = self.station.document.name
-        return files | {f"frames/{name}.yaml": str(_found(self.source, name)) for name in model.frame.values()}
+        files = {name: document.name for name, document in self._documents().items()}
+        return files | {f"frames/{name}.yaml": str(_found(self.source, name)) for name in self.model.frame.values()}
+
+    def _documents(self) -> dict[str, Document[Any]]:
+        sequence, station = f"sequences/{self.model.sequence}.yaml", f"stations/{self.station.name}.yaml"
+        return {sequence: self.document, station: self.station.document}
 
     def _campaign(self, channels: list[dict[str, Any]], rate_Hz: float, serial: str) -> dict[str, Any]:
         model = self.model

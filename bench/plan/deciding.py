@@ -9,8 +9,8 @@ from typing import Any
 
 from bench.model.units import likely, read_quantity
 from bench.plan.decision import CHOOSE, DONE, FAIL, GO_ON, HOLD, IF, WHILE, Branch, PlannedDecision
-from bench.plan.drivers import declared_action
 from bench.plan.expand import Expander, Node
+from bench.plan.expected import unit_of_action
 from bench.plan.findings import suggestion
 from bench.plan.language.expect import Comparison
 from bench.plan.language.steps import CallStep, ChooseStep, IfStep, WhileStep
@@ -98,14 +98,13 @@ def expand_while(node: Node, step: WhileStep, run: Run) -> None:
     """Append every turn with the decision before it, and the decision behind the last one."""
     here, plan = node.below("while"), node.plan
     decisions, ways = [], []
-    for turn in range(1, step.at_most + 1):
+    for turn in range(1, step.at_most + 2):
         decisions.append(_decision(here, WHILE, step.while_.reading))
         ways.append(Known.of(plan))
-        run(step.do, node.below("do").inside({TURN: turn}, {TURN: turn}))
+        if turn <= step.at_most:
+            run(step.do, node.below("do").inside({TURN: turn}, {TURN: turn}))
         if turn == 1:
             _reads_again(here, decisions[0])
-    decisions.append(_decision(here, WHILE, step.while_.reading))
-    ways.append(Known.of(plan))
     join(plan, ways)
     end, missing = len(plan.steps), {None: HOLD, GO_ON: DONE}.get(step.else_, step.else_ or HOLD)
     for decision in decisions:
@@ -129,10 +128,8 @@ def _decision(node: Node, word: str, reading: str | CallStep) -> PlannedDecision
     """Append a decision whose branches are not known yet. Its reading must be taken before it (B-PLAN-110)."""
     role, name, given, plan = "", reading, {}, node.plan
     if isinstance(reading, CallStep):
-        called, arguments = next(iter(reading.root.items()))
-        role, name = called.split(".")
-        here = node if word == CHOOSE else node.below("reading")
-        given = {key: plain(value) for key, value in here.below(called).values(arguments or {}).items()}
+        role, name, values = (node if word == CHOOSE else node.below("reading")).called(reading)
+        given = {key: plain(value) for key, value in values.items()}
     number = len(plan.steps)
     more = {"word": word, "arguments": given, "unit": "", "branches": (), "missing": HOLD, "retry_step": number}
     plan.add(node, "decide", role, str(name), more)
@@ -147,7 +144,7 @@ def _decision(node: Node, word: str, reading: str | CallStep) -> PlannedDecision
         return decision
     same_phase = [taken.number] if taken.phase == plan.phase else []
     back = [number, *same_phase, *([] if plan.retry_step is None else [plan.retry_step])]
-    unit = taken.unit if isinstance(taken, PlannedPrompt) else _unit(plan, role, str(name))
+    unit = taken.unit if isinstance(taken, PlannedPrompt) else unit_of_action(plan, role, str(name))
     return replace(decision, unit=unit, retry_step=min(back))
 
 
@@ -155,13 +152,8 @@ def _readings(plan: Expander, step: Any) -> Iterable[str]:
     if isinstance(step, PlannedPrompt) and step.quantity:
         yield step.quantity
     for call in (step, *reading_calls(step)):
-        if isinstance(call, PlannedCall) and _unit(plan, call.role, call.name):
+        if isinstance(call, PlannedCall) and unit_of_action(plan, call.role, call.name):
             yield f"{call.role}.{call.name}"
-
-
-def _unit(plan: Expander, role: str, name: str) -> str:
-    declared = declared_action(plan.station, role, name)
-    return "" if declared is None else declared.returns
 
 
 def _compared(node: Node, decision: PlannedDecision, comparison: Comparison) -> tuple[str, tuple[float, ...]]:

@@ -8,13 +8,14 @@ them begins when the longest would end, so planned times are the latest ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from bench.model.events import Decision, Event, UnitLeftOut
+from bench.model.quantities import Values
 from bench.model.units import plain_quantity
-from bench.plan.plan import Place, Step, StepKind
+from bench.plan.plan import Step, StepKind, Steps
 from bench.plan.values import UNIT
 
 IF, WHILE, CHOOSE = "if", "while", "choose"
@@ -64,17 +65,17 @@ class PlannedDecision(Step):
     kind: ClassVar[StepKind] = "decide"
 
     word: str
-    arguments: Mapping[str, Any]
+    arguments: Values
     unit: str
     branches: tuple[Branch, ...]
     missing: str
     retry_step: int
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
-        """Return a step from its arguments in a plan file and what else is in its row."""
+    def taken(cls, arguments: Values) -> Values:
+        """Return the arguments of a plan file as the step holds them."""
         branches = tuple(Branch(**{**branch, "values": tuple(branch["values"])}) for branch in arguments["branches"])
-        return super(PlannedDecision, cls).read(place, {**arguments, "branches": branches})
+        return {**arguments, "branches": branches}
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -118,7 +119,7 @@ def decisions_of(steps: Iterable[Step]) -> list[PlannedDecision]:
     return [step for step in steps if isinstance(step, PlannedDecision)]
 
 
-def _made(steps: Sequence[Step], events: Iterable[Event]) -> Iterator[tuple[PlannedDecision, Decision]]:
+def _made(steps: Steps, events: Iterable[Event]) -> Iterator[tuple[PlannedDecision, Decision]]:
     """Yield the decisions among the events of a session, each with its step."""
     for event in events:
         step = steps[event.step] if isinstance(event, Decision) and 0 <= event.step < len(steps) else None
@@ -126,12 +127,12 @@ def _made(steps: Sequence[Step], events: Iterable[Event]) -> Iterator[tuple[Plan
             yield step, event
 
 
-def ways_not_taken(steps: Sequence[Step], events: Iterable[Event]) -> set[int]:
+def ways_not_taken(steps: Steps, events: Iterable[Event]) -> set[int]:
     """Return the numbers of the steps that the decisions among the events have left out, whatever else was skipped."""
     return {n for step, event in _made(steps, events) for stretch in step.left_out(event.outcome) for n in stretch}
 
 
-def unmet_loops(steps: Sequence[Step], events: Iterable[Event]) -> list[tuple[PlannedDecision, float | None]]:
+def unmet_loops(steps: Steps, events: Iterable[Event]) -> list[tuple[PlannedDecision, float | None]]:
     """Return the ends of loops that went on without what they wait for, each with its last reading, None if missing."""
     unmet: dict[int, tuple[PlannedDecision, float | None]] = {}
     for step, event in _made(steps, events):
@@ -141,7 +142,7 @@ def unmet_loops(steps: Sequence[Step], events: Iterable[Event]) -> list[tuple[Pl
     return list(unmet.values())
 
 
-def left_out_by(steps: Sequence[Step], events: Iterable[Event]) -> list[range]:
+def left_out_by(steps: Steps, events: Iterable[Event]) -> list[range]:
     """Return the steps that the decisions among the events of a session leave out; ``steps``: those of its plan.
 
     Of a unit that was left out these are all of its steps: those that were done are not done again either.

@@ -9,10 +9,12 @@ from pathlib import PurePath
 from typing import Any, NoReturn
 
 from bench.frame import FrameDefinition
+from bench.model.quantities import Values
 from bench.model.units import likely
 from bench.plan.drivers import range_after
 from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
+from bench.plan.language.steps import CallStep
 from bench.plan.named_values import NamedValues
 from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
 from bench.plan.station import Station
@@ -67,14 +69,14 @@ class Expander(Draft[language.Sequence]):
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
         self.expected = NamedValues()
-        self.campaign: Mapping[str, Any] = {}  # constants of the unit, as in the manifest
+        self.campaign: Values = {}  # constants of the unit, as in the manifest
         self.units: tuple[PlannedUnit, ...] = ()
         self.unit: PlannedUnit | None = None  # of the loop over the units that is expanded
         self._short = PurePath(self.document.name).name
 
     def add(
-        self, node: Node, kind: StepKind, role: str, name: str, arguments: Mapping[str, Any],
-        duration: Quantity | None = NO_TIME, conditions: Mapping[str, Any] | None = None,
+        self, node: Node, kind: StepKind, role: str, name: str, arguments: Values,
+        duration: Quantity | None = NO_TIME, conditions: Values | None = None,
     ) -> None:  # fmt: skip
         """Append a step at the present planned time and advance it by ``duration`` (None: its mistake is noted).
 
@@ -125,7 +127,7 @@ class Expander(Draft[language.Sequence]):
         node.fail("B-PLAN-036", f"the plan has more than {MAX_STEPS} steps or turns of its loops", "shorten them")
         raise TooManySteps
 
-    def node(self, *path: str | int, variables: Mapping[str, Any] | None = None) -> Node:
+    def node(self, *path: str | int, variables: Values | None = None) -> Node:
         """Return a place outside of all loops, which may name these variables."""
         return Node(self, path, Scope(variables or {}, self.role_attribute, {}))
 
@@ -172,7 +174,7 @@ class Node:
         """Return a place below this one."""
         return Node(self.plan, (*self.path, *keys), self.scope)
 
-    def inside(self, variables: Mapping[str, Any], context: Mapping[str, Any] | None = None) -> Node:
+    def inside(self, variables: Values, context: Values | None = None) -> Node:
         """Return the same place with more variables; ``context`` adds to what identifies the position in the loops."""
         return Node(self.plan, self.path, self.scope.extended(variables, context))
 
@@ -190,9 +192,15 @@ class Node:
             self.below(*keys).fail("B-PLAN-031", str(error))
         return None
 
-    def values(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    def values(self, arguments: Values) -> dict[str, Any]:
         """Return the values of what stands below, by key."""
         return {name: self.resolve(raw, name) for name, raw in arguments.items()}
+
+    def called(self, call: CallStep) -> tuple[str, str, dict[str, Any]]:
+        """Return role, name and arguments of a call that stands here; mistakes are noted as by ``values``."""
+        ((called, arguments),) = call.root.items()
+        role, name = called.split(".")
+        return role, name, self.below(called).values(arguments or {})
 
     def quantity(self, raw: Any, dimension: str, *keys: str | int) -> Quantity | None:
         """Return a field that is already a number in the base unit, or still a reference; None after a mistake."""
@@ -200,8 +208,10 @@ class Node:
         if isinstance(value, Quantity) and value.dimension == dimension:
             return value
         if value is not None:
-            origin = value.origin if isinstance(value, Quantity) else ""
-            message = f"{raw} is {_describe(value)}; a quantity in {dimension} is due{likely(value, dimension)}"
+            shown, origin = (
+                (f"in {value.dimension}", value.origin) if isinstance(value, Quantity) else (repr(plain(value)), "")
+            )
+            message = f"{raw} is {shown}; a quantity in {dimension} is due{likely(value, dimension)}"
             self.below(*keys).fail("B-PLAN-031", message, origin=origin)
         return None
 
@@ -217,10 +227,7 @@ def has_samples(definition: FrameDefinition) -> bool:
     return any(item.per == "sample" for message in definition.layout.messages for item in message.fields)
 
 
-def is_whole(times: float) -> bool:
-    """Return whether a record holds frames or rounds of readings a whole number of times, once at least."""
-    return times >= 1 and abs(times - round(times)) <= _WHOLE
-
-
-def _describe(value: Any) -> str:
-    return f"in {value.dimension}" if isinstance(value, Quantity) else f"{plain(value)!r}"
+def check_whole(node: Node, seconds: Quantity, times: float, of: str) -> None:
+    """Note a record that does not hold frames or rounds of readings a whole number of times, once at least."""
+    if not (times >= 1 and abs(times - round(times)) <= _WHOLE):
+        node.fail("B-PLAN-042", f"{seconds.value:g} s is not a whole number of {of}", origin=seconds.origin)

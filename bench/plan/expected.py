@@ -6,13 +6,13 @@ They go into the section "campaign" of the manifest, where the analysis finds th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bench.frame import BENCH, Signal, signal_of
 from bench.model.declaration import stated
 from bench.model.errors import InputError
-from bench.model.quantities import QUANTITY, conditions_of_value
+from bench.model.quantities import QUANTITY, Values, conditions_of_value
 from bench.model.systems import analysis_declaration
 from bench.model.units import dimension_of, likely, read_quantity
 from bench.plan.check.analysis import NONE
@@ -29,7 +29,7 @@ _MEASURE = "measure_"
 
 
 def named_conditions(
-    node: Node, called: tuple[str, str], expect: ReadingExpect | None, conditions: Mapping[str, Any]
+    node: Node, called: tuple[str, str], expect: ReadingExpect | None, conditions: Values
 ) -> dict[str, Any]:
     """Return the conditions of a reading with its name, if it has one, and keep what is expected of it.
 
@@ -37,23 +37,23 @@ def named_conditions(
     Findings: B-PLAN-120, B-PLAN-121.
     """
     (role, action), plan = called, node.plan
-    unit = _unit(plan, role, action)
+    unit = unit_of_action(plan, role, action)
     if expect is None:
-        if unit is None or plan.phase != "campaign" or not takes_all(plan):
+        if not unit or plan.phase != "campaign" or not takes_all(plan):
             return dict(conditions)
-    elif unit is None:
+    elif not unit:
         message = f"{role}.{action} gives no number, so nothing can be expected of it"
         node.fail("B-PLAN-120", message, "expect something of an action that returns a value")
         return dict(conditions)
     entry: dict[str, Any] = {
-        "quantity": _default_name(role, action, str(unit)) if expect is None else expect.name,
+        "quantity": _default_name(role, action, unit) if expect is None else expect.name,
         "unit": unit,
         "conditions": conditions_of_value(conditions),
     }
     if expect is not None:
         here = node.below("expect")
-        entry |= _limits_and_span(here, expect, str(unit))
-        entry |= _scatter(here.below("scatter"), expect, str(unit))
+        entry |= _limits_and_span(here, expect, unit)
+        entry |= _scatter(here.below("scatter"), expect, unit)
     keep(node, entry, f"{role}.{action}")
     return {**conditions, QUANTITY: entry["quantity"]}
 
@@ -84,7 +84,7 @@ def keep_given(node: Node, value: PromptValue) -> None:
     keep(node, entry | stated(read), "a person")
 
 
-def keep_signals(node: Node, expects: Sequence[SignalExpect], conditions: Mapping[str, Any]) -> list[tuple[str, str]]:
+def keep_signals(node: Node, expects: Sequence[SignalExpect], conditions: Values) -> list[tuple[str, str]]:
     """Keep what is expected of numbers that the unit streams during a record; return quantity and signal of each.
 
     Findings: B-PLAN-120 (no such number, a limit in another unit), B-PLAN-121.
@@ -118,7 +118,7 @@ def _resolution(plan: Expander, signal: Signal) -> float:
 
 
 def reply_conditions(
-    node: Node, expect: ReplyExpect | None, asked: tuple[str, str], conditions: Mapping[str, Any]
+    node: Node, expect: ReplyExpect | None, asked: tuple[str, str], conditions: Values
 ) -> dict[str, Any]:
     """Return the conditions of a step with the name of its reply, if it has one, and keep what is expected of it.
 
@@ -151,10 +151,10 @@ def takes_all(plan: Expander) -> bool:
     return declared is not None and declared.made_of == "values"
 
 
-def _unit(plan: Expander, role: str, action: str) -> str | None:
-    """Return the unit of what an action gives, None if it gives no number or does not exist."""
+def unit_of_action(plan: Expander, role: str, action: str) -> str:
+    """Return the unit of what an action gives, "" if it gives no number or does not exist."""
     declared = declared_action(plan.station, role, action)
-    return None if declared is None else declared.returns or None
+    return "" if declared is None else declared.returns
 
 
 def _limits_and_span(node: Node, expect: Expect, unit: str) -> dict[str, float]:

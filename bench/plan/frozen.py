@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Literal
 
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.lab_code import recorded_code, require_code
+from bench.model.quantities import Values
 from bench.model.shipped import shipped_folder
 from bench.plan.compile import compile_sequence
 from bench.plan.plan import Plan, Step, steps_sha256
@@ -22,7 +23,7 @@ _TEXT = re.compile(r"(sequences|stations|frames)/[A-Za-z0-9_][A-Za-z0-9_.-]*\.ya
 PLAN = "plan.json"
 
 
-def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
+def frozen_plan(folder: Path, manifest: Values, texts: Mapping[str, str]) -> Plan:
     """Return the plan of a session: steps as they were stored, everything else from its own YAML texts.
 
     Nothing outside the session is read but code of a lab folder that it asks for.
@@ -38,7 +39,7 @@ def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, s
     return plan_of_texts(folder, manifest, texts, steps)
 
 
-def plan_of_texts(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str], steps: Sequence[Step]) -> Plan:
+def plan_of_texts(folder: Path, manifest: Values, texts: Mapping[str, str], steps: Sequence[Step]) -> Plan:
     """Return a plan of steps that are known, everything else from the YAML texts of a session.
 
     Raises: InputError B-RES-003, InstallationError B-LAB-007, SessionDamaged B-RES-004, as ``frozen_plan``.
@@ -60,7 +61,7 @@ def _files(plan: Plan, texts: Mapping[str, str]) -> dict[str, str]:
     return {name: str(path) for name, path in named.items() if path.is_file()}
 
 
-def _compiled(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
+def _compiled(manifest: Values, texts: Mapping[str, str]) -> Plan:
     with TemporaryDirectory() as place:
         for name, text in texts.items():
             if _TEXT.fullmatch(name):

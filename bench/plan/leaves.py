@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
 
 from bench.model.ports import Effect
+from bench.model.quantities import Values
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action, no_instrument
-from bench.plan.expand import NO_TIME, TIMED, Node, is_whole
+from bench.plan.expand import NO_TIME, TIMED, Node, check_whole
 from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.language.expect import ReadingExpect
 from bench.plan.language.steps import (
@@ -118,7 +119,8 @@ def _record(outer: Node, step: RecordStep) -> None:
     record, node, plan = step.record, outer.below("record"), outer.plan
     seconds = _duration(node, record.seconds, "seconds")
     if seconds is not None and not math.isnan(plan.rate_Hz):
-        _whole_frames(node.below("seconds"), seconds)
+        frames = seconds.value * plan.rate_Hz
+        check_whole(node.below("seconds"), seconds, frames, f"frames at {plan.rate_Hz:g} Hz")
     conditions = {**node.scope.context}
     for name, value in node.below("conditions").values(record.conditions).items():
         conditions[named(name, value)] = plain(value)
@@ -145,7 +147,7 @@ def _record(outer: Node, step: RecordStep) -> None:
         arguments["samples"] = True
         _can_keep(node.below("samples"), _SAMPLES, plan.has_samples, seconds)
 
-    def take(length: Quantity | None, more: Mapping[str, Any], own: Mapping[str, Any]) -> None:
+    def take(length: Quantity | None, more: Values, own: Values) -> None:
         _windows(node, record, {**arguments, "seconds": length, **more}, {**conditions, **own}, length)
 
     if record.until is None or seconds is None:
@@ -155,9 +157,7 @@ def _record(outer: Node, step: RecordStep) -> None:
     plan.keep_dimensions(quantities, record.windows or 1)
 
 
-def _windows(
-    node: Node, record: Record, arguments: Mapping[str, Any], conditions: Mapping[str, Any], seconds: Quantity | None
-) -> None:
+def _windows(node: Node, record: Record, arguments: Values, conditions: Values, seconds: Quantity | None) -> None:
     name, plan = record.label or record.purpose, node.plan
     if record.windows is not None and record.windows > 1 and record.retry:
         message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
@@ -173,9 +173,7 @@ def _windows(
             plan.add(node, "record", plan.link, name, own, seconds, known)
 
 
-def _of_units(
-    node: Node, name: str, arguments: Mapping[str, Any], conditions: Mapping[str, Any], seconds: Quantity | None
-) -> None:
+def _of_units(node: Node, name: str, arguments: Values, conditions: Values, seconds: Quantity | None) -> None:
     """Append a record of the unit of the loop, or one of each unit at once where there is no loop over them.
 
     A wiring record of one unit comes with one of every other, which nothing may move; that of the unit itself is the
@@ -229,13 +227,6 @@ def _can_keep(node: Node, kept: _Kept, carried: bool, seconds: Quantity | None) 
     elif seconds is not None and seconds.value * rate_Hz > kept.most:
         message = f"{kept.what.format(round(seconds.value * rate_Hz))} do not fit; {kept.most} are allowed"
         node.fail(kept.code, message, "take shorter records; 'windows' makes many without a gap")
-
-
-def _whole_frames(node: Node, seconds: Quantity) -> None:
-    rate_Hz = node.plan.rate_Hz
-    if not is_whole(seconds.value * rate_Hz):
-        message = f"{seconds.value:g} s is not a whole number of frames at {rate_Hz:g} Hz"
-        node.fail("B-PLAN-042", message, origin=seconds.origin)
 
 
 def _soak(outer: Node, slot: SoakStep) -> None:

@@ -163,16 +163,12 @@ def driver_names(tree: Document[RootModel[Any]], findings: Findings) -> dict[str
         driver = entry.get("driver") if isinstance(entry, dict) else None
         if isinstance(driver, str):
             drivers[role] = driver
-            _known_driver(driver, tree.where(("instruments", role, "driver")), findings)
+            try:
+                driver_actions(driver)
+            except InputError as error:
+                if error.code == "B-PLAN-011":  # a name that is not plain is noted by the loader
+                    findings.add(error.code, tree.where(("instruments", role, "driver")), error.message)
     return drivers
-
-
-def _known_driver(driver: str, where: str, findings: Findings) -> None:
-    try:
-        driver_actions(driver)
-    except InputError as error:
-        if error.code == "B-PLAN-011":  # a name that is not plain is noted by the loader
-            findings.add(error.code, where, error.message)
 
 
 def check_names(tree: Document[RootModel[Any]], drivers: Mapping[str, str], findings: Findings) -> None:

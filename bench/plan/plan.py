@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self
 
 from bench.frame import FrameDefinition, parse_frame
 from bench.model.errors import InputError
+from bench.model.quantities import Values
 from bench.plan.language.interlocks import InterlockRule
 from bench.plan.language.sequence import Early
 from bench.plan.station import Station
@@ -18,7 +19,7 @@ Phase = Literal["prepare", "campaign", "finally"]
 StepKind = Literal["call", "settle", "record", "soak", "prompt", "verify", "unit", "send", "decide"]
 
 
-Place = tuple[int, Phase, float, float, str, str, Mapping[str, Any], str]  # values of the fields of every step
+Place = tuple[int, Phase, float, float, str, str, Values, str]  # values of the fields of every step
 PLACE = ("number", "phase", "at_s", "duration_s", "role", "name", "conditions", "where")
 ROW = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "arguments", "conditions", "where")
 
@@ -50,7 +51,7 @@ class Step:
     duration_s: float
     role: str
     name: str
-    conditions: Mapping[str, Any]
+    conditions: Values
     where: str
 
     @property
@@ -59,9 +60,14 @@ class Step:
         return None
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
+    def read(cls, place: Place, arguments: Values) -> Self:
         """Return a step from its arguments in a plan file and what else is in its row."""
-        return cls(*place, **{_FIELDS.get(key, key): value for key, value in arguments.items()})
+        return cls(*place, **{_FIELDS.get(key, key): value for key, value in cls.taken(arguments).items()})
+
+    @classmethod
+    def taken(cls, arguments: Values) -> Values:
+        """Return the arguments of a plan file as the step holds them."""
+        return arguments
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -139,7 +145,7 @@ class Plan:
     record_count: int
     sha256: str
     texts: Mapping[str, str] = field(repr=False)
-    campaign: Mapping[str, Any] = field(repr=False)
+    campaign: Values = field(repr=False)
     station: Station = field(repr=False)
     frames: Mapping[str, str]
     measurement_link: str
@@ -163,11 +169,6 @@ class Plan:
         """Planned time after the campaign, second."""
         return sum(step.duration_s for step in self.phase("finally"))
 
-    @property
-    def station_name(self) -> str:
-        """Name of the station the plan is for."""
-        return self.station.name
-
     def definitions(self) -> dict[str, FrameDefinition]:
         """Return the frame definition of each link, from the texts of the plan."""
         names = {link: f"frames/{frame}.yaml" for link, frame in self.frames.items()}
@@ -176,6 +177,9 @@ class Plan:
     def phase(self, phase: Phase) -> tuple[Step, ...]:
         """Return steps of one phase, in order."""
         return tuple(step for step in self.steps if step.phase == phase)
+
+
+Steps = Sequence[Step]
 
 
 def steps_sha256(steps: Iterable[Step]) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.plan.plan import SetPoint, Step
+from bench.plan.plan import SetPoint, Step, Steps
 from bench.plan.step_kinds import CHAMBER, PlannedCall, PlannedSoak
 
 Floats = NDArray[np.float64]
@@ -34,8 +34,8 @@ class _Move:
 class _Chamber:
     """Follows the commands: a set-point counts from ``run`` on, a new one replaces it wherever the ramp is."""
 
-    def __init__(self, start_degC: float) -> None:
-        self._last_degC = start_degC
+    def __init__(self) -> None:
+        self._last_degC = LAB_AIR_degC
         self._asked: SetPoint | None = None
         self._move: _Move | None = None
         self.t_s: list[float] = []
@@ -88,17 +88,16 @@ class _Chamber:
             self.degC.append(degC)
 
 
-def planned_temperature(
-    steps: Sequence[Step], prepare_s: float, start_degC: float = LAB_AIR_degC
-) -> tuple[Floats, Floats]:
+def planned_temperature(steps: Steps, prepare_s: float) -> tuple[Floats, Floats]:
     """Return corners of the planned air temperature through all phases: it ramps from where it is, then holds.
 
-    Args:    steps, prepare_s: of the plan, and how long its preparation lasts.   start_degC: temperature before the
-             chamber is first used.
+    Before the chamber is first used it has the temperature of the room.
+
+    Args:    steps, prepare_s: of the plan, and how long its preparation lasts.
     Returns: (t_s, degC), each (k,), seconds from the start of the campaign, NaN where the chamber is stopped; empty
              if the plan does not use a chamber.
     """
-    chamber = _Chamber(start_degC)
+    chamber = _Chamber()
     end_s = 0.0
     for step, t_s in timed_steps(steps, prepare_s):
         end_s = max(end_s, t_s + step.duration_s)
@@ -121,7 +120,7 @@ def _command(chamber: _Chamber, call: PlannedCall, t_s: float) -> None:
         chamber.stop(t_s)
 
 
-def timed_steps(steps: Sequence[Step], prepare_s: float) -> Iterator[tuple[Step, float]]:
+def timed_steps(steps: Steps, prepare_s: float) -> Iterator[tuple[Step, float]]:
     """Yield each step with its start in seconds from the campaign's start: preparation before 0, the rest behind."""
     end_s = max((step.at_s + step.duration_s for step in steps if step.phase == "campaign"), default=0.0)
     origin_s = {"prepare": -prepare_s, "finally": end_s}

@@ -7,9 +7,9 @@ from typing import Any
 
 from bench.model.events import Event
 from bench.model.ports import Action, Effect
-from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
+from bench.model.quantities import QUANTITY, Values, conditions_of_value, key_of_value
 from bench.plan.decision import PlannedDecision, ways_not_taken
-from bench.plan.expand import Node, is_whole
+from bench.plan.expand import Node, check_whole
 from bench.plan.expected import named_conditions
 from bench.plan.language.steps import ReadStep, Record
 from bench.plan.plan import Step
@@ -63,7 +63,7 @@ def is_read_by(decision: PlannedDecision, step: Step) -> bool:
     )
 
 
-def is_answered(decision: PlannedDecision, arguments: Mapping[str, Any]) -> bool:
+def is_answered(decision: PlannedDecision, arguments: Values) -> bool:
     """Return whether a reading of its action with these arguments is the one it asks for: as far as it names them."""
     return all(name in arguments and arguments[name] == value for name, value in decision.arguments.items())
 
@@ -84,7 +84,7 @@ def is_reading(action: Action) -> bool:
 
 
 def expand_readings(
-    node: Node, record: Record, seconds: Quantity | None, conditions: Mapping[str, Any]
+    node: Node, record: Record, seconds: Quantity | None, conditions: Values
 ) -> tuple[dict[str, Any], dict[str, Quantity]]:
     """Return the arguments of a record that say what is read, and the quantities in them by ``reading_place``.
 
@@ -103,15 +103,15 @@ def expand_readings(
     elif record.purpose == WIRING:
         node.fail(code, "a wiring check counts frames; it cannot be made of readings")
     every = seconds if record.every is None else node.quantity(record.every, "s", EVERY)
-    _whole_rounds(node, seconds, every)
+    if seconds is not None and every is not None:
+        rounds = seconds.value / every.value if every.value > 0 else 0.0
+        check_whole(node, seconds, rounds, f"rounds of readings, one each {every.value:g} s")
     calls: list[dict[str, Any]] = []
     quantities: dict[str, Quantity] = {}
     for index, reading in enumerate(record.readings):
         call, expect = (reading.call, reading.expect) if isinstance(reading, ReadStep) else (reading, None)
-        called, given = next(iter(call.root.items()))
-        role, name = called.split(".")
         place = node.below(READINGS, index)
-        values = place.below(called).values(given or {})
+        role, name, values = place.called(call)
         quantity = named_conditions(place, (role, name), expect, conditions).get(QUANTITY, "")
         arguments = {key: plain(value) for key, value in values.items()}
         calls.append({"role": role, "name": name, "arguments": arguments, QUANTITY: quantity})
@@ -123,11 +123,3 @@ def argument_dimensions(dimensions: Mapping[str, str], index: int) -> dict[str, 
     """Return the dimensions of the arguments of one reading of a record, by name."""
     before = reading_place(index, "")
     return {name.removeprefix(before): unit for name, unit in dimensions.items() if name.startswith(before)}
-
-
-def _whole_rounds(node: Node, seconds: Quantity | None, every: Quantity | None) -> None:
-    if seconds is None or every is None:
-        return
-    if not is_whole(seconds.value / every.value if every.value > 0 else 0.0):
-        message = f"{seconds.value:g} s is not a whole number of rounds of readings, one each {every.value:g} s"
-        node.fail("B-PLAN-042", message, origin=seconds.origin)

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Self
 
 from bench.model.errors import SessionDamaged
-from bench.model.quantities import QUANTITY
+from bench.model.quantities import QUANTITY, Values
 from bench.plan.decision import PlannedDecision
 from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind
 
@@ -27,7 +27,7 @@ class PlannedCall(Step):
     kind: ClassVar[StepKind] = "call"
     on_the_bus: ClassVar[bool] = True
 
-    arguments: Mapping[str, Any]
+    arguments: Values
 
     @property
     def set_point(self) -> SetPoint | None:
@@ -47,7 +47,7 @@ class PlannedCall(Step):
         return value if isinstance(value, float) else None
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
+    def read(cls, place: Place, arguments: Values) -> Self:
         """Return a step from its arguments in a plan file and what else is in its row."""
         return cls(*place, arguments)
 
@@ -89,7 +89,7 @@ class Reading:
 
     role: str
     name: str
-    arguments: Mapping[str, Any]
+    arguments: Values
     quantity: str = ""
 
     def told(self) -> dict[str, Any]:
@@ -126,11 +126,11 @@ class PlannedRecord(Step):
     longest_s: float = 0.0
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
-        """Return a step from its arguments in a plan file and what else is in its row."""
+    def taken(cls, arguments: Values) -> Values:
+        """Return the arguments of a plan file as the step holds them."""
         readings = tuple(Reading(**reading) for reading in arguments.get("readings", ()))
         signals = tuple((quantity, signal) for quantity, signal in arguments.get("signals", ()))
-        return super(PlannedRecord, cls).read(place, {**arguments, "readings": readings, "signals": signals})
+        return {**arguments, "readings": readings, "signals": signals}
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -146,7 +146,7 @@ class PlannedRecord(Step):
             for reading in self.readings
         )
 
-    def _conditions(self, reading: Reading) -> Mapping[str, Any]:
+    def _conditions(self, reading: Reading) -> Values:
         return {**self.conditions, QUANTITY: reading.quantity} if reading.quantity else self.conditions
 
 
@@ -190,7 +190,7 @@ class PlannedPrompt(Step):
 
     text: str
     confirm: str
-    sets: Mapping[str, Any] = field(default_factory=dict)
+    sets: Values = field(default_factory=dict)
     unit: str = ""
     low: float | None = None
     high: float | None = None
@@ -226,9 +226,9 @@ class PlannedCommand(Step):
     takes_s: float | None = None
 
     @classmethod
-    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
-        """Return a step from its arguments in a plan file and what else is in its row."""
-        return super(PlannedCommand, cls).read(place, {**arguments, "payload": tuple(arguments["payload"])})
+    def taken(cls, arguments: Values) -> Values:
+        """Return the arguments of a plan file as the step holds them."""
+        return {**arguments, "payload": tuple(arguments["payload"])}
 
 
 KINDS: Mapping[StepKind, type[Step]] = {
@@ -247,7 +247,12 @@ KINDS: Mapping[StepKind, type[Step]] = {
 }
 
 
-def step_of(row: Mapping[str, Any]) -> Step:
+def is_measurement(conditions: Values) -> bool:
+    """Return whether a record counts as one of the campaign's (those of the wiring check do not)."""
+    return bool(conditions.get("purpose", MEASUREMENT) == MEASUREMENT)
+
+
+def step_of(row: Values) -> Step:
     """Return a step from its row of a plan file."""
     if row.keys() != set(ROW):
         raise ValueError(f"the row of a step holds {sorted(row)}")

@@ -8,14 +8,14 @@ Decision: docs/decisions/0047-stop-rules.md.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 from bench.maths.stein import LEAST_FIRST
 from bench.model.errors import FitError
+from bench.model.quantities import Values
 from bench.model.stopping import FIRST, SECOND, STAGE, STAGE_INDEX, UNTIL, Point
-from bench.model.systems import analysis_declaration, named
+from bench.model.systems import declared_by, named
 from bench.model.units import format_quantity, hours
 from bench.plan.deciding import Known, join
 from bench.plan.decision import Branch, PlannedDecision, decisions_of
@@ -30,10 +30,10 @@ _SCATTER = "scatter"
 _ALONE = ("windows", "follows", "readings", "every", "expect", "pulse_timing", "samples")  # not beside 'until'
 _LENGTHS = sorted({*(2**power for power in range(10)), *(3 * 2**power for power in range(9))})
 
-Take = Callable[[Quantity, Mapping[str, Any], Mapping[str, Any]], None]  # length, more arguments, more conditions
+Take = Callable[[Quantity, Values, Values], None]  # length, more arguments, more conditions
 
 
-def expand_until(node: Node, record: Record, seconds: Quantity, conditions: Mapping[str, Any], take: Take) -> None:
+def expand_until(node: Node, record: Record, seconds: Quantity, conditions: Values, take: Take) -> None:
     """Append the records of a point that may end early; one that may not lasts as long as it could.
 
     Args:      seconds: length of one record.   take: appends a record.
@@ -42,7 +42,7 @@ def expand_until(node: Node, record: Record, seconds: Quantity, conditions: Mapp
     until, here, plan = record.until, node.below(UNTIL), node.plan
     assert until is not None
     longest = _times(seconds, until.most)
-    asked = analysis_declaration(str(plan.campaign.get("analysis")))
+    asked = declared_by(plan.campaign)
     if refusal := _refusal(plan, record, until, "" if asked is None else asked.point):
         here.fail("B-PLAN-160", *refusal)
         return take(longest, {}, {})
@@ -97,7 +97,7 @@ def _first_of(until: Until) -> int:
     return until.least or (LEAST_FIRST if until.by == _SCATTER else 1)
 
 
-def _rule(node: Node, point: Point, until: Until, seconds: float, conditions: Mapping[str, Any]) -> _Rule | None:
+def _rule(node: Node, point: Point, until: Until, seconds: float, conditions: Values) -> _Rule | None:
     """Return the rule of a point, None after noting a mistake. Raises: FitError of the point."""
     here, campaign = node.below("random"), node.plan.campaign
     given = here.resolve(until.random)
@@ -139,7 +139,8 @@ def _stages(node: Node, rule: _Rule, seconds: Quantity, take: Take) -> None:
     begin = len(plan.steps)
     for index in range(rule.first):
         take(seconds, {"follows": True} if index else {}, {STAGE: FIRST, STAGE_INDEX: index})
-    number, lengths = len(plan.steps), _lengths(rule.most - rule.first)
+    number, most = len(plan.steps), rule.most - rule.first
+    lengths = [*(length for length in _LENGTHS if length < most), most]  # few, so that a plan stays short
     asked = {"first": list(range(begin, number)), "target": rule.target, "least": rule.least}
     retry_step = begin if plan.retry_step is None else plan.retry_step
     more = {"word": UNTIL, "arguments": asked, "unit": "1", "branches": (), "missing": _outcome(lengths[-1])}
@@ -165,11 +166,6 @@ def _times(seconds: Quantity, records: int) -> Quantity:
 
 def _outcome(records: int) -> str:
     return f"{records} more"
-
-
-def _lengths(most: int) -> list[int]:
-    """Return the lengths of a second stage in records: few, so that a plan stays short, the last is ``most``."""
-    return [*(length for length in _LENGTHS if length < most), most]
 
 
 def is_other_length(step: Step, before: Step | None) -> bool:

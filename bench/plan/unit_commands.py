@@ -7,11 +7,11 @@ the run.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from bench.frame import CommandLayout
 from bench.model.errors import InputError
+from bench.model.quantities import Values
 from bench.plan.expand import Node
 from bench.plan.expected import reply_conditions
 from bench.plan.findings import suggestion
@@ -80,7 +80,7 @@ def _unknown(node: Node, name: str, link: str) -> None:
 
 
 def _append(
-    node: Node, step: Node, link: str, layout: CommandLayout, given: Mapping[str, Any], more: Mapping[str, Any],
+    node: Node, step: Node, link: str, layout: CommandLayout, given: Values, more: Values,
     expect: ReplyExpect | None = None,
 ) -> None:  # fmt: skip
     values: dict[str, Any] = {}

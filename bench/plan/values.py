@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, StringConstraints, WithJsonSchema
 
+from bench.model.quantities import Values
 from bench.model.units import parse_quantity, read_quantity
 from bench.model.yamlio import NAME_PATTERN
 from bench.plan.findings import suggestion
@@ -120,14 +121,12 @@ def read_text(text: str) -> Any:
 class Scope:
     """Variables by name, and roles whose attributes the compiler knows (``{calibrator.range}``)."""
 
-    def __init__(
-        self, variables: Mapping[str, Any], role_attribute: Callable[[str, str], Any], context: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, variables: Values, role_attribute: Callable[[str, str], Any], context: Values) -> None:
         self.variables = variables
         self.context = context
         self._role_attribute = role_attribute
 
-    def extended(self, more: Mapping[str, Any], context: Mapping[str, Any] | None = None) -> Scope:
+    def extended(self, more: Values, context: Values | None = None) -> Scope:
         """Return a scope with more variables; ``context`` adds to what identifies the position in the loops."""
         merged = self.context if context is None else {**self.context, **context}
         return Scope({**self.variables, **more}, self._role_attribute, merged)

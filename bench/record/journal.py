@@ -12,14 +12,13 @@ from __future__ import annotations
 import json
 import os
 import zlib
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from bench.model.errors import InputError
 from bench.model.posix import ALONE, lock_file
+from bench.model.quantities import Values
 from bench.record.files import Files, OsFiles
 from bench.record.layout import canonical_json
 from bench.record.writer import RecordError
@@ -40,8 +39,8 @@ class JournalEntry:
     number: int
     phase: str
     t_mono_ns: int
-    conditions: Mapping[str, Any]
-    setpoint: Mapping[str, Any] = field(default_factory=dict)
+    conditions: Values
+    setpoint: Values = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -96,8 +95,8 @@ class Journal:
         number: int,
         phase: str,
         t_mono_ns: int,
-        conditions: Mapping[str, Any],
-        setpoint: Mapping[str, Any] | None = None,
+        conditions: Values,
+        setpoint: Values | None = None,
     ) -> None:
         """Write one finished step and hand it to the operating system."""
         fields = {"c": conditions, "n": number, "p": phase, "t": t_mono_ns}

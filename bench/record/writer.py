@@ -5,11 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.model.errors import RunError
 from bench.model.events import Closed, Error
 from bench.model.segments import OPEN_MARKER
@@ -229,8 +228,7 @@ class SessionWriter:
         """Return how long a run waits for the disk, in words."""
         if self._utc_ns is None or self._refused_ns is None:
             return f"{REFUSED_S // 60} min"
-        end_s = (self._refused_ns + self._utc_ns) // NS + REFUSED_S
-        return f"until {datetime.fromtimestamp(end_s, UTC):%Y-%m-%dT%H:%M:%SZ}"
+        return f"until {utc_text(self._refused_ns + self._utc_ns + REFUSED_S * NS)}"
 
     def _abandon(self, error: OSError) -> None:
         """Leave a segment that failed as it is (whole up to its last chunk) and say so in the next one."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from bench.frame import FrameDefinition, Signal, parse_frame
 from bench.model.errors import InputError
+from bench.model.quantities import Values
 from bench.model.yamlio import parse_yaml
 from bench.plan import Graph, GraphEntry, StationFile, graphs_of, shown_signals
 from bench.record import SessionReader
@@ -16,7 +16,7 @@ from bench.record import SessionReader
 KEPT = 16
 
 
-def frames_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
+def frames_of(manifest: Values, texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
     """Return frame definitions by link; a link whose text is not in the session, or cannot be read, is left out."""
     frames = {}
     for link, name in sorted(manifest.get("links", {}).items()):
@@ -27,7 +27,7 @@ def frames_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str
     return frames
 
 
-def entries_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Sequence[GraphEntry]:
+def entries_of(manifest: Values, texts: Mapping[str, str]) -> Sequence[GraphEntry]:
     """Return the section ``graphs`` of the session's station; none if its text is not there or cannot be read today."""
     name = f"stations/{manifest.get('station')}.yaml"
     try:
@@ -36,12 +36,12 @@ def entries_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Sequenc
         return ()
 
 
-def session_signals(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> tuple[Signal, ...]:
+def session_signals(manifest: Values, texts: Mapping[str, str]) -> tuple[Signal, ...]:
     """Return every signal of a session: those of its frames, what its graphs ask for, and those of the bench."""
     return shown_signals(session_graphs(manifest, texts), frames_of(manifest, texts))
 
 
-def session_graphs(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> list[Graph]:
+def session_graphs(manifest: Values, texts: Mapping[str, str]) -> list[Graph]:
     """Return graph windows of a session; where its station names none, some that suit its frames."""
     frames = frames_of(manifest, texts)
     return graphs_of(entries_of(manifest, texts), frames, str(manifest.get("measurement_link", "")))

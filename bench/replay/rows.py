@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,12 @@ from numpy.typing import NDArray
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame, signal_of
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Event, Resume, event_of
+from bench.model.quantities import Values
+from bench.plan import is_measurement
 from bench.record import Block, Damage, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
 from bench.replay.parts import Part, RecordedWindow, Splice, moved_rows, recorded_windows, splices_of, time_shifts_ns
 
 BATCH_BYTES = 4_000_000
-MEASUREMENT = "measurement"
 _BESIDE = frozenset({layout.EVENT, layout.CLOCK})
 
 
@@ -31,7 +31,7 @@ class Replayed:
     (bench.replay.parts). ``utc_offset_ns``: UTC minus the time of that part, None without a clock pair.
     """
 
-    manifest: Mapping[str, Any]
+    manifest: Values
     texts: Mapping[str, str]
     rows: tuple[RecordRow, ...]
     counts: Mapping[str, LinkCounts]
@@ -46,7 +46,7 @@ class Replayed:
     @property
     def measurement_rows(self) -> list[RecordRow]:
         """The records an analysis sees: those without a purpose of their own, such as a wiring check."""
-        return [row for row in self.rows if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT]
+        return [row for row in self.rows if is_measurement(row.window.conditions)]
 
     @property
     def totals(self) -> dict[str, int]:
@@ -91,7 +91,7 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
     )  # fmt: skip
 
 
-def refuse_several(manifest: Mapping[str, Any], folder: Path) -> None:
+def refuse_several(manifest: Values, folder: Path) -> None:
     """Raise InputError B-RPL-007 for a session that several units share: whatever is computed is of one unit."""
     serials = [str(unit["serial"]) for unit in manifest.get("units", ())]
     if serials:
@@ -103,7 +103,7 @@ def refuse_several(manifest: Mapping[str, Any], folder: Path) -> None:
         )
 
 
-def _definitions(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
+def _definitions(folder: Path, manifest: Values, texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
     definitions = {}
     for link, name in sorted(manifest.get("links", {}).items()):
         if name not in texts:
@@ -117,9 +117,7 @@ def _definitions(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, 
     return definitions
 
 
-def _notes(
-    manifest: Mapping[str, Any], definitions: Mapping[str, FrameDefinition], counts: Mapping[str, LinkCounts]
-) -> list[str]:
+def _notes(manifest: Values, definitions: Mapping[str, FrameDefinition], counts: Mapping[str, LinkCounts]) -> list[str]:
     recorded = manifest.get("frame_sha256", {})
     jumps = [
         f"The counter of {link} jumped by more than it can tell, {count.jumps} times: how many frames are missing "

@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from bench.plan import Plan
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
-from bench.run.control.channel import control
+from bench.run.control.channel import Control
 from bench.run.control.early import early_verdicts
 from bench.run.control.notify import notifications, user_notify
 from bench.run.control.systemd import service_notice
@@ -46,7 +46,8 @@ def besides(
             if not virtual:
                 if notify is not None:
                     stack.enter_context(notifications(context, notify, feed.bench_line, feed.state.is_shelved))
-                stack.enter_context(control(context, following, lambda: watch.tripped, feed.state, asking))
+                control = Control(context, following, lambda: watch.tripped, feed.state, asking)
+                stack.enter_context(control.listening())
                 if plan.early is not None:
                     stack.enter_context(early_verdicts(context, plan.early))
                 stack.enter_context(service_notice(context, environment, following))

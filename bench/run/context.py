@@ -144,6 +144,11 @@ class RunContext:
         self.observers.message(text)
 
     @property
+    def rate_Hz(self) -> float:
+        """Frames per second of the measurement link."""
+        return float(self.plan.campaign["rate_Hz"])
+
+    @property
     def units(self) -> tuple[PlannedUnit, ...]:
         """The units that share the campaign and are not left out; () where there is one."""
         return tuple(unit for unit in self.plan.units if unit.serial not in self.decided.units_out)

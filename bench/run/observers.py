@@ -16,7 +16,7 @@ from bench.model.clock import Clock
 from bench.model.errors import OperatorStop
 from bench.model.events import Disk, Event, Retake
 from bench.model.ports import SessionSink
-from bench.plan import MEASUREMENT, SetPoint, Step
+from bench.plan import SetPoint, Step, is_measurement
 from bench.record import PackedList, RecordError, RecordRow
 
 StoredEvent = tuple[str, int, Mapping[str, Any]]
@@ -99,8 +99,7 @@ class Observers:
 
     def event(self, event: Event) -> None:
         """Something happens now. Raises: what a vital observer raises; those behind it are not told then."""
-        t_mono_ns = self._clock.now_ns()
-        self._tell("event", event, t_mono_ns)
+        self._tell("event", event, self._clock.now_ns())
 
     def note(self, event: Event) -> None:
         """Something happens that nothing depends on: a person hears of it even if the disk refuses it."""
@@ -244,7 +243,7 @@ class Following(Observer):
         self.step_under_way = step
 
     def record(self, row: RecordRow) -> None:
-        if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT:
+        if is_measurement(row.window.conditions):
             self.records.add(row.window.number)
 
     def event(self, event: Event, t_mono_ns: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -9,8 +10,8 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
 from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip
-from bench.model.ports import actions_of
-from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
+from bench.model.ports import drivers_of
+from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe, states_of
@@ -55,12 +56,13 @@ class Sequencer:
         self._context = context
         self._journal_step = patient(journal.step, context.event)
         self._safe_order = safe_order
-        self._drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
-        self._readings = readings_of(context.plan.steps, self._drivers)
+        self._readings = readings_of(context.plan.steps, drivers_of(context.instruments))
         self._done = 0
         self._start_ns = context.clock.now_ns()
         self._slip_ns = 0
         self._lateness_ns: list[int] = []
+        self._attempts: Counter[int] = Counter()  # by number of the verify step
+        self._holds: Counter[int] = Counter()  # for an instrument that was silent, by number of the step
 
     def run(self, start: int = 0, enter: Callable[[], None] | None = None) -> Outcome:
         """Execute every step from number ``start`` on, then make the bench safe, whatever happened.
@@ -87,7 +89,7 @@ class Sequencer:
                 with suppress(Exception):  # it is made safe; this only shows it
                     look(context.instruments)
         if error is not None:
-            context.note(Error(code=error.code, text=str(error), where=error.where, step=self._done))
+            context.note(Error.of(error, self._done))
         failed = [str(failure) for failure in unsafe]
         context.note(Safe(failures=failed, roles=[failure.where for failure in unsafe]))
         with suppress(BenchError):  # what a broken link still holds is not worth the outcome
@@ -120,43 +122,41 @@ class Sequencer:
             self._context.stop.shield()
         return None
 
-    def _run_phase(self, steps: Sequence[Step], position: int) -> None:
+    def _run_phase(self, steps: Steps, position: int) -> None:
         context = self._context
         context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns() - to_ns(steps[position].at_s))
         context.event(Phase(name=steps[0].phase, t_start_ns=context.clock.now_ns()))
         context.stop.interruptible = steps[0].phase != "finally"
-        attempts: dict[int, int] = {}  # by number of the verify step
-        holds: dict[int, int] = {}  # for an instrument that was silent, by number of the step
         try:
             while (position := self._passed_over(steps, position)) < len(steps):
                 count = context.record_count
                 try:
-                    position = self._stepped(steps, position, attempts, holds)
+                    position = self._stepped(steps, position)
                 except (RunError, LinkError) as error:
                     context.drop_open_records(count)
-                    position = self._without_unit(error, steps, position, holds)
+                    position = self._without_unit(error, steps, position)
         finally:
             self._slip_ns += context.timeline.slip_ns
             self._lateness_ns += context.timeline.lateness_ns
 
-    def _stepped(self, steps: Sequence[Step], position: int, attempts: dict[int, int], holds: dict[int, int]) -> int:
+    def _stepped(self, steps: Steps, position: int) -> int:
         """Do one step; returns where to go on. Raises: what keeps the run from going on."""
         context, count = self._context, self._context.record_count
         try:
             self._execute(steps[position])
         except Interruption as interruption:
             context.drop_open_records(count)
-            return self._interrupted(interruption.wish, steps, position, holds)
+            return self._interrupted(interruption.wish, steps, position)
         except RunError as error:
-            return self._again(error, steps, position, attempts)
+            return self._again(error, steps, position)
         except InstrumentError as error:
             role = steps[position].role or context.in_use.newest  # a record of readings has several
-            wish = self._waited_for(error, role, steps[position], holds)
+            wish = self._waited_for(error, role, steps[position])
             context.drop_open_records(count)
-            return self._interrupted(wish, steps, position, holds)
+            return self._interrupted(wish, steps, position)
         return self._behind(steps, position)
 
-    def _without_unit(self, error: BenchError, steps: Sequence[Step], position: int, holds: dict[int, int]) -> int:
+    def _without_unit(self, error: BenchError, steps: Steps, position: int) -> int:
         """Return where the others go on after an error that concerns one unit of several, armed as after any hold.
 
         Raises: any other error; RunError B-RUN-053 if the unit is not confirmed off.
@@ -168,9 +168,9 @@ class Sequencer:
         context.stop.survive(error)
         leave_unit_out(context, unit, error, steps[position])
         wish = Wish("hold", f"unit {unit.serial}", f"left out: {error.message}")
-        return self._interrupted(wish, steps, position, holds)
+        return self._interrupted(wish, steps, position)
 
-    def _passed_over(self, steps: Sequence[Step], position: int) -> int:
+    def _passed_over(self, steps: Steps, position: int) -> int:
         """Return the first position from one on that no decision has left out; what is passed over is noted."""
         first, left_out = position, self._context.decided.left_out
         while position < len(steps) and steps[position].number in left_out:
@@ -183,7 +183,7 @@ class Sequencer:
             self._context.event(Skip(by=by, reason=why, first=steps[first].number, stop=stop))
         return position
 
-    def _behind(self, steps: Sequence[Step], position: int) -> int:
+    def _behind(self, steps: Steps, position: int) -> int:
         """Return where to go on behind a step: the next one, or behind all that a failed check leaves out."""
         step = steps[position]
         if step.number not in self._context.failed:
@@ -191,16 +191,15 @@ class Sequencer:
         self._context.timeline.done_s = None
         return behind(self._context.plan.steps, step) - steps[0].number
 
-    def _again(self, error: RunError, steps: Sequence[Step], position: int, attempts: dict[int, int]) -> int:
+    def _again(self, error: RunError, steps: Steps, position: int) -> int:
         """Return where to go on after a verify step failed: its point is taken again while attempts are left."""
         step = steps[position]
         left_out = self._context.decided.left_out
         records = (before for before in reversed(steps[:position]) if isinstance(before, PlannedRecord))
         record = next((before for before in records if before.number not in left_out), None)
-        tried = attempts.get(step.number, 0)
-        if not isinstance(step, PlannedVerify) or record is None or tried >= record.retry:
+        if not isinstance(step, PlannedVerify) or record is None or self._attempts[step.number] >= record.retry:
             raise error
-        attempts[step.number] = tried + 1
+        self._attempts[step.number] += 1
         self._context.timeline.done_s = None
         first = record.retry_step - steps[0].number
         self._context.message(f"{error.where}: {error.message}; the point is taken again")
@@ -208,20 +207,20 @@ class Sequencer:
         self._retake(error.message, steps[first:position])
         return first
 
-    def _waited_for(self, error: InstrumentError, role: str, step: Step, holds: dict[int, int]) -> Wish:
+    def _waited_for(self, error: InstrumentError, role: str, step: Step) -> Wish:
         """Stand still for an instrument that was silent. Raises: the error if it is no silence, or comes too often."""
-        wish = wish_to_wait(self._context, error, role, holds.get(step.number, 0))
-        holds[step.number] = holds.get(step.number, 0) + 1
+        wish = wish_to_wait(self._context, error, role, self._holds[step.number])
+        self._holds[step.number] += 1
         return wish
 
-    def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int, holds: dict[int, int]) -> int:
+    def _interrupted(self, wish: Wish, steps: Steps, position: int) -> int:
         """Return where to go on after a wish: hold and retake go back to the beginning of the point, skip behind it."""
         context = self._context
         context.timeline.done_s = None
         first = point_start(steps, position, self._readings)
         if wish.kind == "hold":
             began_ns = context.clock.now_ns()
-            self._held(wish, steps[position], steps[first].number, holds)
+            self._held(wish, steps[position], steps[first].number)
             context.timeline.add_slip(context.clock.now_ns() - began_ns)
         # a soak or a setting is never left out
         skips = wish.kind == "skip" and in_point(steps, position, self._readings)
@@ -238,7 +237,7 @@ class Sequencer:
         context.event(Skip(by=wish.by, reason=wish.reason, first=steps[first].number, stop=behind))
         return stop
 
-    def _held(self, wish: Wish, step: Step, first: int, holds: dict[int, int]) -> None:
+    def _held(self, wish: Wish, step: Step, first: int) -> None:
         """Stand still, then bring the temperature back; a chamber that is silent on the way back is waited for too."""
         while True:
             stand_still(self._context, wish, step.number, first)
@@ -247,7 +246,7 @@ class Sequencer:
             except InstrumentError as error:
                 if CHAMBER not in self._context.instruments:  # it is a table: nobody waits for one that refuses to move
                     raise
-                wish = self._waited_for(error, CHAMBER, step, holds)
+                wish = self._waited_for(error, CHAMBER, step)
             else:
                 return
 
@@ -260,13 +259,13 @@ class Sequencer:
         context.failed.discard(step.number)
         execute(context, step)
         if step.number in context.failed:
-            leave_out(context, step, self._drivers)
+            leave_out(context, step)
         set_to = setpoint_of(step, context.instruments)
         self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions, set_to)
         self._done = step.number + 1
         context.timeline.done_s = step.at_s + step.duration_s
 
-    def _retake(self, reason: str, again: Sequence[Step]) -> None:
+    def _retake(self, reason: str, again: Steps) -> None:
         """Take back every record of the steps that are done again."""
         context = self._context
         for step in again:

@@ -6,16 +6,16 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bench.frame import FrameDefinition, LinkCounts
-from bench.model.clock import NS, Clock
+from bench.model.clock import Clock, utc_stamp
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
 from bench.model.lab_code import code_texts, recorded_code
+from bench.model.quantities import Values
 from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
@@ -35,9 +35,9 @@ from bench.run.steps.position import Resumption
 from bench.run.steps.reentry import enter
 from bench.run.steps.setpoints import differences, read_back
 from bench.run.steps.timing import Timeline
-from bench.run.stop import StopSwitch, guarded, unforeseen
+from bench.run.stop import StopSwitch, repeated, unforeseen
 from bench.run.watch.disk import disk_watch
-from bench.run.watch.environment import EnvironmentLog
+from bench.run.watch.environment import PERIOD_S, note_temperatures
 
 CLOCK_PAIR_S = 600.0
 
@@ -54,7 +54,7 @@ class Conducted:
     """
 
     folder: Path
-    manifest: Mapping[str, Any]
+    manifest: Values
     outcome: Outcome
     session_sha256: str
     counts: Mapping[str, int]
@@ -65,16 +65,15 @@ class Conducted:
 
 def session_name(plan: Plan, clock: Clock) -> str:
     """Return ``<UTC start>_<sequence>_<serial number of the unit>``."""
-    start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]", "-", str(plan.campaign.get("uut", {}).get("serial", "none")))
-    return f"{start}_{plan.name}_{serial}"
+    return f"{utc_stamp(clock.utc_ns())}_{plan.name}_{serial}"
 
 
 def manifest_of(
-    plan: Plan, name: str, seed: int, clock: Clock, identities: Mapping[str, Any], frames: Mapping[str, str]
+    plan: Plan, name: str, seed: int, clock: Clock, identities: Values, frames: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return everything a reader needs to know before the first stimulus (docs/session-format.md)."""
-    station = plan.station
+    station, analysis = plan.station, str(plan.campaign["analysis"])
     return {
         "schema": 1,
         "session": name,
@@ -99,13 +98,13 @@ def manifest_of(
             "records": plan.record_count,
             "steps": len(plan.steps),
         },
-        "software": software(str(plan.campaign["analysis"]), {entry.driver for entry in station.instruments.values()}),
-        **lab_of(station, str(plan.campaign["analysis"])),
+        "software": software(analysis, {entry.driver for entry in station.instruments.values()}),
+        **lab_of(station, analysis),
         **({"units": [asdict(unit) for unit in plan.units]} if plan.units else {}),
     }
 
 
-def texts_of(plan: Plan, manifest: Mapping[str, Any]) -> dict[str, str]:
+def texts_of(plan: Plan, manifest: Values) -> dict[str, str]:
     """Return the texts a run is made of: every YAML file, and the lab's code, which nobody executes from a session."""
     return {**plan.texts, **code_texts(recorded_code(manifest)[0])}
 
@@ -174,9 +173,9 @@ def _begin(
     clock: Clock,
     seed: int,
     out: Path,
-    identities: Mapping[str, Any],
+    identities: Values,
     resumed: Resumption | None,
-) -> tuple[SessionWriter, Mapping[str, Any]]:
+) -> tuple[SessionWriter, Values]:
     """Return a new session, or one that is gone on with; and its manifest."""
     if resumed is not None:
         return resume_session(resumed.folder, resumed.event, t_mono_ns=clock.now_ns()), resumed.manifest
@@ -233,7 +232,7 @@ class _Run:
     stop: StopSwitch
     beside: Sequence[Beside]
     resumed: Resumption | None
-    manifest: Mapping[str, Any]
+    manifest: Values
     earlier: tuple[tuple[str, str, str, int], ...]
 
     def __post_init__(self) -> None:
@@ -255,8 +254,8 @@ class _Run:
         self._pair()
         with closing(Journal(self.writer.folder)) as journal, ExitStack() as beside:
             context = self._context(operator)
-            beside.callback(EnvironmentLog(context).stop)
-            beside.callback(self.clock.every(CLOCK_PAIR_S, guarded(self._pair, self.stop)).cancel)
+            duties = (PERIOD_S, partial(note_temperatures, context)), (CLOCK_PAIR_S, self._pair)
+            beside.enter_context(repeated(self.clock, self.stop, *duties))
             if not self.clock.virtual:
                 beside.enter_context(disk_watch(context, {"session": self.writer.sync, "step journal": journal.sync}))
             beside.enter_context(keep_links(context))
@@ -264,7 +263,7 @@ class _Run:
                 for start in self.beside:
                     beside.enter_context(start(context))
             except BenchError as error:  # before the first step: the bench is as safe as it was made at the start
-                context.event(Error(code=error.code, text=str(error), where=error.where, step=0))
+                context.event(Error.of(error, step=0))
                 context.health.over({})
                 return replace(self._outcome, error=error)
             sequencer = Sequencer(context, journal, self.plan.station.safe_order)

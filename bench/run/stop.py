@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import Any, Literal
 
+from bench.model.clock import Clock
 from bench.model.errors import BenchError, OperatorStop
 
 Kind = Literal["hold", "retake", "skip"]
@@ -252,6 +253,17 @@ def unforeseen(error: Exception) -> BenchError:
     return BenchError(
         _INTERNAL, f"{type(error).__name__}: {text}", where=place, next_step="report this with the command you gave"
     )
+
+
+@contextmanager
+def repeated(clock: Clock, stop: StopSwitch, *duties: tuple[float, Callable[[], None]]) -> Iterator[None]:
+    """Do each duty again and again while this is entered, each after its own seconds; an error ends the run safely."""
+    running = [clock.every(period_s, guarded(duty, stop)) for period_s, duty in duties]
+    try:
+        yield
+    finally:
+        for periodic in running:
+            periodic.cancel()
 
 
 def guarded(callback: Callable[[], None], stop: StopSwitch) -> Callable[[], None]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from bench.analysis import Acceptances, Accepted, acceptable, check_form, estimates_of, results_json
-from bench.model.clock import NS
+from bench.analysis import Acceptances, Accepted, Document, acceptable, check_form, estimates_of, results_json
+from bench.model.clock import utc_text
 from bench.model.errors import InputError
 from bench.session.output import write_file
 from bench.session.shelf import ACCEPTANCES
@@ -35,9 +33,7 @@ def known_acceptances(folder: Path, session_sha256: str) -> tuple[tuple[Accepted
     return tuple(Acceptances.model_validate(document).acceptances), []
 
 
-def new_acceptances(
-    results: Mapping[str, Any], named: Sequence[str], by: str, reason: str, utc_ns: int
-) -> list[Accepted]:
+def new_acceptances(results: Document, named: Sequence[str], by: str, reason: str, utc_ns: int) -> list[Accepted]:
     """Return an acceptance of every doubtful estimate that a person names.
 
     Raises: InputError B-ACC-001 (nothing doubtful), B-ACC-002 (refused), B-ACC-003 (nobody, no reason, or the run has
@@ -52,7 +48,7 @@ def new_acceptances(
         raise InputError(
             "B-ACC-003", "the run has not ended, nothing can be accepted", where=where, next_step=next_step
         )
-    utc = datetime.fromtimestamp(utc_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    utc = utc_text(utc_ns)
     return [
         Accepted(
             quantity=entry.quantity,

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from bench.analysis import LEAST_MOVE, Analysis, Estimate, Evidence, weigh
-from bench.model.clock import NS
+from bench.model.clock import to_ns
 from bench.model.events import Event, Resume
 from bench.record import RecordRow
 from bench.replay import Splice, moved_rows
@@ -27,7 +27,7 @@ def placed_later(
     rows: Sequence[RecordRow], events: Sequence[tuple[int, Event]], splices: Sequence[Splice], longer_s: float
 ) -> Placed:
     """Return records and events (t_ns, event) of a session as if each unknown time away were longer by ``longer_s``."""
-    longer_ns = round(longer_s * NS)
+    longer_ns = to_ns(longer_s)
     shifts = [0]
     for splice in splices:
         shifts.append(shifts[-1] + (0 if splice.placed else longer_ns))

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.analysis import Analysis, compensation_of_unit, results_json, sound_compensation, without_check_standard
+from bench.analysis import (
+    Analysis,
+    Document,
+    compensation_of_unit,
+    results_json,
+    sound_compensation,
+    without_check_standard,
+)
 from bench.model.declaration import CoefficientsDeclaration
 from bench.model.errors import InputError
 from bench.model.systems import named, system_of_analysis, systems
@@ -19,12 +26,10 @@ class CoefficientsModule(Protocol):
 
     NAME: str
 
-    def coefficients_of(
-        self, analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]
-    ) -> Mapping[str, Any]:
+    def coefficients_of(self, analysis: Analysis, results: Document, campaign: Document) -> Document:
         """Return the document of one session. Raises: InputError B-COEF-004, B-COEF-006."""
 
-    def merged(self, documents: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    def merged(self, documents: Sequence[Document]) -> Document:
         """Return one document of several sessions of one unit. Raises: InputError B-COEF-001 to B-COEF-003."""
 
     def coefficients_schema(self) -> dict[str, Any]:
@@ -36,7 +41,7 @@ class Coefficients:
     """A document, and who made it."""
 
     declared: CoefficientsDeclaration
-    document: Mapping[str, Any]
+    document: Document
 
     @property
     def texts(self) -> dict[str, str]:
@@ -62,9 +67,7 @@ def all_files() -> list[str]:
     return [f"{module.NAME}.{ending}" for module in all_modules() for ending in ("json", "h")]
 
 
-def coefficients_of_session(
-    analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]
-) -> Coefficients | None:
+def coefficients_of_session(analysis: Analysis, results: Document, campaign: Document) -> Coefficients | None:
     """Return the coefficients of one session, None if its analysis has no compensation.
 
     ``campaign``: that section of the manifest. Raises: InputError B-COEF-004, B-COEF-006.
@@ -78,9 +81,7 @@ def coefficients_of_session(
     return Coefficients(system.coefficients, module.coefficients_of(analysis, results, campaign))
 
 
-def write_coefficients(
-    folder: Path, analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]
-) -> list[Path]:
+def write_coefficients(folder: Path, analysis: Analysis, results: Document, campaign: Document) -> list[Path]:
     """Write both files of one session, none if its analysis has no compensation; return them.
 
     Raises: InputError B-COEF-004, B-COEF-006, B-CLI-007.

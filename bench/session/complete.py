@@ -7,10 +7,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from bench.analysis import Document
 from bench.model.declaration import AnalysisDeclaration
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Environment, Event, Exchange, Prompt, Reading
-from bench.model.systems import analysis_declaration
+from bench.model.systems import declared_by
 from bench.record import RecordRow
 
 _PAGE = "docs/session-format.md lists what a session needs"
@@ -56,14 +57,14 @@ class _Manifest(_Tolerant):
     standards: dict[str, dict[str, Any]]
 
 
-def check_complete(manifest: Mapping[str, Any], rows: Iterable[RecordRow], events: Iterable[tuple[int, Event]]) -> None:
+def check_complete(manifest: Document, rows: Iterable[RecordRow], events: Iterable[tuple[int, Event]]) -> None:
     """Refuse a session that lacks what every analysis needs, or the conditions of its own.
 
     Raises: InputError B-RPL-004 (manifest), B-RPL-005 (conditions of a record), B-RPL-006 (fields of its samples);
             SessionDamaged B-RPL-003 (an event).
     """
     _check_manifest(manifest)
-    declared = analysis_declaration(manifest["campaign"]["analysis"])
+    declared = declared_by(manifest["campaign"])
     if declared is not None:
         for row in rows:
             _check_record(declared, row)
@@ -71,7 +72,7 @@ def check_complete(manifest: Mapping[str, Any], rows: Iterable[RecordRow], event
         _check_event(t_ns, event)
 
 
-def _check_manifest(manifest: Mapping[str, Any]) -> None:
+def _check_manifest(manifest: Document) -> None:
     try:
         _Manifest.model_validate(manifest)
     except ValidationError as error:

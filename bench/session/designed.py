@@ -53,6 +53,11 @@ class Proposal:
     found: Mapping[Key, float]
 
     @property
+    def way(self) -> tuple[Any, float]:
+        """Return what was chosen and the length of its records, second, as ``problem.today`` is of the given plan."""
+        return self.design.candidate, self.design.length_s
+
+    @property
     def today_s(self) -> float:
         """Hours of the given campaign, in second."""
         return self.plan.duration_s
@@ -67,7 +72,7 @@ class Proposal:
             *(f"  {line}" for line in self.change_lines()),
             "Comments below are those of the given sequence, but for those on levels, records, repeats and slots.",
         ]
-        return self.problem.written(self.design.candidate, self.design.length_s, name, heading)
+        return self.problem.written(*self.way, name, heading)
 
     def require_same(self, written: Plan) -> None:
         """Refuse a compiled sequence of another duration or other uncertainties than were found.
@@ -104,7 +109,7 @@ class Proposal:
 
     def changes(self) -> Iterator[tuple[str, float]]:
         """Yield name of each change and the duration after it, second."""
-        for name, candidate, length_s in self.problem.changes(self.design.candidate, self.design.length_s):
+        for name, candidate, length_s in self.problem.changes(*self.way):
             yield name, self.problem.duration_s(candidate, length_s)
 
     def evidence(self) -> Iterator[tuple[str, str, float | None, float | None]]:
@@ -113,7 +118,7 @@ class Proposal:
         """
         before, after = (
             {(power.rival, power.quantity): power.power for power in self.problem.powers(candidate, length_s)}
-            for candidate, length_s in (self.problem.today, (self.design.candidate, self.design.length_s))
+            for candidate, length_s in (self.problem.today, self.way)
         )
         for place in dict.fromkeys((*before, *after)):
             powers = before.get(place), after.get(place)
@@ -124,7 +129,7 @@ class Proposal:
         """Yield the table for people."""
         yield f"hours        {_h(self.today_s)} today, {_h(self.design.duration_s)} as proposed"
         today = self.problem.told(*self.problem.today)
-        for name, value in self.problem.told(self.design.candidate, self.design.length_s).items():
+        for name, value in self.problem.told(*self.way).items():
             yield f"{name:<12} {today[name]}"
             yield f"{'':<12} -> {value}"
         yield from (f"target       {line}" for line in self.target_lines())
@@ -143,7 +148,7 @@ class Proposal:
             "proposed_s": self.design.duration_s,
             "campaign": {
                 "today": self.problem.told(*self.problem.today),
-                "proposed": self.problem.told(self.design.candidate, self.design.length_s),
+                "proposed": self.problem.told(*self.way),
             },
             "factor": self.design.factor,
             "targets": [

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import gc
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from bench.analysis import Analysis, results_json
+from bench.analysis import Analysis, Document, results_json
 from bench.model.extras import missing_extra
 from bench.report import Report, laboratory_of
 from bench.session.coefficients import write_coefficients
@@ -29,7 +28,7 @@ from bench.session.view import SessionView, analyse_view, model_of
 class Finished:
     """The written files; ``trouble`` are sentences about those that could not be, none of which cost a number."""
 
-    results: Mapping[str, Any]
+    results: Document
     analysis: Analysis
     written: list[tuple[str, str]] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)

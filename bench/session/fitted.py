@@ -5,13 +5,13 @@ Only what is shown comes from there. Certificates, coefficients, verification an
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from bench.analysis import INCOMPLETE, Analysis
+from bench.analysis import INCOMPLETE, Analysis, Document
 from bench.model.texts import ENGLISH
 from bench.session.output import write_file
 from bench.session.shelf import Shelf, key_of
@@ -28,13 +28,13 @@ FROM_CACHE = "from cache: the same session, software and method as before; --fre
 class Shown:
     """What a person is shown of a fit: the document of results, tables and sentences; nothing of it is ``damaged``."""
 
-    results: Mapping[str, Any]
+    results: Document
     analysis: Analysis
     remarks: Sequence[str]
     damaged: bool = False
 
 
-def shown_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> Shown:
+def shown_of(view: SessionView, results: Document, analysis: Analysis) -> Shown:
     """Return what a person is shown of the results of a session."""
     remarks = [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.remarks]
     told = replace(analysis, estimates=[], residuals=[], components=[], groups=[], figures=[], compensation=[],

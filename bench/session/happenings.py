@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from bench.analysis import Table
+from bench.analysis import Table, worded_table
 from bench.model import events
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.model.errors import InputError
 from bench.model.events import (
     DECISION,
@@ -71,43 +71,22 @@ def happenings(view: Events) -> list[str]:
 
 def happening_tables(view: Events) -> list[Table]:
     """Return the same as a table of the report, in order of time; none for a run to which nothing happened."""
-    troubles = sorted((t_ns, event.kind, event.sentence) for t_ns, event in _troubles(view))
-    if not troubles:
-        return []
     start_ns = _start_ns(view)
-    return [
-        Table(
-            say("happening.title"),
-            say("happening.caption"),
-            [say("happening.time"), say("happening.what"), say("happening.text")],
-            [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in troubles],
-            prose=True,
-        )
-    ]
+    troubles = sorted((t_ns, event.kind, event.sentence) for t_ns, event in _troubles(view))
+    rows = [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in troubles]
+    return _tables("happening", ("time", "what", "text"), rows, prose=True)
 
 
 def settling_tables(view: Events) -> list[Table]:
     """Return how settled the temperature was at the end of each soak; none for a run without a soak."""
-    found = view.events_of(Settled)
-    if not found:
-        return []
     start_ns = _start_ns(view)
-    return [
-        Table(
-            say("settling.title"),
-            say("settling.caption"),
-            [say(f"settling.{head}") for head in _SETTLING],
-            [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in found],
-        )
-    ]
+    rows = [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in view.events_of(Settled)]
+    return _tables("settling", _SETTLING, rows)
 
 
 def lag_tables(view: Events) -> list[Table]:
     """Return how near its end each soak came that the lag of a unit may end; none for a run without such a soak."""
-    found = view.events_of(ThermalLag)
-    if not found:
-        return []
-    start_ns = _start_ns(view)
+    found, start_ns = view.events_of(ThermalLag), _start_ns(view)
     rows = [
         [
             _since(t_ns, start_ns), event.step, *([event.uut] if event.uut else []), f"{event.lag_s / 60.0:.2f}",
@@ -116,21 +95,22 @@ def lag_tables(view: Events) -> list[Table]:
         ]
         for t_ns, event in found
     ]  # fmt: skip
-    headers = [say(f"lag.{head}") for head in _LAG]
-    if found[0][1].uut:
-        headers.insert(2, say("lag.unit"))
-    return [Table(say("lag.title"), say("lag.caption"), headers, rows)]
+    of_unit = ["unit"] if found and found[0][1].uut else []
+    return _tables("lag", (*_LAG[:2], *of_unit, *_LAG[2:]), rows)
 
 
 def decision_tables(view: Events) -> list[Table]:
     """Return what the sequence has decided, and by what; none for a run without a decision."""
-    found = view.events_of(Decision)
-    if not found:
-        return []
-    start_ns = _start_ns(view)
-    rows = [[_since(t_ns, start_ns), event.step, event.word, event.by, event.outcome] for t_ns, event in found]
-    headers = [say(f"decision.{head}") for head in ("time", "step", "word", "by", "outcome")]
-    return [Table(say("decision.title"), say("decision.caption"), headers, rows)]
+    heads, start_ns = ("step", "word", "by", "outcome"), _start_ns(view)
+    rows = [
+        [_since(t_ns, start_ns), *(getattr(event, head) for head in heads)] for t_ns, event in view.events_of(Decision)
+    ]
+    return _tables("decision", ("time", *heads), rows)
+
+
+def _tables(name: str, heads: Iterable[str], rows: list[list[Any]], *, prose: bool = False) -> list[Table]:
+    """Return the table of this name with its words from the catalogue; none without rows."""
+    return [worded_table(say, name, [say(f"{name}.{head}") for head in heads], rows, prose=prose)] if rows else []
 
 
 def _settled_cells(event: Settled) -> list[Any]:
@@ -148,7 +128,7 @@ def preflight_table(event: Preflight) -> Table:
     """Return the event "preflight" of a session as a table of its report."""
     keys = ("name", "status", "value", "limit", "text")
     rows = [[str(row[key]) for key in keys] for row in event.findings]
-    return Table(say("preflight.title"), say("preflight.caption"), [say(f"preflight.{key}") for key in keys], rows)
+    return worded_table(say, "preflight", [say(f"preflight.{key}") for key in keys], rows)
 
 
 def punctuality(view: Events) -> Iterator[str]:
@@ -259,26 +239,23 @@ def splice_documents(splices: Sequence[Splice]) -> list[dict[str, Any]]:
 
 def splice_tables(splices: Sequence[Splice]) -> list[Table]:
     """Return the table "Splices" of the report; none for a run that was never stopped."""
-    if not splices:
-        return []
+    unknown = say("splice.unknown")
     rows = [
         [
-            _utc(splice.stopped_utc_ns) or say("splice.unknown"),
-            _utc(splice.started_utc_ns) or say("splice.unknown"),
-            say("splice.unknown") if splice.away_s is None else f"{splice.away_s:.0f} s",
+            _utc(splice.stopped_utc_ns) or unknown,
+            _utc(splice.started_utc_ns) or unknown,
+            unknown if splice.away_s is None else f"{splice.away_s:.0f} s",
             str(splice.step),
             splice.reason,
-            say("splice.unknown") if splice.drift_degC is None else f"{splice.drift_degC:+.2f} degC",
+            unknown if splice.drift_degC is None else f"{splice.drift_degC:+.2f} degC",
             say("splice.soaked" if splice.soaked else "splice.at_once"),
         ]
         for splice in splices
     ]
-    headers = [say(f"splice.{head}") for head in _SPLICE]
-    captions = [say("splice.caption"), *([] if all(splice.placed for splice in splices) else [say("splice.behind")])]
-    return [Table(say("splice.title"), " ".join(captions), headers, rows, prose=True)]
+    behind = [] if all(splice.placed for splice in splices) else [say("splice.behind")]
+    tables = _tables("splice", _SPLICE, rows, prose=True)
+    return [replace(table, caption=" ".join([table.caption, *behind])) for table in tables]
 
 
 def _utc(t_ns: int | None) -> str | None:
-    if t_ns is None:
-        return None
-    return datetime.fromtimestamp(t_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return None if t_ns is None else utc_text(t_ns)

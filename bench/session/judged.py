@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
-from bench.analysis import limits_text, number, place_of
+from bench.analysis import Document, limits_text, number, place_of
 from bench.model.units import hours
 from bench.plan import Plan, quantities_of
 
 _WORDS = {"": "{}", "log": "log({})", "reciprocal": "1/{}"}
 
 
-def not_judged(campaign: Mapping[str, Any]) -> bool:
+def not_judged(campaign: Document) -> bool:
     """Return whether a campaign reads values and expects nothing of any of them."""
     values, fits = campaign.get("expected", ()), campaign.get("fits", ())
     read_back = [value for fit in fits for value in fit.get("read_back", ())]
@@ -23,7 +22,7 @@ def not_judged(campaign: Mapping[str, Any]) -> bool:
 
 def judged_lines(plan: Plan) -> Iterator[str]:
     """Yield what is expected of each value, with the times of the steps that read it, and of each fit."""
-    entries: dict[str, list[Mapping[str, Any]]] = {}
+    entries: dict[str, list[Document]] = {}
     for entry in plan.campaign.get("expected", ()):
         entries.setdefault(entry["quantity"], []).append(entry)
     for name, group in entries.items():
@@ -32,7 +31,7 @@ def judged_lines(plan: Plan) -> Iterator[str]:
         yield f"{fit['name']}: {_fit(fit)}; at the end"
 
 
-def _expected(group: list[Mapping[str, Any]]) -> str:
+def _expected(group: list[Document]) -> str:
     texts = [_limits(entry) for entry in group]
     if len({*texts}) == 1:
         return texts[0]
@@ -40,7 +39,7 @@ def _expected(group: list[Mapping[str, Any]]) -> str:
     return f"{texts[0]}{place_of(first['conditions'])}, to {texts[-1]}{place_of(last['conditions'])}"
 
 
-def _limits(entry: Mapping[str, Any]) -> str:
+def _limits(entry: Document) -> str:
     if entry.get("reply", {}).get("equals") is not None:
         return f"equals {entry['reply']['equals']!r}"
     low, high = entry.get("low"), entry.get("high")
@@ -59,7 +58,7 @@ def _where(plan: Plan, quantity: str) -> str:
     return f"{hours(steps[0].at_s)}{phase}{more} ({steps[0].where})"
 
 
-def _fit(fit: Mapping[str, Any]) -> str:
+def _fit(fit: Document) -> str:
     against = fit["against"]
     x = _WORDS[against.get("function", "")].format(against.get("quantity") or against.get("condition") or "time")
     y = _WORDS[fit.get("function", "")].format(fit["of"])

@@ -21,6 +21,7 @@ from bench.plan import (
     Plan,
     PlannedCall,
     PlannedCommand,
+    PlannedDecision,
     PlannedPrompt,
     PlannedRecord,
     PlannedSend,
@@ -28,6 +29,7 @@ from bench.plan import (
     PlannedSoak,
     PlannedVerify,
     Step,
+    Steps,
     decisions_of,
     declared_action,
 )
@@ -71,31 +73,22 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
 
 def _refuse(plan: Plan, again: Sequence[RecordState]) -> None:
     """Raise InputError B-RES-008 for records that cannot be taken again one by one."""
-    for state in again:
-        if state.step.samples:
-            raise InputError(
-                "B-RES-008",
-                "records of samples on a table cannot be taken again one by one: each depends on how it was mounted",
-                where=state.step.where,
-                next_step="'bench resume' goes on with the run; else run the campaign again",
-            )
-        if state.step.follows or "window_index" in state.step.conditions:
-            raise InputError(
-                "B-RES-008",
-                "records without a gap over a changing temperature cannot be taken again one by one",
-                where=state.step.where,
-                next_step="'bench resume' goes on with the ramp; else run the campaign again",
-            )
-    for decision in decisions_of(plan.steps)[:1]:
-        raise InputError(
-            "B-RES-008",
-            "the sequence decides by what it reads, so its records cannot be taken again one by one",
-            where=decision.where,
-            next_step="'bench resume' goes on with the run; else run the campaign again",
-        )
+    steps: list[PlannedRecord | PlannedDecision] = [*(state.step for state in again), *decisions_of(plan.steps)]
+    for step in steps:
+        what = "run"
+        if isinstance(step, PlannedDecision):
+            why = "the sequence decides by what it reads, so its records cannot be taken again one by one"
+        elif step.samples:
+            why = "records of samples on a table cannot be taken again one by one: each depends on how it was mounted"
+        elif step.follows or "window_index" in step.conditions:
+            why, what = "records without a gap over a changing temperature cannot be taken again one by one", "ramp"
+        else:
+            continue
+        next_step = f"'bench resume' goes on with the {what}; else run the campaign again"
+        raise InputError("B-RES-008", why, where=step.where, next_step=next_step)
 
 
-def _section(name: str, plan: Plan, steps: Sequence[Step]) -> list[str]:
+def _section(name: str, plan: Plan, steps: Steps) -> list[str]:
     return [f"{name}:", *(f"  - {_written(plan, step)}" for step in steps), ""] if steps else []
 
 
@@ -139,11 +132,7 @@ def _steps(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
             yield f"  - {_written(plan, soak)}"
         for state in sorted(points, key=lambda state: (state.state != VALID, state.step.number)):
             why = f"overlap, was record {state.number}" if state.state == VALID else state.why
-            yield f"  - {_name(state)}  # {_one_line(why)}"
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
+            yield f"  - {_name(state)}  # {' '.join(why.split())}"
 
 
 def _name(state: RecordState) -> str:
@@ -158,7 +147,7 @@ def _procedures(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
             yield f"      - {_written(plan, step)}"
 
 
-def _point(plan: Plan, record: PlannedRecord) -> Sequence[Step]:
+def _point(plan: Plan, record: PlannedRecord) -> Steps:
     """Return steps of a point, from where it would be taken again to its last verification.
 
     In the flat form a record stands alone: everything since the record before it belongs to the point.

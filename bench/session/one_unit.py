@@ -18,6 +18,7 @@ from typing import Any
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.folders import folder_name
+from bench.model.quantities import Values
 from bench.model.yamlio import parse_yaml
 from bench.plan import UNIT, Plan, PlannedRecord, StationFile, Step, plan_json, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, SessionReader, SessionWriter, layout
@@ -32,7 +33,7 @@ _PROSE = ("text", "reason", "how", "differences")
 _PLACES = ("link", "role", "of", "where")
 
 
-def serials_of(manifest: Mapping[str, Any]) -> list[str]:
+def serials_of(manifest: Values) -> list[str]:
     """Return the serial numbers of the units that share a session, [] for a session of one unit."""
     return [str(unit["serial"]) for unit in manifest.get(UNITS, ())]
 
@@ -97,9 +98,7 @@ def _of_empty_slots(texts: Mapping[str, str], used: Collection[str]) -> set[str]
     return {own for slot in empty for own in (*slot.links.values(), *slot.roles.values())}
 
 
-def _copied(
-    reader: SessionReader, part: _Part, manifest: Mapping[str, Any], texts: Mapping[str, str], target: Path
-) -> str:
+def _copied(reader: SessionReader, part: _Part, manifest: Values, texts: Mapping[str, str], target: Path) -> str:
     """Write the messages of one unit, a chunk for each second and a segment for each hour as the recorder does."""
     writer: SessionWriter | None = None
     closed, second = "not closed", 0
@@ -122,8 +121,8 @@ def _copied(
 class _Part:
     """What belongs to one unit, and what it is called and counted there."""
 
-    own: Mapping[str, Any]
-    others: Sequence[Mapping[str, Any]]
+    own: Values
+    others: Sequence[Values]
     all_steps: Sequence[Step]
     unused: Collection[str] = ()
     steps: tuple[Step, ...] = ()
@@ -147,7 +146,7 @@ class _Part:
             moved = replace(moved, together=False, retry_step=self._at_or_behind(moved.retry_step))
         return moved
 
-    def _conditions(self, conditions: Mapping[str, Any]) -> dict[str, Any]:
+    def _conditions(self, conditions: Values) -> dict[str, Any]:
         return {name: value for name, value in conditions.items() if name != UNIT}
 
     @property
@@ -160,13 +159,13 @@ class _Part:
         return next((self._step_of[number] for number in range(step, len(self.all_steps)) if number in self._step_of),
                     len(self._step_of))  # fmt: skip
 
-    def campaign(self, whole: Mapping[str, Any]) -> dict[str, Any]:
+    def campaign(self, whole: Values) -> dict[str, Any]:
         """Return the section "campaign" of the unit alone."""
         campaign = {**whole, "uut": {**whole["uut"], "serial": self.own["serial"]}}
         gradient_degC = self.own.get("gradient_degC")
         return campaign if gradient_degC is None else {**campaign, "gradient_degC": gradient_degC}
 
-    def manifest(self, whole: Mapping[str, Any], session_sha256: str) -> dict[str, Any]:
+    def manifest(self, whole: Values, session_sha256: str) -> dict[str, Any]:
         """Return the manifest of the session of the unit."""
         serial, lot = self.own["serial"], str(whole["campaign"]["uut"]["serial"])
         links = {self.names[link]: frame for link, frame in whole["links"].items() if link in self.names}
@@ -189,7 +188,7 @@ class _Part:
             PART_OF: part_of,
         }
 
-    def _by_name(self, entries: Mapping[str, Any]) -> dict[str, Any]:
+    def _by_name(self, entries: Values) -> dict[str, Any]:
         return {self.names.get(name, name): entry for name, entry in entries.items() if name not in self.foreign}
 
     def write(self, message: layout.Message, writer: SessionWriter) -> None:
@@ -212,7 +211,7 @@ class _Part:
             if told is not None and kind != "closed":
                 writer.event(kind, t_ns, told)
 
-    def _event(self, kind: str, fields: Mapping[str, Any]) -> dict[str, Any] | None:
+    def _event(self, kind: str, fields: Values) -> dict[str, Any] | None:
         """Return the fields of an event as the unit's session has it, None if it is of another unit."""
         if self._is_foreign(fields) or (kind == "environment" and "uut" not in fields):  # of the hottest of all
             return None
@@ -226,7 +225,7 @@ class _Part:
             told["identities"] = self._by_name(told["identities"])
         return self._counted(kind, told)
 
-    def _is_foreign(self, fields: Mapping[str, Any]) -> bool:
+    def _is_foreign(self, fields: Values) -> bool:
         """Return whether an event is of another unit: by its unit, its link or instrument, or the step it was in."""
         if (fields.get("conditions") or {}).get(UNIT) in self.foreign or fields.get("uut") in self.foreign:
             return True

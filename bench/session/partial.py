@@ -24,13 +24,11 @@ from bench.analysis import (
 )
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
-from bench.model.systems import analysis_declaration
 from bench.model.titles import quantity_titles
 from bench.record import UNIT_TEMPERATURE, SessionReader
-from bench.session.expected import Expected, expectations
 from bench.session.one_unit import serials_of
 from bench.session.service import read_view
-from bench.session.view import SessionView, analysis_of
+from bench.session.view import Expected, SessionView, analysis_of, expectations, main_quantities
 
 NICE = 19
 KEYS = (
@@ -68,8 +66,7 @@ def _rows(view: SessionView, entries: Estimates) -> list[dict[str, Any]]:
     determined = {name: entry for name, entry in named.items() if _is_number(entry.value) or not is_sound(entry)}
     expected = expectations(view, determined)
     rows = [_row(determined.get(name), expected.get(name), analysis) for name in {**expected, **determined}]
-    declared = analysis_declaration(analysis)
-    main = () if declared is None else declared.main
+    main = main_quantities(view)
     return [row for row in rows if row["quantity"] in main] or rows
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import doubt_lines, estimates_of
-from bench.model.clock import NS, Clock, pause
+from bench.model.clock import NS, Clock, pause, to_ns
 from bench.model.errors import InputError
 from bench.model.posix import spent_by_children_s
 from bench.model.processes import PARTIAL_RESULTS, own_process
@@ -62,7 +62,7 @@ class PartialFits:
         before_s = spent_by_children_s()  # a fit on a busy machine costs the same
         answer = await self._answer(folder)
         spent_s = spent_by_children_s() - before_s
-        self._not_before_ns[folder.name] = self._clock.now_ns() + round(max(SHORTEST_S, SHARE * spent_s) * NS)
+        self._not_before_ns[folder.name] = self._clock.now_ns() + to_ns(max(SHORTEST_S, SHARE * spent_s))
         if answer is not None and answer.get("rows"):
             self._found[folder.name] = joined(self._found.get(folder.name), answer, self._clock.utc_ns() / NS)
             self._found.move_to_end(folder.name)

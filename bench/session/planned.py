@@ -53,15 +53,13 @@ def _window(plan: Plan, number: int, step: PlannedRecord) -> RecordWindow:
 def _readings(plan: Plan) -> Iterator[Reading]:
     for step in (*plan.phase("prepare"), *plan.phase("campaign")):
         t_s = _ns(plan, step, step.at_s) / NS
-        if isinstance(step, PlannedCall):
-            yield Reading(t_s, step.number, step.role, step.name, None, step.conditions, step.arguments)
-        elif isinstance(step, PlannedPrompt) and step.sets:
+        calls = [(t_s, step)] if isinstance(step, PlannedCall) else []
+        if isinstance(step, PlannedPrompt) and step.sets:
             yield Reading(t_s, step.number, "", PROMPT, None, step.conditions, step.sets)
         elif isinstance(step, PlannedRecord) and step.readings:
-            for turn in range(round_count(step)):
-                at_s = t_s + turn * step.every_s
-                for call in step.calls:
-                    yield Reading(at_s, step.number, call.role, call.name, None, call.conditions, call.arguments)
+            calls = [(t_s + turn * step.every_s, call) for turn in range(round_count(step)) for call in step.calls]
+        for at_s, call in calls:
+            yield Reading(at_s, step.number, call.role, call.name, None, call.conditions, call.arguments)
 
 
 def _exchange(plan: Plan, step: PlannedCommand) -> Exchange:

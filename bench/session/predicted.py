@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.analysis import (
     Common,
+    Document,
     Estimate,
     Planned,
     Prediction,
@@ -21,7 +22,7 @@ from bench.analysis import (
 from bench.maths.verdict import chance_of_pass
 from bench.model.errors import FitError
 from bench.model.quantities import key_of_value
-from bench.model.systems import analysis_declaration, named
+from bench.model.systems import declared_by, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity, read_quantity
 from bench.plan import UNIT, Plan, decisions_of
@@ -39,7 +40,7 @@ def predicted(plan: Plan, begin_utc_s: float | None = None) -> Prediction:
     determined is ``missing``, all of a run that decides which records it takes among it. ``begin_utc_s``: when the run
     begins, which the age of certificates depends on.
     """
-    declared = analysis_declaration(str(plan.campaign.get("analysis")))
+    declared = declared_by(plan.campaign)
     if declared is None or not declared.predicted:
         return Prediction([])
     if decisions_of(plan.steps):
@@ -100,7 +101,7 @@ def components_of(entry: Estimate) -> dict[str, float]:
     return dict(sorted({OWN: math.sqrt(max(own, 0.0)), **parts}.items(), key=lambda part: -part[1]))
 
 
-def chance_of(entry: Estimate, campaign: Mapping[str, Any]) -> float | None:
+def chance_of(entry: Estimate, campaign: Document) -> float | None:
     """Return the chance that a unit of the declared spread passes; None without a spread or without both limits.
 
     Raises: FitError B-FIT-051 if the spread has a unit of another kind than the quantity.

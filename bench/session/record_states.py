@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.analysis import count_problem, flag_problem
 from bench.model.events import Skip
-from bench.model.systems import analysis_declaration, named
+from bench.model.systems import declared_by, named
 from bench.plan import MEASUREMENT, PlannedRecord, Step, left_out_by
 from bench.record import SHORTER, RecordRow
 from bench.replay import Replayed
@@ -54,7 +54,7 @@ def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState
 
 def _problems(replayed: Replayed) -> Iterator[tuple[RecordRow, str]]:
     """Yield why the analysis of the session leaves each record out, "" if it does not."""
-    asked = analysis_declaration(str(replayed.manifest.get("campaign", {}).get("analysis")))
+    asked = declared_by(replayed.manifest.get("campaign", {}))
     if asked is None or not asked.problems:
         yield from ((row, row_problem(row)) for row in replayed.rows)
     else:

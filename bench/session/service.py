@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Analysis
+from bench.analysis import Analysis, Document
 from bench.model.errors import FitError, InputError
 from bench.model.events import End, Resume, UnitLeftOut
 from bench.model.lab_code import differing, recorded_code
@@ -95,7 +95,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
     )
 
 
-def _other_code(manifest: Mapping[str, Any]) -> list[str]:
+def _other_code(manifest: Document) -> list[str]:
     """Return a sentence if a lab's analysis has changed since. Raises: InstallationError B-LAB-007 if it is gone."""
     code, lab = recorded_code(manifest)
     sentence = differing(code, str(manifest.get("campaign", {}).get("analysis", "none")), lab)

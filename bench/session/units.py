@@ -71,8 +71,8 @@ def results_of_all(folder: Path, documents: Mapping[str, Mapping[str, Any]]) -> 
         **first,
         "session": manifest["session"],
         "uut": dict(manifest["campaign"]["uut"]),
-        "estimates": [_of_unit(entry, serial) for serial, document in documents.items() for entry in
-                      document["estimates"]],
+        "estimates": [{**entry, "conditions": {**entry["conditions"], UNIT: serial}}
+                      for serial, document in documents.items() for entry in document["estimates"]],
         "quality": {name: sum(document["quality"][name] for document in documents.values()) for name in
                     first["quality"]},
         "provenance": {
@@ -87,7 +87,3 @@ def results_of_all(folder: Path, documents: Mapping[str, Mapping[str, Any]]) -> 
     plain: dict[str, Any] = json.loads(json.dumps(whole))
     validate_results(plain)
     return plain
-
-
-def _of_unit(estimate: Mapping[str, Any], serial: str) -> dict[str, Any]:
-    return {**estimate, "conditions": {**estimate["conditions"], UNIT: serial}}

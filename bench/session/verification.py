@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import Analysis, results_json, validate_results
+from bench.analysis import Analysis, Document, results_json, validate_results
 from bench.model.errors import InputError
 from bench.model.extras import missing_extra
 from bench.replay import Difference, compare
@@ -23,7 +23,7 @@ SMALLEST = 1e-300  # of two zeros that differ in their sign
 NAMED = 20  # differences of one file that are named; all are counted
 
 
-def released_results(folder: Path) -> Mapping[str, Any] | None:
+def released_results(folder: Path) -> Document | None:
     """Return results.json of a session, None without one. Raises: InputError B-FIT-010 if it is not in its form."""
     path = folder / RESULTS
     try:
@@ -38,7 +38,7 @@ def released_results(folder: Path) -> Mapping[str, Any] | None:
             next_step="remove it to have the results computed again",
         ) from error
     validate_results(document, str(path))
-    results: Mapping[str, Any] = document
+    results: Document = document
     return results
 
 
@@ -90,7 +90,7 @@ class Verification:
         return content
 
 
-def check_results(verification: Verification, folder: Path, results: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def check_results(verification: Verification, folder: Path, results: Document) -> Document | None:
     """Compare results.json value by value, then byte by byte; returns what is stored, None if there is nothing."""
     content = verification.content(folder / RESULTS)
     if content is None:
@@ -119,7 +119,7 @@ def check_results(verification: Verification, folder: Path, results: Mapping[str
     return stored
 
 
-def value_differences(stored: Mapping[str, Any], results: Mapping[str, Any]) -> list[Difference]:
+def value_differences(stored: Document, results: Document) -> list[Difference]:
     """Return where results that were read from a file are not those computed now, but for the software."""
     differences = compare(stored, json.loads(results_json(results)))
     return [difference for difference in differences if difference.path != "provenance.software"]
@@ -150,9 +150,9 @@ class Pages:
     def __init__(
         self,
         view: SessionView,
-        results: Mapping[str, Any],
+        results: Document,
         analysis: Analysis,
-        stored: Mapping[str, Any],
+        stored: Document,
         laboratory: Laboratory | None = None,
     ) -> None:
         self._laboratory = laboratory
@@ -201,7 +201,7 @@ def check_reports(verification: Verification, folder: Path, pages: Pages) -> Non
 
 
 def check_coefficients(
-    verification: Verification, folder: Path, view: SessionView, results: Mapping[str, Any], analysis: Analysis
+    verification: Verification, folder: Path, view: SessionView, results: Document, analysis: Analysis
 ) -> None:
     """Compare the coefficients, JSON and header, byte by byte; an analysis may give none."""
     texts: dict[str, str | None] = dict.fromkeys(all_files())
@@ -220,6 +220,6 @@ def check_coefficients(
             verification.add(name, "is not what the session gives")
 
 
-def software_of(results: Mapping[str, Any]) -> str:
+def software_of(results: Document) -> str:
     """Return name and version of the software that wrote results."""
     return str(results.get("provenance", {}).get("software", "unknown"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,6 +16,9 @@ from bench.analysis import (
     INCOMPLETE,
     Accepted,
     Analysis,
+    Document,
+    Estimate,
+    Estimates,
     Exchange,
     GivenValue,
     Material,
@@ -23,6 +27,8 @@ from bench.analysis import (
     Trace,
     analyse,
     build_results,
+    by_foreseen_name,
+    expected_at_end,
     joined,
     weigh,
 )
@@ -33,14 +39,14 @@ from bench.model.clock import NS
 from bench.model.errors import BenchError, FitError, InputError
 from bench.model.events import Decision, Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
 from bench.model.lab_code import sha256_of
-from bench.model.systems import analysis_declaration
+from bench.model.quantities import key_of_value
+from bench.model.systems import declared_by
 from bench.model.yamlio import parse_yaml
-from bench.plan import StationFile, Step, unmet_loops, values_not_due
+from bench.plan import Plan, StationFile, Step, plan_of_texts, unmet_loops, values_not_due
 from bench.record import Damage, RecordRow
 from bench.replay import Splice
 from bench.report import Laboratory, Report, ReportModel, RunStory, TemperatureTrace, report_model
 from bench.session.away import LONGER_S, doubted, placed_later
-from bench.session.expected import predicted_of
 from bench.session.happenings import (
     alarms_raised,
     commands_given,
@@ -56,9 +62,11 @@ from bench.session.happenings import (
     splice_tables,
     surroundings,
 )
+from bench.session.predicted import predicted
 from bench.session.wording import say
 
 E = TypeVar("E", bound=Event)
+Name = tuple[str, str, int]  # of an estimate, as it is foreseen
 SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
@@ -84,7 +92,7 @@ class SessionView:
     texts the run was made from, by name; ``acceptances``: of doubtful values, made after the run.
     """
 
-    manifest: Mapping[str, Any]
+    manifest: Document
     rows: Sequence[RecordRow]
     counts: Mapping[str, int]
     session_sha256: str
@@ -269,21 +277,12 @@ def _reading(t_ns: int, event: events.Reading) -> Reading:
     )
 
 
-def report_html(
-    view: SessionView, results: Mapping[str, Any], analysis: Analysis, laboratory: Laboratory | None = None
-) -> str:
-    """Return the report as one HTML page."""
-    return report_of(view, results, analysis, laboratory).html()
-
-
-def report_of(
-    view: SessionView, results: Mapping[str, Any], analysis: Analysis, laboratory: Laboratory | None = None
-) -> Report:
+def report_of(view: SessionView, results: Document, analysis: Analysis, laboratory: Laboratory | None = None) -> Report:
     """Return the report, drawn; it can be written as a page and on paper."""
     return Report(model_of(view, results, analysis), laboratory=laboratory)
 
 
-def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> ReportModel:
+def model_of(view: SessionView, results: Document, analysis: Analysis) -> ReportModel:
     """Return everything that the report shows, before any drawing."""
     noted = [seen.sentence for seen in weigh(analysis.evidence).noted]
     return report_model(
@@ -300,14 +299,14 @@ def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) 
         tables=analysis.tables,
         notes=[*([INCOMPLETE] if view.incomplete else []), *noted, *analysis.notes, *punctuality(view), *view.remarks],
         run=_story(view),
-        main=_main(view),
+        main=main_quantities(view),
         predicted=predicted_of(view, analysis.method),
     )
 
 
-def _main(view: SessionView) -> tuple[str, ...]:
+def main_quantities(view: SessionView) -> tuple[str, ...]:
     """Return the quantities that the analysis of a session declares as its main ones."""
-    declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
+    declared = declared_by(view.manifest["campaign"])
     return () if declared is None else declared.main
 
 
@@ -368,7 +367,7 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def line_times_s(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, float]:
+def line_times_s(manifest: Document, texts: Mapping[str, str]) -> dict[str, float]:
     """Return seconds of a frame by link; links that are no serial port or whose frames vary in length are left out."""
     station = next((name for name in texts if name.startswith("stations/")), None)
     if station is None:
@@ -387,3 +386,76 @@ def line_times_s(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[
         if len(lengths) == 1 and 0 not in lengths:
             times_s[link] = BITS_PER_BYTE * lengths.pop() / baud
     return times_s
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An estimate as the whole plan predicts it. ``at_end_U``: expanded uncertainty it will have, None if unknown."""
+
+    predicted: Estimate
+    at_end_U: float | None
+
+
+def predicted_of(session: SessionView, method: str) -> Estimates:
+    """Return estimates as the plan of a session predicts them, to hold those of a method against.
+
+    None where the run has not ended, by another method than the first, which predictions are by, and where the session
+    has no plan or nothing is predicted.
+    """
+    declared = declared_by(session.manifest["campaign"])
+    if session.incomplete or declared is None or method != declared.methods[0]:
+        return []
+    plan = _plan_of(session)
+    return [] if plan is None else predicted(plan, _begin_utc_s(session)).estimates
+
+
+def expectations(session: SessionView, known: Mapping[Name, Estimate]) -> dict[Name, Expected]:
+    """Return what each estimate will come to, by its name, for a session that is still being recorded.
+
+    Args: known: estimates of the records so far, as they are stated, by their names.
+    """
+    plan = _plan_of(session)
+    whole = [] if plan is None else predicted(plan, _begin_utc_s(session)).estimates
+    if plan is None or not whole:
+        return {}
+    not_due = values_not_due(plan.steps, (event for _, event in session.events))
+    last = max((row.window.step for row in session.rows), default=-1)
+    until_now = replace(plan, steps=plan.steps[: last + 1])
+    part = predicted(until_now, _begin_utc_s(session)).estimates if session.rows else []
+    so_far = by_foreseen_name(part)
+    return {
+        name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry))
+        for name, entry in by_foreseen_name(whole).items()
+        if key_of_value(entry.quantity, entry.conditions) not in not_due
+    }
+
+
+def _begin_utc_s(session: SessionView) -> float | None:
+    """Return UTC at the begin of the preparation, the first event of a run, by the clock of the bench; None if unknown.
+
+    That clock counts from anywhere, as from the start of the computer.
+    """
+    if session.utc_offset_ns is None or not session.events:
+        return None
+    return (session.utc_offset_ns + session.events[0][0]) / NS
+
+
+def _at_end_U(known: Estimate | None, so_far: Estimate | None, whole: Estimate) -> float | None:
+    """Return the expanded uncertainty at the end: as predicted for what the records so far do not determine."""
+    known_U = None if known is None else known.expanded_uncertainty
+    if known is not None and known_U is None:
+        return None  # it is doubtful: nobody knows what it will come to
+    if not known_U or so_far is None or not so_far.expanded_uncertainty:
+        return whole.expanded_uncertainty
+    return expected_at_end(known_U, so_far.expanded_uncertainty, whole.expanded_uncertainty)
+
+
+def _plan_of(session: SessionView) -> Plan | None:
+    """Return the plan of a session whose analysis predicts soon; None if the session does not hold it whole."""
+    declared = declared_by(session.manifest.get("campaign", {}))
+    if declared is None or not declared.predicted or declared.predicts_long or not session.plan_steps:
+        return None
+    try:
+        return plan_of_texts(Path(session.manifest["session"]), session.manifest, session.texts, session.plan_steps)
+    except BenchError:  # imported, of other software, or damaged: its results are the same without a prediction
+        return None

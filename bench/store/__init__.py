@@ -20,7 +20,7 @@ from bench.store.database import history_address
 from bench.store.due import Due, dues_of
 from bench.store.errors import StoreError
 from bench.store.export import export_history
-from bench.store.reading import Shown, list_calibrations, show_calibration, units_of, utc_text
+from bench.store.reading import Shown, list_calibrations, show_calibration, units_of
 from bench.store.recording import Recorded, approve, record_calibration
 from bench.store.rows import check_form, columns_of, write_rows
 from bench.store.selection import Filters
@@ -72,6 +72,5 @@ __all__ = [
     "started_utc_ns",
     "state_calibration",
     "units_of",
-    "utc_text",
     "write_rows",
 ]

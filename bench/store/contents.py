@@ -10,12 +10,11 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from bench.analysis import Estimate, estimates_of, is_sound, of_check_standard, of_serial, without_check_standard
-from bench.model.clock import NS
+from bench.model.clock import utc_of_stamp
 from bench.model.systems import analysis_declaration
 from bench.store.errors import StoreError
 from bench.store.tables import COLUMNS
@@ -66,12 +65,8 @@ def digest_of_file(path: Path) -> str:
 
 def started_utc_ns(session: str) -> int | None:
     """Return when a session began, by its name (``20260401T080000Z_...``); None without one, or not before 2262."""
-    try:
-        moment = datetime.strptime(session[:16], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
-    except ValueError:
-        return None
-    began_ns = int(moment.timestamp()) * NS
-    return began_ns if began_ns < _LAST_NS else None
+    began_ns = utc_of_stamp(session)
+    return began_ns if began_ns is not None and began_ns < _LAST_NS else None
 
 
 def contents_of(document: Mapping[str, Any], manifest: Mapping[str, Any], started_ns: int | None) -> list[Contents]:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from bench.maths.drift import days_to_limit
 from bench.maths.verdict import coverage_factor
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.store.comparison import Comparison, ParameterHistory
-from bench.store.reading import utc_text
 from bench.store.series import YEAR_S
 
 DAY_S = 86400

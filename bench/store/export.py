@@ -11,8 +11,9 @@ from typing import Any
 from sqlalchemy import Connection, select
 
 from bench.analysis import Estimate, limits_of
+from bench.model.clock import utc_text
 from bench.store.database import reading
-from bench.store.reading import stored_estimates, utc_text
+from bench.store.reading import stored_estimates
 from bench.store.rows import check_form, columns_of, write_rows
 from bench.store.selection import Filters, selected
 from bench.store.tables import report_revisions, result_sets

@@ -6,14 +6,13 @@ import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy import Connection, Table, select
 
 from bench.analysis import DOUBTFUL, REFUSED, Estimates, documents, estimates_of
 from bench.maths.verdict import worst
-from bench.model.clock import NS
+from bench.model.clock import utc_text
 from bench.store.adjustments import states_of
 from bench.store.database import reading, rows_of
 from bench.store.selection import Filters, find_calibration, selected, units
@@ -35,11 +34,6 @@ _LISTED = (
     "session", "session_sha256", "campaign", "uut_model", "uut_serial", "simulated", "method", "software", "estimates",
     "revision",
 )  # fmt: skip
-
-
-def utc_text(utc_ns: int) -> str:
-    """Return a time as people write it, to the second."""
-    return datetime.fromtimestamp(utc_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def list_calibrations(url: str, filters: Filters) -> list[Row]:

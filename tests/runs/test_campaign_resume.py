@@ -41,7 +41,7 @@ from bench.run.session import Conducted
 from bench.run.steps.setpoints import expected_of
 from bench.session.happenings import splice_tables
 from bench.session.service import read_view
-from bench.session.view import SessionView, analyse_view, report_html
+from bench.session.view import SessionView, analyse_view, report_of
 from sim_instruments.worlds.af_converter import core as ngu_core
 from sim_instruments.worlds.common.world import World
 
@@ -173,7 +173,7 @@ def test_a_session_that_was_gone_on_with_replays_identically_and_says_so(
     assert splice["soaked"]
     assert splice["stopped"] <= splice["started"]
     assert abs(splice["drift_degC"] + 1.35) < 0.2  # 24.35 degC before, 23 degC in the bench that was begun anew
-    assert "Splices" in report_html(view, results, analysis)
+    assert "Splices" in report_of(view, results, analysis).html()
     assert splice_tables(view.splices)[0].rows[0][3] == str(splice["step"])
     with pytest.raises(InputError, match="B-RES-001"):
         resume(folder, None, None, as_json=False)
@@ -193,7 +193,7 @@ def test_behind_a_clock_that_went_back_records_stay_in_order_and_the_time_away_i
     assert any("Nobody knows how long the run was away" in note for note in results["notes"])
     assert {entry["quality"] for entry in results["estimates"]} == {"sound"}, "the channel was closed by a repeat"
     assert splice_tables(view.splices)[0].rows[0][2] == "unknown"
-    assert "go on right behind those before" in report_html(view, results, analysis)
+    assert "go on right behind those before" in report_of(view, results, analysis).html()
 
 
 def test_a_resumption_says_that_the_time_away_is_unknown(
@@ -252,7 +252,7 @@ def test_a_fit_during_the_run_reads_what_is_there_and_judges_nothing(
     assert "Incomplete: the run has not ended" in capsys.readouterr().out
     view = read_view(folder)
     results, analysis = analyse_view(view)
-    assert "Incomplete: the run has not ended" in report_html(view, results, analysis)
+    assert "Incomplete: the run has not ended" in report_of(view, results, analysis).html()
     assert results["incomplete"] is True
     assert results["notes"][0].startswith("Incomplete")
     assert {one["verdict"] for one in results["estimates"]} == {"none"}

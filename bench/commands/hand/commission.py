@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from datetime import UTC, datetime
 
 import typer
 
 from bench.commands.console import console
 from bench.commands.origin import named_file
-from bench.model.clock import NS, WallClock
+from bench.model.clock import WallClock, utc_text
 from bench.model.errors import ExitStatus, InputError
 from bench.model.manual import manual_of
 from bench.plan import load_station
@@ -57,7 +56,7 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
             tried = walk(instrument, manual, (lambda text: True) if yes else typer.confirm, tell)
         finally:
             bench.close()
-    at = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    at = utc_text(clock.utc_ns())
     written = write_record(path, record_of(role, entry.driver, identity, by, at, tried))
     counts = Counter(one.outcome for one in tried)
     out.print(", ".join(f"{count} {outcome}" for outcome, count in counts.items()))

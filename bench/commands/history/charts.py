@@ -12,9 +12,9 @@ from bench.commands.history.show import named
 from bench.commands.history.tables import rows_table
 from bench.commands.requests import Place
 from bench.maths.control.limits import KINDS
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.model.errors import ExitStatus, InputError
-from bench.store import YEAR_S, Filters, state_calibration, utc_text
+from bench.store import YEAR_S, Filters, state_calibration
 from bench.store import charts as control
 
 _HEADS = ("parameter", "point", "rules", "since", "size", "U 95 %", "unit")

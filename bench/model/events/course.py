@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+from bench.model.errors import BenchError
 from bench.model.events.event import Event, Severity, event, left_out, number
 
 OPERATOR = "operator"  # who holds a run by a pause
@@ -263,6 +264,11 @@ class Error(Event):
     where: str | None = left_out()
     segment: int | None = left_out()
     errno: int | None = left_out()
+
+    @classmethod
+    def of(cls, error: BenchError, step: int | None = None) -> Error:
+        """Return an error as an event; ``step``: the one that it came in."""
+        return cls(code=error.code, text=str(error), where=error.where, step=step)
 
     @property
     def topic(self) -> str:

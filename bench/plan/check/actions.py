@@ -56,7 +56,8 @@ class ActionCheck:
         """Return declared action of a call or verify step; if it names none a mistake was noted."""
         if not isinstance(step, PlannedCall | PlannedVerify | PlannedSend | PlannedSoak):
             return NOT_JUDGED
-        key = (step.where, step.role, step.name, tuple((n, _hashable(v)) for n, v in step.told().items()))
+        given = ((name, tuple(value) if isinstance(value, list) else value) for name, value in step.told().items())
+        key = step.where, step.role, step.name, tuple(given)
         if key not in self._seen:
             self._seen[key] = self._fresh(step, self._plan.dimensions[step.number])
         return self._seen[key]
@@ -186,7 +187,3 @@ def _called(plan: Plan, role: str) -> set[str]:
     """Return the names of all actions that are called of a role."""
     calls = [call for step in plan.steps for call in (step.calls if isinstance(step, PlannedRecord) else (step,))]
     return {call.name for call in calls if isinstance(call, PlannedCall | PlannedVerify) and call.role == role}
-
-
-def _hashable(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value

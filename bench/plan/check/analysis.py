@@ -12,12 +12,12 @@ from difflib import get_close_matches
 from bench.model.declaration import AnalysisDeclaration, Limit
 from bench.model.lab import lab_here
 from bench.model.lab_code import own_code_names
-from bench.model.systems import analyses, analysis_declaration, system_of_analysis
+from bench.model.systems import analyses, analysis_declaration, declared_by, system_of_analysis
 from bench.model.units import parse_quantity
 from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.sequence import Sequence
 from bench.plan.plan import Plan, Step
-from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord
+from bench.plan.step_kinds import MEASUREMENT, PlannedCall, PlannedCommand, PlannedRecord
 
 NONE = "none"
 
@@ -79,7 +79,7 @@ def _check_rule(draft: Draft[Sequence]) -> None:
 
 def check_asked(plan: Plan, findings: Findings) -> None:
     """Note what an analysis would leave out or take for something else (B-PLAN-078)."""
-    asked = analysis_declaration(str(plan.campaign.get("analysis", NONE)))
+    asked = declared_by(plan.campaign)
     if asked is not None and asked.made_of != "logs":
         _Asked(asked, plan, findings).check()
 
@@ -98,7 +98,7 @@ class _Asked:
         records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
         first = plan.steps[0]
         for step in records:
-            if step.conditions.get("purpose", "measurement") == "measurement":
+            if step.conditions.get("purpose", MEASUREMENT) == MEASUREMENT:
                 self._conditions(step)
         if asked.made_of not in ("readings", "values") and not plan.frames:
             message = "is made of frames of a unit, and the sequence names no link"

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from importlib import import_module
 from typing import Any
 
@@ -148,19 +148,19 @@ def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findin
     used = roles_of(plan.steps) & station.instruments.keys()
     length_s = plan.prepare_s + plan.duration_s + plan.finally_s
     end = datetime.fromtimestamp(start_utc_ns / NS, UTC) + timedelta(seconds=length_s)
-    entries = [*(station.instruments[role].standard for role in used), *station.file.standards.values()]
-    days = [standard.calibrated for standard in entries if standard is not None]
-    clock_is_wrong = len(days) > 1 and _start(start_utc_ns) < min(days)
+    start = datetime.fromtimestamp(start_utc_ns / NS, UTC).date()
+    register = {role: station.instruments[role].standard for role in sorted(used)} | station.file.standards
+    days = [standard.calibrated for standard in register.values() if standard is not None]
+    clock_is_wrong = len(days) > 1 and start < min(days)
     if clock_is_wrong:
         message = f"the clock says {end:%Y-%m-%d}; all {len(days)} standards were calibrated later, from {min(days)} on"
         findings.add("B-PLAN-063", station.document.where(), message, "set the clock of this machine")
-    for role in [*sorted(used), *station.file.standards]:
-        passive = station.file.standards.get(role)
-        where = station.document.where(("instruments", role, "standard") if passive is None else ("standards", role))
-        standard = station.instruments[role].standard if passive is None else passive
+    for role, standard in register.items():
+        passive = role in station.file.standards
+        where = station.document.where(("standards", role) if passive else ("instruments", role, "standard"))
         if standard is None:
             findings.add("B-PLAN-062", where, f"{role} is used but has no entry in the standards register")
-        elif not clock_is_wrong and (standard.calibrated > _start(start_utc_ns) or end.date() > standard.due):
+        elif not clock_is_wrong and (standard.calibrated > start or end.date() > standard.due):
             message = f"{role}: calibrated {standard.calibrated}, due {standard.due}; the run ends {end:%Y-%m-%d}"
             findings.add("B-PLAN-063", where, message, "use a standard that is valid until the end")
         else:
@@ -177,10 +177,6 @@ def _ages(role: str, standard: Standard, where: str, end: datetime, findings: Fi
             f"{standard.calibrated}; the run ends {end:%Y-%m-%d}"
         )
         findings.add("B-PLAN-130", where, message, "register the specification that holds until the end, or calibrate")
-
-
-def _start(start_utc_ns: int) -> date:
-    return datetime.fromtimestamp(start_utc_ns / NS, UTC).date()
 
 
 def check_sets(plan: Plan, station: Station, findings: Findings) -> None:

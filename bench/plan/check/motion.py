@@ -14,7 +14,8 @@ from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.model.ports import Action, Effect
+from bench.model.ports import Action, Drivers, Effect, can_move
+from bench.model.quantities import Values
 from bench.plan.drivers import declared_action
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
@@ -31,16 +32,16 @@ _MOVE, _TURN = "move", "turn"
 class MotionState:
     """Follows the tables of a bench, step by step.
 
-    Args: tables: declared actions of each role that can move. ``may_move`` holds the roles whose interlocks are closed,
+    Args: drivers: declared actions of each role. ``may_move`` holds the roles whose interlocks are closed,
     with the place where they were.
     """
 
-    def __init__(self, plan: Plan, tables: Mapping[str, Mapping[str, Action]], findings: Findings) -> None:
+    def __init__(self, plan: Plan, drivers: Drivers, findings: Findings) -> None:
         self._findings = findings
         self._origins = plan.origins
-        self._tables = tables
-        self._axes = {role: _axes_of(actions) for role, actions in tables.items()}
-        self._limits: dict[tuple[str, Any], Mapping[str, Any]] = {}
+        self._tables = {role: actions for role, actions in drivers.items() if can_move(actions)}
+        self._axes = {role: _axes_of(actions) for role, actions in self._tables.items()}
+        self._limits: dict[tuple[str, Any], Values] = {}
         self.may_move: dict[str, str] = {}
 
     def copy(self) -> MotionState:
@@ -53,7 +54,7 @@ class MotionState:
         """Return what tells the state from others."""
         return repr(sorted(self._limits.items(), key=repr)), tuple(sorted(self.may_move.items()))
 
-    def call(self, step: Step, action: Action, usable: Mapping[str, Any]) -> None:
+    def call(self, step: Step, action: Action, usable: Values) -> None:
         """Apply one call to a table; note what it breaks."""
         if step.role not in self._tables:
             return
@@ -77,7 +78,7 @@ class MotionState:
             message = f"somebody is asked to act while the {role} may move (from {where} on)"
             self._findings.add("B-PLAN-087", step.where, message, "open its interlock before the prompt")
 
-    def _set_limits(self, step: Step, usable: Mapping[str, Any]) -> None:
+    def _set_limits(self, step: Step, usable: Values) -> None:
         if step.role in self.may_move:
             message = f"{step.role}.{step.name} is called with the interlock closed"
             self._findings.add("B-PLAN-088", step.where, message, "set the limits before the interlock is closed")
@@ -90,7 +91,7 @@ class MotionState:
             self._findings.add("B-PLAN-088", step.where, message, "set the limits of every axis before it")
         self.may_move[step.role] = step.where
 
-    def _motion(self, step: Step, usable: Mapping[str, Any]) -> None:
+    def _motion(self, step: Step, usable: Values) -> None:
         limits = self._limits.get((step.role, usable["axis"]))
         missing = _SET_LIMITS if limits is None else "" if step.role in self.may_move else "the interlock is closed"
         if missing:
@@ -102,15 +103,6 @@ class MotionState:
                 message = f"{step.role}.{step.name}: {name} {value:g} is above {most:g}, the limit set for this axis"
                 origin = self._origins[step.number].get(name, "")
                 self._findings.add("B-PLAN-089", step.where, message, "move slower, or set a higher limit", origin)
-
-
-def tables_of(actions: Mapping[str, Mapping[str, Action]]) -> dict[str, Mapping[str, Action]]:
-    """Of the declared actions of each role, those of the roles that can move."""
-    return {
-        role: known
-        for role, known in actions.items()
-        if any(action.effect is Effect.MOTION_ON for action in known.values())
-    }
 
 
 def _axes_of(actions: Mapping[str, Action]) -> tuple[Any, ...]:
@@ -181,7 +173,7 @@ def _poses(step: Step, angles: Mapping[str, float | None]) -> Iterator[str]:
             yield f"{name.removesuffix('_deg')} axis at {said:g} deg, but the table was sent to {angle:g} deg"
 
 
-def _sets(conditions: Mapping[str, Any], was_set: Mapping[str, Any]) -> Iterator[str]:
+def _sets(conditions: Values, was_set: Values) -> Iterator[str]:
     for name, value in was_set.items():
         if name in conditions and conditions[name] != value:
             yield f"{name} {conditions[name]}, but the operator was told {value}"

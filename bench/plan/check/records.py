@@ -7,11 +7,12 @@ a wrong one becomes a wrong number without any other sign.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Hashable, Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from bench.model.ports import Effect
+from bench.model.quantities import Values
 from bench.model.stopping import STAGE
 from bench.plan.check.state import BenchState
 from bench.plan.decision import decisions_of
@@ -38,7 +39,7 @@ def check_record(plan: Plan, step: Step, state: BenchState, findings: Findings) 
         findings.add("B-PLAN-076", step.where, message, "correct the conditions, or the calls before the record")
 
 
-def _is_closed(plan: Plan, declared: Mapping[str, Any], state: BenchState) -> bool:
+def _is_closed(plan: Plan, declared: Values, state: BenchState) -> bool:
     """Return whether a record has a closed route. Left out, ``route`` means closed, as it does to the analysis."""
     if "route" in declared:
         return bool(declared["route"] != "open")
@@ -46,12 +47,12 @@ def _is_closed(plan: Plan, declared: Mapping[str, Any], state: BenchState) -> bo
     return bool(state.closed or analysed or declared.get("polarity") or declared.get("current_A"))
 
 
-def _temperature(declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
+def _temperature(declared: Values, state: BenchState) -> Iterator[str]:
     if "temperature_degC" in declared and state.target_degC is not None:
         yield from _differs("temperature", declared["temperature_degC"], state.target_degC, "degC", "the chamber is at")
 
 
-def _route(plan: Plan, declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
+def _route(plan: Plan, declared: Values, state: BenchState) -> Iterator[str]:
     if not state.closed:
         if state.switches:
             yield "its route is closed, but no route is (write 'route: open' if that is meant)"
@@ -65,7 +66,7 @@ def _route(plan: Plan, declared: Mapping[str, Any], state: BenchState) -> Iterat
         yield from _differs("card", unit.card, route.get("card"), "", "the route has")
 
 
-def _stimulus(declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
+def _stimulus(declared: Values, state: BenchState) -> Iterator[str]:
     if not state.sources or not {"current_A", "range_A", "route"} & declared.keys():
         return
     on = sorted(state.output_on)
@@ -84,7 +85,7 @@ def _stimulus(declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
             yield from _differs("range", declared["range_A"], state.range_A.get(role), "A", f"{role} is on")
 
 
-def _open(declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
+def _open(declared: Values, state: BenchState) -> Iterator[str]:
     for role, route in sorted(state.closed.items()):
         yield f"its route is open, but {role} has channel {route.get('channel', 'unknown')} closed"
     for role in sorted(state.output_on) if "route" in declared else ():

@@ -6,14 +6,14 @@ import math
 import re
 from collections.abc import Hashable, Mapping
 from copy import copy
-from typing import Any
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Effect
-from bench.model.systems import analysis_declaration
+from bench.model.quantities import Values
+from bench.model.systems import declared_by
 from bench.plan.check.actions import Judged
-from bench.plan.check.motion import MotionState, tables_of
+from bench.plan.check.motion import MotionState
 from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
@@ -43,21 +43,21 @@ class BenchState(Followed):
         self._findings = findings
         self._station = station
         self._origins = plan.origins
-        asked = analysis_declaration(str(plan.campaign.get("analysis")))
+        asked = declared_by(plan.campaign)
         self._metered = asked is not None and bool(asked.reading)
         channels = plan.campaign.get("channels", [])
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in channels}
         self._levels_A = {int(c["number"]): frozenset(c.get("levels_A", ())) for c in channels}
         actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
         self._effects = {role: frozenset(action.effect for action in known.values()) for role, known in actions.items()}
-        self.motion = MotionState(plan, tables_of(actions), findings)
+        self.motion = MotionState(plan, actions, findings)
         self.switches = _with(Effect.ROUTE, self._effects)
         self.sources = _with(Effect.STIMULUS_ON, self._effects)
         self.energised: dict[str, str] = {}
         self.output_on: set[str] = set()
         self.unknown: set[str] = set()
         self.untrusted: set[str] = set()
-        self.closed: dict[str, Mapping[str, Any]] = {}
+        self.closed: dict[str, Values] = {}
         self.level_A: dict[str, float | None] = {}
         self.range_A: dict[str, float | None] = {}
         self.used_A: dict[str, set[float]] = {}
@@ -102,7 +102,7 @@ class BenchState(Followed):
             self.untrusted |= self.switches | self.sources
         self.untrusted |= {role} & (self.switches | self.sources)
 
-    def _call(self, step: Step, effect: Effect, usable: Mapping[str, Any]) -> None:
+    def _call(self, step: Step, effect: Effect, usable: Values) -> None:
         role = step.role
         if effect in (Effect.ROUTE, Effect.ROUTES_OPEN):
             self._route(step, effect, usable)
@@ -123,7 +123,7 @@ class BenchState(Followed):
         elif effect in _ENERGY:
             self._energise(step, role)
 
-    def _set(self, role: str, usable: Mapping[str, Any]) -> None:
+    def _set(self, role: str, usable: Values) -> None:
         level_A = usable.get("current")
         self.level_A[role] = level_A
         ladder_A = driver_ladder_A(self._station.instruments[role].driver) or self._station.ranges_A(role)
@@ -133,7 +133,7 @@ class BenchState(Followed):
         if held_A is not None:
             self.used_A.setdefault(role, set()).add(held_A)
 
-    def _measure(self, role: str, usable: Mapping[str, Any]) -> None:
+    def _measure(self, role: str, usable: Values) -> None:
         """Range of a meter that is a standard: the register gives it uncertainties, or the analysis asks for them."""
         wanted_A = usable.get("range")
         standard = self._metered or bool(self._station.ranges_A(role))
@@ -155,7 +155,7 @@ class BenchState(Followed):
                 message = f"{step.role} is on its {limit_A:g} A range and cannot read the {level_A:g} A of {role}"
                 self._findings.add("B-PLAN-079", step.where, message, "configure a range that holds the level")
 
-    def _route(self, step: Step, effect: Effect, usable: Mapping[str, Any]) -> None:
+    def _route(self, step: Step, effect: Effect, usable: Values) -> None:
         if self.output_on and not self.untrusted:
             source = sorted(self.output_on)[0]
             state = "may be on after a raw command" if source in self.unknown else "is on"
@@ -198,19 +198,19 @@ class BenchState(Followed):
         effects = self._effects.get(step.role, frozenset())
         if Effect.STIMULUS_ON in effects:
             if self.switches and not self.closed and not self.untrusted:
-                message = f"raw text to {step.role} may switch its output on without a closed route"
-                self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+                self._doubt(step, "may switch its output on without a closed route")
             self.output_on.add(step.role)
             self.unknown.add(step.role)
             self.level_A[step.role] = self.range_A[step.role] = None
         if Effect.ROUTE in effects:
-            message = f"raw text to {step.role} may close any route, so the plan cannot be proved safe"
-            self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+            self._doubt(step, "may close any route, so the plan cannot be proved safe")
         if Effect.MOTION_ON in effects and not _only_asks(step.text):
-            message = f"raw text to {step.role} may move it, faster and further than its limits allow"
-            self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+            self._doubt(step, "may move it, faster and further than its limits allow")
         if effects & {*_ENERGY, Effect.ROUTE}:
             self._energise(step, step.role)
+
+    def _doubt(self, step: PlannedSend, why: str) -> None:
+        self._findings.add("B-PLAN-074", step.where, f"raw text to {step.role} {why}", "write a call instead")
 
     def _energise(self, step: Step, role: str) -> None:
         self.energised[role] = step.where
@@ -230,7 +230,7 @@ class BenchState(Followed):
             self._findings.add("B-PLAN-075", step.where, message)
 
 
-def _told(value: Mapping[str, Any] | set[str]) -> Hashable:
+def _told(value: Values | set[str]) -> Hashable:
     return frozenset((key, repr(of)) for key, of in value.items()) if isinstance(value, Mapping) else frozenset(value)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -175,19 +176,17 @@ def check_register(station: Station, findings: Findings) -> None:
     draft = Draft(station.document, findings)
     for role, entry in station.instruments.items():
         if entry.standard is not None:
-            _check_lines(draft, role, entry.standard)
-            _check_ladder(draft, role, entry.driver, entry.standard)
+            _check_lines(draft, role, entry.driver, entry.standard)
 
 
-def _lines(standard: Standard) -> dict[str, list[float]]:
-    return {
+def _check_lines(draft: Draft[StationFile], role: str, driver: str, standard: Standard) -> None:
+    lines = {
         "uncertainty": [line.range for line in standard.uncertainty],
         "corrections": [line.range for line in standard.corrections],
     }
-
-
-def _check_lines(draft: Draft[StationFile], role: str, standard: Standard) -> None:
-    lines = _lines(standard)
+    ladder_A: tuple[float, ...] = ()
+    with suppress(InputError):  # noted where the drivers are checked
+        ladder_A = driver_ladder_A(driver)
     for key, ranges in lines.items():
         times = Counter(ranges)
         for index, range_A in enumerate(ranges):
@@ -199,18 +198,8 @@ def _check_lines(draft: Draft[StationFile], role: str, standard: Standard) -> No
                 known = _listed(lines["uncertainty"])
                 message = f"{role}: the correction of {shown} belongs to no range with an uncertainty ({known})"
                 draft.fail("B-PLAN-064", path, message, "correct the range, or state its uncertainty")
-
-
-def _check_ladder(draft: Draft[StationFile], role: str, driver: str, standard: Standard) -> None:
-    try:
-        ladder_A = driver_ladder_A(driver)
-    except InputError:
-        return  # noted where the drivers are checked
-    for key, ranges in _lines(standard).items() if ladder_A else ():
-        for index, range_A in enumerate(ranges):
-            if range_A not in ladder_A:
-                path = ("instruments", role, "standard", key, index)
-                message = f"{role} has no range {format_quantity(range_A, 'A')}; {driver} has {_listed(ladder_A)}"
+            if ladder_A and range_A not in ladder_A:
+                message = f"{role} has no range {shown}; {driver} has {_listed(ladder_A)}"
                 draft.fail("B-PLAN-065", path, message, "write the range as the instrument names it")
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
 from bench.model.units import known_unit, likely
-from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
+from bench.model.yamlio import NAME_PATTERN, Name, StrictModel, characters
 from bench.plan.values import Scalar, as_reference
 
 MOST_DEGREE = 6
@@ -84,9 +84,9 @@ class ReplyExpect(Expect):
     text.
     """
 
-    pattern: Annotated[str, StringConstraints(min_length=1, max_length=200), AfterValidator(_pattern)] | None = None
+    pattern: Annotated[str, characters(200), AfterValidator(_pattern)] | None = None
     unit: Annotated[str, AfterValidator(known_unit)] | None = Field(None, description="of the number in the reply")
-    equals: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = None
+    equals: Annotated[str, characters(200)] | None = None
     uncertainty: Bound | None = Field(None, description="95 %, of whatever measured the number")
 
     def _one_form(self) -> None:

@@ -12,7 +12,7 @@ from pydantic import Field, StringConstraints
 from bench.frame import BENCH, BENCH_FIELDS, FrameDefinition, Signal, all_signals, expand, rate_of, signal_of
 from bench.model.errors import InputError
 from bench.model.units import quantity
-from bench.model.yamlio import Path_, StrictModel
+from bench.model.yamlio import Path_, StrictModel, characters
 from bench.plan.findings import Draft, suggestion
 
 MOST_GRAPHS, MOST_CURVES = 3, 10
@@ -24,7 +24,7 @@ SignalName = Annotated[str, StringConstraints(min_length=3, max_length=100)]
 class GraphEntry(StrictModel):
     """One graph window of the live page."""
 
-    title: Annotated[str, StringConstraints(min_length=1, max_length=80)]
+    title: Annotated[str, characters(80)]
     signals: list[SignalName] = Field(min_length=1, description="names or ranges such as port_a.npp-ppp[1..6]")
     window: Annotated[float, *quantity("s", 1.0, 3600.0)] = Field(WINDOW_S, description="time that is shown at first")
 

@@ -9,15 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StringConstraints
+from pydantic import Field
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.units import parse_quantity, quantity
-from bench.model.yamlio import Name, StrictModel
+from bench.model.yamlio import Name, StrictModel, characters
 from bench.plan.findings import Draft, suggestion
 
-Level = Annotated[str, StringConstraints(min_length=1, max_length=60)]
+Level = Annotated[str, characters(60)]
 Duration = Annotated[float, *quantity("s", 0.0, 86_400.0)]
 Action = Literal["hold", "retake", "skip", "abort", "warn"]
 Source = Literal["", "link", "instrument"]

@@ -26,10 +26,10 @@ from bench.model.declaration import LogColumn, LogSections, System
 from bench.model.shipped import refuse_other_kinds
 from bench.model.systems import analysis_declaration, fields_of, sections_in, systems, systems_named, with_sections
 from bench.model.units import quantity, read_quantity
-from bench.model.yamlio import Document, Name, StrictModel, load_yaml
+from bench.model.yamlio import Document, Name, StrictModel, characters, load_yaml
 
-UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
-Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+UnitName = Annotated[str, characters(80)]
+Header = Annotated[str, characters(200)]
 Role = Literal["temperature", "set_point", "reading", "reference"]
 ELAPSED, UNIX, ISO, SAMPLES, ROWS = "elapsed", "unix", "iso", "samples", "rows"
 TEMPERATURES = ("temperature", "set_point")
@@ -155,11 +155,9 @@ class FileForm(StrictModel):
         None, description="names of the columns of a file that has no line with them, or in place of its 'header'"
     )
     decimal: Literal[".", ","] = "."
-    comment: Annotated[str, StringConstraints(min_length=1, max_length=10)] | None = Field(
-        None, description="lines that begin with this are skipped"
-    )
+    comment: Annotated[str, characters(10)] | None = Field(None, description="lines that begin with this are skipped")
     encoding: Literal["utf-8", "latin-1"] = "utf-8"
-    topic: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = Field(
+    topic: Header | None = Field(
         None, description="of an MCAP file or a ROS bag, such as /sensor; default: the only one"
     )
 

@@ -8,9 +8,9 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from bench.model.units import quantity
-from bench.model.yamlio import StrictModel
+from bench.model.yamlio import StrictModel, characters
 
-Words = Annotated[str, StringConstraints(min_length=1, max_length=500)]
+Words = Annotated[str, characters(500)]
 EnvironmentName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,99}$")]
 Occasion = Literal["hold", "alarm", "end", "error"]
 LOCAL = ("localhost", "127.0.0.1", "::1")

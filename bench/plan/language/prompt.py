@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from bench.model.units import dimension_of
-from bench.model.yamlio import Name, StrictModel
+from bench.model.yamlio import Name, StrictModel, characters
 from bench.plan.values import Scalar
 
 Arguments = dict[Name, Scalar]
-Text = Annotated[str, StringConstraints(min_length=1, max_length=2000)]
+Text = Annotated[str, characters(2000)]
 
 
 def _with_unit(value: object) -> object:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from datetime import date
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from bench.model.declaration import stated
 from bench.model.units import quantity, read_stated
-from bench.model.yamlio import Name, StrictModel
+from bench.model.yamlio import Name, StrictModel, characters
 
-Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Words = Annotated[str, characters(200)]
 Current = Annotated[float, *quantity("A", -10.0, 10.0)]
 Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
 Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative

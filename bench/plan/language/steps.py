@@ -85,17 +85,14 @@ class Soak(StrictModel):
     done: Done | None = None
 
 
-def _named_call(value: object) -> object:
-    return {value: None} if isinstance(value, str) else value
-
-
 def _call_form(pattern: str) -> tuple[BeforeValidator, AfterValidator, WithJsonSchema]:
     """Pydantic annotation: one name with its arguments, or the name alone."""
     values = {"type": ["string", "number", "boolean"]}
     arguments = {"anyOf": [{"type": "object", "additionalProperties": values}, {"type": "null"}]}
     named = {"type": "object", "patternProperties": {pattern: arguments}, "additionalProperties": False}
     schema = {"anyOf": [{"type": "string", "pattern": pattern}, {**named, "maxProperties": 1}]}
-    return BeforeValidator(_named_call), AfterValidator(_one_entry), WithJsonSchema(schema)
+    named_alone = BeforeValidator(lambda value: {value: None} if isinstance(value, str) else value)
+    return named_alone, AfterValidator(_one_entry), WithJsonSchema(schema)
 
 
 class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], *_call_form(f"^{ACTION_PATTERN}$")]]):

@@ -63,11 +63,15 @@ def _check_serial(station: Station, role: str, identity: Identity) -> None:
     )
 
 
+def folder_above(folder: Path) -> Path:
+    """Return a folder, or the nearest above it that exists, which is on the same disk."""
+    return next(place for place in (folder.absolute(), *folder.absolute().parents) if place.is_dir())
+
+
 def check_space(plan: Plan, out: Path) -> None:
     """Raise InputError B-RUN-005 unless the disk has twice the room the plan needs."""
-    place = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
     needed = SPACE_FACTOR * summarise(plan).disk_bytes
-    free = shutil.disk_usage(place).free
+    free = shutil.disk_usage(folder_above(out)).free
     if free < needed:
         raise InputError(
             "B-RUN-005",

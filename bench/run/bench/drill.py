@@ -13,11 +13,11 @@ import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from bench.model.clock import NS, Clock, VirtualClock, to_ns
+from bench.model.clock import NS, Clock, VirtualClock, to_ns, utc_moment, utc_stamp
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, RunError
 from bench.model.events import Event
@@ -26,7 +26,7 @@ from bench.model.posix import signals
 from bench.model.processes import DRILL_CONTROLLER, own_process
 from bench.plan import Station
 from bench.run.bench.beginning import begin_safely, identities_of
-from bench.run.bench.drill_controller import source_of, stimulate, stimulated
+from bench.run.bench.drill_controller import stimulate, stimulated
 from bench.run.bench.opener import open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import InUse
@@ -71,8 +71,8 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock, *, take
     """
     with station_lock(station, "drill", clock, take_over=take_over):
         pass  # whoever uses the bench is named before anything is begun
-    start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC)
-    folder = new_folder(out, f"{start.strftime('%Y%m%dT%H%M%SZ')}_drill_{station.name}")
+    start_ns = clock.utc_ns()
+    folder = new_folder(out, f"{utc_stamp(start_ns)}_drill_{station.name}")
     folder.mkdir(parents=True)
     if station.in_process:
         identities, trials = _virtual_drill(station)
@@ -85,7 +85,7 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock, *, take
         "schema": 1,
         "station": station.name,
         "simulated": station.simulated,
-        "utc": start.isoformat(),
+        "utc": utc_moment(start_ns).isoformat(),
         "passed": all(trial.passed for trial in trials),
         "limit_s": SAFE_S,
         "trials": [{**asdict(trial), "passed": trial.passed} for trial in trials],
@@ -113,7 +113,7 @@ def latest_drill(out: Path, station: Station) -> dict[str, Any] | None:
 
 def drill_age(document: Mapping[str, Any], clock: Clock) -> timedelta:
     """Return how long ago a drill was."""
-    return datetime.fromtimestamp(clock.utc_ns() // NS, UTC) - datetime.fromisoformat(str(document["utc"]))
+    return utc_moment(clock.utc_ns()) - datetime.fromisoformat(str(document["utc"]))
 
 
 def _trial(
@@ -212,7 +212,7 @@ def _virtual_drill(station: Station) -> tuple[dict[str, Any], list[Trial]]:
     bench = open_bench(station, clock, HeldTranscript(), seed=1, links=False)
     try:
         identities = identities_of(begin_safely(bench, clock))
-        stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
+        stimulate(bench)
         limits_degC = station.guard_limits_degC
         run = _Bare(bench.instruments, clock, stop, Health(clock), InUse())
         with GuardTask(run, limits_degC) as guard:

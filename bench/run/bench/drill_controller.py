@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import Clock, WallClock
+from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, InputError
-from bench.model.ports import Effect, Instrument, actions_of
-from bench.plan import Station, driver_actions, load_station
+from bench.model.ports import Effect, Instrument, effects_of
+from bench.plan import Station, load_station
 from bench.run.bench.beginning import begin_safely
-from bench.run.bench.opener import open_bench
+from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.safety import make_safe, states_of
 from bench.run.bench.transcript import HeldTranscript
 from bench.run.guard.diary import DIARY
@@ -36,24 +37,23 @@ _LOOK_S = 0.1
 def source_of(station: Station, drivers: dict[str, type]) -> str:
     """Return the role that switches a stimulus on. Raises: InputError B-RUN-095 if the station has none."""
     for role in station.safe_order:
-        if any(action.effect is Effect.STIMULUS_ON for action in actions_of(drivers[role]).values()):
+        if Effect.STIMULUS_ON in effects_of(drivers[role]):
             return role
     raise InputError("B-RUN-095", "the station has no instrument that switches a stimulus on", where=station.name)
 
 
 def has_source(station: Station) -> bool:
     """Return whether there is a stimulus that a drill can switch on."""
-    return any(
-        action.effect is Effect.STIMULUS_ON
-        for entry in station.instruments.values()
-        for action in driver_actions(entry.driver).values()
-    )
+    entries = station.instruments.values()
+    return any(Effect.STIMULUS_ON in effects_of(driver_class(entry.driver)) for entry in entries)
 
 
-def stimulate(instruments: dict[str, Instrument], source: str) -> None:
-    """Close a route if the bench has one, then switch the source on at 0 A."""
+def stimulate(bench: OpenBench) -> None:
+    """Close a route if the bench has one, then switch the source on at 0 A. Raises: InputError B-RUN-095."""
+    instruments = bench.instruments
+    source = source_of(bench.station, {role: type(instrument) for role, instrument in instruments.items()})
     for instrument in instruments.values():
-        if any(action.effect is Effect.ROUTE for action in actions_of(type(instrument)).values()):
+        if Effect.ROUTE in effects_of(type(instrument)):
             instrument.route(channel=CHANNEL, polarity=POLARITY)  # type: ignore[attr-defined]
     output: Any = instruments[source]
     output.output(current=LEVEL_A)
@@ -64,7 +64,7 @@ def stimulated(instruments: dict[str, Instrument]) -> dict[str, object]:
     """Return what is on by read-back: roles in operate, closed routes; empty when nothing is."""
     states: dict[str, object] = {}
     for role, instrument in instruments.items():
-        effects = {action.effect for action in actions_of(type(instrument)).values()}
+        effects = effects_of(type(instrument))
         if Effect.STIMULUS_ON in effects and instrument.operating():  # type: ignore[attr-defined]
             states[role] = "operating"
         if Effect.ROUTE in effects and (closed := instrument.closed()):  # type: ignore[attr-defined]
@@ -89,7 +89,7 @@ def main(station_file: str, folder: str) -> int:
         stack.callback(
             lambda: health.over(states_of(make_safe(bench.instruments, station.safe_order, clock, live=stop.is_alive)))
         )
-        stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
+        stimulate(bench)
         _say(on=stimulated(bench.instruments), identities={role: asdict(who) for role, who in identities.items()})
         _wait(clock, stop)
     return 0

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 from bench.model.errors import BenchError
 from bench.model.manual import Command, Manual
 from bench.model.ports import Identity
+from bench.model.quantities import Values
 
 FOLDER = "commissioning"
 AS_DOCUMENTED, DIFFERS, SILENT, REFUSED, NOT_TRIED = "as documented", "differs", "no answer", "refused", "not tried"
@@ -96,7 +97,7 @@ def record_of(role: str, driver: str, identity: Identity, by: str, at: str, trie
     return document | {"sha256": _hash(document)}
 
 
-def page_of(record: Mapping[str, Any]) -> str:
+def page_of(record: Values) -> str:
     """Return the record as a page of Markdown."""
     who = record["identity"]
     rows = [
@@ -119,7 +120,7 @@ def page_of(record: Mapping[str, Any]) -> str:
     )
 
 
-def write_record(station: Path, record: Mapping[str, Any]) -> Path:
+def write_record(station: Path, record: Values) -> Path:
     """Write record and page into the station's folder and return the record's path; an older one stays."""
     folder = station.parent / FOLDER
     folder.mkdir(exist_ok=True)
@@ -153,7 +154,7 @@ def _records(station: Path) -> Iterator[dict[str, Any]]:
             yield record
 
 
-def _hash(document: Mapping[str, Any]) -> str:
+def _hash(document: Values) -> str:
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.model.clock import NS, Clock
+from bench.model.clock import Clock, utc_stamp
 from bench.model.lab_code import code_texts, recorded_code
 from bench.plan import Station
 from bench.record import SessionWriter
@@ -32,11 +31,11 @@ class TalkSession:
         except Exception:
             self._bench.close()
             raise
-        start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
-        self.folder = new_folder(out, f"{start}_talk_{role}")
+        name = f"{utc_stamp(clock.utc_ns())}_talk_{role}"
+        self.folder = new_folder(out, name)
         manifest = {
             "schema": 1,
-            "session": f"{start}_talk_{role}",
+            "session": name,
             "simulated": station.simulated,
             "station": station.name,
             "identities": {role: asdict(identity)},

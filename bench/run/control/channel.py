@@ -8,15 +8,14 @@ person may take back, from afar only while every interlock is inside its limits.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
 from bench.model import events
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
@@ -37,6 +36,16 @@ LEAST_SHELVED_S, MOST_SHELVED_S = 60.0, 8 * 3600.0  # a shift: whoever comes the
 
 class Refusal(Exception):
     """A command that is understood and cannot be done now; its text says why."""
+
+
+@dataclass(frozen=True)
+class _Order:
+    """A command that is understood: why and by whom it is given, and all of the request."""
+
+    command: str
+    reason: str
+    by: str
+    request: Mapping[str, Any]
 
 
 class Control:
@@ -69,22 +78,23 @@ class Control:
             return _no(f"a reason is one line of at most {LONGEST_REASON} printable characters")
         if not isinstance(name, str) or len(name) > LONGEST_NAME or not name.isprintable():
             return _no(f"'by' is a name of at most {LONGEST_NAME} printable characters")
-        return self._ordered(command, reason.strip(), f"{name} via {peer}" if name else peer, request)
+        return self._ordered(_Order(command, reason.strip(), f"{name} via {peer}" if name else peer, request))
 
-    def _ordered(self, command: str, reason: str, by: str, request: dict[str, Any]) -> dict[str, Any]:
+    def _ordered(self, order: _Order) -> dict[str, Any]:
         """Do a command that is understood, and journal it with what came of it."""
-        do: dict[str, Callable[[Mapping[str, Any], str, str], str]] = {
+        command, request = order.command, order.request
+        do: dict[str, Callable[[_Order], str]] = {
             "pause": self._pause, "resume": self._resume, "abort": self._abort, "acknowledge": self._acknowledge,
             "shelve": self._shelve, "answer": self._answer,
         }  # fmt: skip
         about = {key: request[key] for key in ABOUT.get(command, ()) if isinstance(request.get(key), str | int | float)}
         if command == "shelve" and _is_number(request.get("seconds")):
             about["until_utc_s"] = self._context.clock.utc_ns() / NS + float(request["seconds"])
-        told = events.Control(what=command, by=by, reason=reason, place=_place(request), **about)
+        told = events.Control(what=command, by=order.by, reason=order.reason, place=_place(request), **about)
         try:
             if self._context.stop.over:
                 raise Refusal("the run is ending already, its bench is being made safe")
-            text = do[command](request, reason, by)
+            text = do[command](order)
         except Refusal as why:
             self._refused += 1
             if self._refused <= MOST_REFUSED:
@@ -92,28 +102,28 @@ class Control:
             return _no(str(why))
         self._context.note(replace(told, ok=True, text=text))
         if command in ("pause", "abort"):  # the event comes before what it does
-            self._carry_out(command, reason, by)
+            self._carry_out(order)
         return {"ok": True, "text": text, "holding": bool(self._context.stop.holds.reasons)}
 
-    def _carry_out(self, command: str, reason: str, by: str) -> None:
-        if command == "pause":
-            self._context.stop.holds.hold(OPERATOR, f"{reason} ({by})", PAUSE_LIMIT_S)
+    def _carry_out(self, order: _Order) -> None:
+        if order.command == "pause":
+            self._context.stop.holds.hold(OPERATOR, f"{order.reason} ({order.by})", PAUSE_LIMIT_S)
         else:
-            self._context.stop.request(f"abort by {by}{f': {reason}' if reason else ''}")
+            self._context.stop.request(f"abort by {order.by}{f': {order.reason}' if order.reason else ''}")
 
-    def _pause(self, _: Mapping[str, Any], reason: str, __: str) -> str:
-        if not reason:
+    def _pause(self, order: _Order) -> str:
+        if not order.reason:
             raise Refusal("a pause needs a reason; whoever finds the run standing still must know why")
         if not self._context.stop.interruptible:
             raise Refusal("the bench is being put away at the end of the run, which is not interrupted")
         return "the run holds at its next check; its stimulus goes off"
 
-    def _resume(self, request: Mapping[str, Any], _: str, by: str) -> str:
+    def _resume(self, order: _Order) -> str:
         """Take the holds of people back; whoever does so at the bench has armed it for what follows."""
-        holds, at_bench = self._context.stop.holds, _place(request) == BENCH
+        holds, at_bench = self._context.stop.holds, _place(order.request) == BENCH
         if holds.reasons and not at_bench and (trouble := self._context.in_the_way()):
             raise Refusal(f"not resumed from afar, an interlock is beyond its limit: {'; '.join(trouble.values())}")
-        released = holds.let_go(RELEASABLE, armed_by=by if at_bench else "")
+        released = holds.let_go(RELEASABLE, armed_by=order.by if at_bench else "")
         still = holds.reasons
         if not released and not still:
             raise Refusal("the run is not holding")
@@ -121,18 +131,19 @@ class Control:
             return f"still holding: {'; '.join(still.values())}"
         return "the run goes on" if at_bench else "the run goes on, once the bench is armed where that is due"
 
-    def _abort(self, _: Mapping[str, Any], __: str, ___: str) -> str:
+    def _abort(self, _: _Order) -> str:
         return "the run ends at its next check and makes the bench safe"
 
-    def _acknowledge(self, request: Mapping[str, Any], _: str, __: str) -> str:
-        alarm = request.get("alarm")
+    def _acknowledge(self, order: _Order) -> str:
+        alarm = order.request.get("alarm")
         if self._state is None or not isinstance(alarm, str) or not self._state.waits(alarm):
             raise Refusal("there is no such alarm that waits to be acknowledged")
         return f"alarm {alarm} is acknowledged"
 
-    def _shelve(self, request: Mapping[str, Any], reason: str, _: str) -> str:
-        now_s, alarm, seconds = self._context.clock.utc_ns() / NS, request.get("alarm"), request.get("seconds")
-        if not reason:
+    def _shelve(self, order: _Order) -> str:
+        now_s = self._context.clock.utc_ns() / NS
+        alarm, seconds = order.request.get("alarm"), order.request.get("seconds")
+        if not order.reason:
             raise Refusal("an alarm is shelved for a reason; whoever comes next must know why")
         if not _is_number(seconds) or not LEAST_SHELVED_S <= float(str(seconds)) <= MOST_SHELVED_S:
             raise Refusal(f"an alarm is shelved for {LEAST_SHELVED_S:g} s to {MOST_SHELVED_S / 3600.0:g} h")
@@ -146,14 +157,14 @@ class Control:
         until = datetime.fromtimestamp(now_s + float(str(seconds)), UTC)
         return f"alarm {alarm} is shelved until {until:%Y-%m-%dT%H:%M:%SZ}; nobody is notified of it until then"
 
-    def _answer(self, request: Mapping[str, Any], _: str, by: str) -> str:
-        prompt = request.get("prompt")
+    def _answer(self, order: _Order) -> str:
+        request, prompt = order.request, order.request.get("prompt")
         if self._asking is None:
             raise Refusal("nobody is asked anything in this run")
         if not isinstance(prompt, str | None):
             raise Refusal("a prompt is named by its id, a text")
         try:
-            return self._asking.propose(prompt, request.get("value"), by, _place(request))
+            return self._asking.propose(prompt, request.get("value"), order.by, _place(request))
         except Refused as why:
             raise Refusal(str(why)) from why
 
@@ -174,7 +185,7 @@ class Control:
             "planned_end_utc": self._planned_end(),
             "records": len(self._following.records),
             "records_planned": context.plan.record_count,
-            "links": self._links(),
+            "links": context.acquisition.status(),
             "alarms": dict(self._alarms()),
             "unconfirmed": {} if self._state is None else self._state.unconfirmed(),
             "prompt": None if self._asking is None else self._asking.document(lambda t_ns: t_ns / NS),
@@ -190,42 +201,26 @@ class Control:
         order = ("prepare", "campaign", "finally")
         later_s = sum(lengths_s[phase] for phase in order[order.index(step.phase) + 1 :])
         left_ns = context.timeline.target_ns(lengths_s[step.phase] + later_s) - context.clock.now_ns()
-        end = datetime.fromtimestamp((context.clock.utc_ns() + max(0, left_ns)) // NS, UTC)
-        return f"{end:%Y-%m-%dT%H:%M:%SZ}"
+        return utc_text(context.clock.utc_ns() + max(0, left_ns))
 
-    def _links(self) -> dict[str, dict[str, Any]]:
-        links = {}
-        for name, link in self._context.acquisition.status().items():
-            age_s = None if math.isnan(link.age_s) else round(link.age_s, 3)
-            counts = {"frames": link.frames, "lost": link.lost, "bad": link.bad}
-            links[name] = {"state": link.state, **counts, "age_s": age_s}
-        return links
-
-
-@contextmanager
-def control(
-    context: RunContext,
-    following: Following,
-    alarms: Callable[[], Mapping[str, str]],
-    state: RunState | None = None,
-    asking: WaitingOperator | None = None,
-) -> Iterator[Control]:
-    """Answer other terminals, on the wall clock; a socket that cannot be made keeps no run back."""
-    answering = Control(context, following, alarms, state, asking)
-    try:
-        path = socket_path(context.folder)
-        server = ControlServer(path, answering.answer, context.clock)
-    except OSError as error:
-        context.message(f"no control from another terminal: {error}")
-        yield answering
-        return
-    if asking is not None:
-        asking.reachable = True
-    try:
-        yield answering
-    finally:
-        server.close()
-        forget_socket(context.folder, path)
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Answer other terminals, on the wall clock; a socket that cannot be made keeps no run back."""
+        context = self._context
+        try:
+            path = socket_path(context.folder)
+            server = ControlServer(path, self.answer, context.clock)
+        except OSError as error:
+            context.message(f"no control from another terminal: {error}")
+            yield
+            return
+        if self._asking is not None:
+            self._asking.reachable = True
+        try:
+            yield
+        finally:
+            server.close()
+            forget_socket(context.folder, path)
 
 
 def _written(value: Any) -> Any:

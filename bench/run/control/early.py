@@ -14,14 +14,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from bench.model.clock import NS
+from bench.model.clock import to_ns
 from bench.model.errors import RunError
 from bench.model.events import Verdict
 from bench.model.processes import EARLY_VERDICT, own_process
 from bench.plan import Early
 from bench.run.context import RunContext
 from bench.run.control.channel import EARLY
-from bench.run.stop import HOLD_LIMIT_S, guarded
+from bench.run.stop import HOLD_LIMIT_S, repeated
 
 LIMITS = ("max_lost", "max_bad", "max_dispersion", "max_residual")
 TIMEOUT_S = 900.0
@@ -42,8 +42,8 @@ class EarlyVerdicts:
         self._early = early
         self._context = context
         self._command = command
-        self._timeout_ns = round(timeout_s * NS)
-        self._next_ns = context.clock.now_ns() + round(early.after * NS)
+        self._timeout_ns = to_ns(timeout_s)
+        self._next_ns = context.clock.now_ns() + to_ns(early.after)
         self._process: subprocess.Popen[bytes] | None = None
         self._output: IO[bytes] | None = None
         self._until_ns = 0
@@ -58,7 +58,7 @@ class EarlyVerdicts:
                 self.close()
                 self._take(Verdict(ok=None, error="no verdict in time"))
         elif now_ns >= self._next_ns and not self._context.stop.over:
-            self._next_ns = now_ns + round(self._early.every * NS)
+            self._next_ns = now_ns + to_ns(self._early.every)
             self._start(now_ns)
 
     def close(self) -> None:
@@ -116,9 +116,8 @@ class EarlyVerdicts:
 def early_verdicts(context: RunContext, early: Early) -> Iterator[EarlyVerdicts]:
     """Judge while the run goes on, on the wall clock."""
     verdicts = EarlyVerdicts(early, context, judge_command(context.folder, early))
-    periodic = context.clock.every(POLL_S, guarded(verdicts.poll, context.stop))
     try:
-        yield verdicts
+        with repeated(context.clock, context.stop, (POLL_S, verdicts.poll)):
+            yield verdicts
     finally:
-        periodic.cancel()
         verdicts.close()

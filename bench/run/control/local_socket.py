@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from bench.model.clock import NS, Clock, to_ns
+from bench.model.clock import Clock, to_ns
 from bench.model.posix import peer, unix_socket, user_id, user_name
 
 CONTROL, LIVE = "control", "live"
@@ -223,7 +223,7 @@ class ControlServer(LocalServer[Client]):
             self._drop(client)
 
     def _reply(self, client: Client, line: bytearray) -> bool:
-        client.until_ns = self._clock.now_ns() + round(IDLE_S * NS)
+        client.until_ns = self._clock.now_ns() + to_ns(IDLE_S)
         reply = self._judged(line, client.by)
         try:
             sent = client.socket.send(json.dumps(reply).encode() + b"\n")

@@ -10,17 +10,16 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_text
 from bench.model.events import Alarm, Deviation, End, Error, Event, Hold, Interlock, Notify, Release, Verdict
 from bench.model.yamlio import load_yaml
 from bench.plan import Notify as NotifySection
 from bench.run.context import RunContext
 from bench.run.control.notify_ways import ATTEMPTS, Message, NotSent, ways_of
 from bench.run.observers import Observer
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 
 LONGEST_QUEUE = 100
 PAUSE_S = 5.0
@@ -80,12 +79,10 @@ class Notifier(Observer):
 
     def event(self, event: Event, t_mono_ns: int) -> None:
         """Queue what an event says, if somebody wants to know."""
-        if (which := occasion(event)) in self._notify.on and not self._is_shelved(which, event):
+        which, t_utc_s = occasion(event), self._context.clock.utc_ns() / NS
+        if which in self._notify.on and not (which == "alarm" and self._shelved(event, t_utc_s)):
             said = {name: str(value) for name, value in event.document().items()}
             self._put({"kind": which, "event": event.kind, **said})
-
-    def _is_shelved(self, which: str, event: Event) -> bool:
-        return which == "alarm" and self._shelved(event, self._context.clock.utc_ns() / NS)
 
     def beat(self) -> None:
         """Queue a sign of life; one that would have to wait behind others is left out."""
@@ -103,8 +100,8 @@ class Notifier(Observer):
         self._thread.join(LAST_WORDS_S)
 
     def _put(self, message: Message) -> None:
-        utc = datetime.fromtimestamp(self._context.clock.utc_ns() // NS, UTC)
-        message |= {"bench": self._bench(), "session": self._context.folder.name, "utc": f"{utc:%Y-%m-%dT%H:%M:%SZ}"}
+        utc = utc_text(self._context.clock.utc_ns())
+        message |= {"bench": self._bench(), "session": self._context.folder.name, "utc": utc}
         with self._wake:
             if len(self._queue) >= LONGEST_QUEUE:
                 self._queue.popleft()
@@ -150,15 +147,13 @@ def notifications(
     """Tell people while the run goes on, on the wall clock; nobody of an alarm that is ``shelved``."""
     notifier = Notifier(notify, context, bench, shelved=shelved)
     context.observers.add(notifier)
-    beats = notify.heartbeat
-    periodic = None if beats is None else context.clock.every(beats, guarded(notifier.beat, context.stop))
-    if beats is not None:
+    duties = [] if notify.heartbeat is None else [(notify.heartbeat, notifier.beat)]
+    if duties:
         notifier.beat()
     try:
-        yield notifier
+        with repeated(context.clock, context.stop, *duties):
+            yield notifier
     finally:
-        if periodic is not None:
-            periodic.cancel()
         notifier.close()
 
 

@@ -32,19 +32,11 @@ class NotSent(Exception):
 
 def ways_of(notify: Notify) -> list[tuple[str, Callable[[Message], None]]]:
     """Return the ways that a section ``notify`` names, with their names; each raises NotSent."""
-    ways: list[tuple[str, Callable[[Message], None]]] = []
-    if notify.command is not None:
-        ways.append(("command", partial(by_command, notify.command)))
-    if notify.webhook is not None:
-        ways.append(("webhook", partial(by_webhook, notify.webhook)))
-    if notify.email is not None:
-        ways.append(("email", partial(by_mail, notify.email)))
-    if notify.apprise is not None:
-        ways.append(("apprise", partial(by_apprise, notify.apprise)))
-    return ways
+    sections = ((name, send, getattr(notify, name)) for name, send in _WAYS.items())
+    return [(name, partial(send, section)) for name, send, section in sections if section is not None]
 
 
-def by_command(words: list[str], message: Mapping[str, Any]) -> None:
+def by_command(words: list[str], message: Message) -> None:
     """Start a program with the message as JSON on its standard input. Raises: NotSent."""
     _give(words[0], words, json.dumps(message))
 
@@ -62,7 +54,7 @@ def _give(name: str, words: list[str], text: str, environment: Mapping[str, str]
         raise NotSent(f"{name}: exit status {done.returncode}")
 
 
-def by_webhook(webhook: Webhook, message: Mapping[str, Any]) -> None:
+def by_webhook(webhook: Webhook, message: Message) -> None:
     """Post the message as JSON; redirects are not followed, so that it goes where the file says. Raises: NotSent."""
     url = webhook.url or _secret(webhook.url_env)
     headers = {"Content-Type": "application/json", "User-Agent": "inertial-bench"}
@@ -83,7 +75,7 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
         return None
 
 
-def by_mail(mail: Mail, message: Mapping[str, Any]) -> None:
+def by_mail(mail: Mail, message: Message) -> None:
     """Hand a mail to the server. Raises: NotSent."""
     letter = EmailMessage()
     letter["Subject"] = _title(message)
@@ -105,7 +97,7 @@ def by_mail(mail: Mail, message: Mapping[str, Any]) -> None:
         raise NotSent(f"mail: {type(error).__name__}") from error
 
 
-def by_apprise(apprise: Apprise, message: Mapping[str, Any]) -> None:
+def by_apprise(apprise: Apprise, message: Message) -> None:
     """Hand the message to Apprise in a process of its own, its addresses by environment. Raises: NotSent."""
     if importlib.util.find_spec("apprise") is None:
         raise NotSent("apprise is not installed: pip install 'inertial-bench[messages]'")
@@ -115,11 +107,16 @@ def by_apprise(apprise: Apprise, message: Mapping[str, Any]) -> None:
     _give("apprise", words, _lines(message), secret)
 
 
-def _title(message: Mapping[str, Any]) -> str:
+_WAYS: dict[str, Callable[[Any, Message], None]] = {  # by section of ``notify``, in the order of sending
+    "command": by_command, "webhook": by_webhook, "email": by_mail, "apprise": by_apprise,
+}  # fmt: skip
+
+
+def _title(message: Message) -> str:
     return f"[bench] {message['kind']}: {message['session']}"
 
 
-def _lines(message: Mapping[str, Any]) -> str:
+def _lines(message: Message) -> str:
     return "\n".join(f"{name}: {value}" for name, value in message.items())
 
 

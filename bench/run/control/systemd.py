@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from bench.model.posix import unix_socket
 from bench.run.context import RunContext
 from bench.run.observers import Following
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 
 SILENCE_S = 5.0  # a part that was silent for longer is not well
 _USEC = 1e-6
@@ -55,12 +55,10 @@ def service_notice(
         status = f"STATUS=holding at {where}: {holding}" if holding else f"STATUS={where}"
         notice.tell(status, *([] if silent else ["WATCHDOG=1"]))
 
-    period_s = notice.watchdog_s or 10.0
-    periodic = context.clock.every(period_s, guarded(feed, context.stop)) if notice.there else None
-    notice.tell("READY=1")
-    try:
-        yield notice
-    finally:
-        notice.tell("STOPPING=1")
-        if periodic is not None:
-            periodic.cancel()
+    duties = [(notice.watchdog_s or 10.0, feed)] if notice.there else []
+    with repeated(context.clock, context.stop, *duties):
+        notice.tell("READY=1")
+        try:
+            yield notice
+        finally:
+            notice.tell("STOPPING=1")

@@ -87,16 +87,17 @@ class Alarms:
 
     def acknowledge(self, alarm: str, by: str, t_utc_s: float) -> bool:
         """Note who has seen an alarm, and forget it if it is over; False if there is none that waits for it."""
-        for known in self._alarms:
-            if known.id == alarm and known.acknowledged is None:
-                known.acknowledged = {"by": by, "t_utc_s": t_utc_s}
-                self._forget()
-                return True
-        return False
+        known = self.known(alarm)
+        if known is None or known.acknowledged is not None:
+            return False
+        known.acknowledged = {"by": by, "t_utc_s": t_utc_s}
+        self._forget()
+        return True
 
     def waits(self, alarm: str) -> bool:
         """Return whether there is such an alarm and nobody has acknowledged it."""
-        return any(known.id == alarm and known.acknowledged is None for known in self._alarms)
+        known = self.known(alarm)
+        return known is not None and known.acknowledged is None
 
     def known(self, alarm: str) -> Alarm | None:
         """Return the alarm of this id, None if there is none."""

@@ -18,8 +18,8 @@ from bench.run.control.local_socket import LIVE, find_socket
 
 ANSWER_S = 2.0
 LONGEST_REPLY = 16_000_000
-_LENGTHS = struct.Struct("<II")
-LENGTHS_BYTES = _LENGTHS.size
+LENGTHS = struct.Struct("<II")  # of header and points, before them
+LENGTHS_BYTES = LENGTHS.size
 
 
 class FeedGone(InputError):
@@ -117,7 +117,7 @@ def request(since: int, state: bool) -> bytes:
 
 def lengths(head: bytes) -> tuple[int, int]:
     """Return how many bytes of header and of points follow the first ``LENGTHS_BYTES``. Raises: ValueError."""
-    header, packed = _LENGTHS.unpack(head)
+    header, packed = LENGTHS.unpack(head)
     if header + packed > LONGEST_REPLY:
         raise ValueError(f"a reply of {header + packed} bytes")
     return header, packed

@@ -7,29 +7,28 @@ them anything: nothing is read, decoded or locked.
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from typing import Any
 
 from bench.frame import LinkBatch
-from bench.model.clock import NS, WallClock, to_ns
+from bench.model.clock import NS, WallClock, to_ns, utc_of_stamp
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
-from bench.plan import Step, graphs_of, shown_signals, unwatched
+from bench.model.units import finite
+from bench.plan import Step, unwatched
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.local_socket import LIVE, forget_socket, socket_path
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, PointBatch, Points
-from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows
+from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows, signals_of
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
 from bench.run.links.reader import LinkReader
-from bench.run.links.status import age_s, is_silent
+from bench.run.links.status import age_s, state_of
 from bench.run.observers import Observer
 
 FRESH_S = 10.0  # a temperature of the unit that was noted longer ago does not count
@@ -45,9 +44,7 @@ class LiveFeed(Observer):
         self._context, self._asking = context, asking
         clock, station = context.clock, context.plan.station
         self._offset_ns = clock.utc_ns() - clock.now_ns()
-        frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
-        graphs = graphs_of(station.file.graphs, frames, context.measurement_link)
-        signals = shown_signals(graphs, frames)
+        _, graphs, signals = signals_of(context)
         periods_ns = {name: to_ns(reader.period_s) for name, reader in context.acquisition.readers.items()}
         patience_ns = PATIENCE_VIRTUAL_NS if clock.virtual else PATIENCE_NS
         self.points = Points(signals, periods_ns, clock.now_ns(), self._utc_s(clock.now_ns()), patience_ns)
@@ -163,11 +160,8 @@ def _boot_id() -> str:
 
 def _began(manifest: Mapping[str, Any], now_utc_s: float) -> float:
     """Start of the session, which its name says; a run that was gone on with began earlier than now."""
-    stamp = str(manifest.get("session", "")).partition("_")[0]
-    try:
-        return datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).timestamp()
-    except ValueError:
-        return now_utc_s
+    began_ns = utc_of_stamp(str(manifest.get("session", "")))
+    return now_utc_s if began_ns is None else began_ns / NS
 
 
 def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
@@ -180,24 +174,14 @@ def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
 
 
 def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dict[str, Any]:
-    counts, rate_Hz, seconds = reader.decoder.counts, reader.rate_Hz, age_s(reader, now_ns)
+    counts = reader.decoder.counts
     return {
-        "state": _state(reader, now_ns, stale and not virtual),
+        "state": state_of(reader, now_ns, stale=stale and not virtual),
         "reason": reader.lost,
         "frames": counts.frames,
         "bad": counts.bad,
         "lost": counts.lost,
         "duplicate": counts.duplicate,
-        "rate_Hz": None if math.isnan(rate_Hz) else round(rate_Hz, 3),
-        "age_s": None if math.isnan(seconds) else round(seconds, 3),
+        "rate_Hz": finite(round(reader.rate_Hz, 3)),
+        "age_s": finite(round(age_s(reader, now_ns), 3)),
     }
-
-
-def _state(reader: LinkReader, now_ns: int, stale: bool) -> str:
-    if reader.lost:
-        return "lost"
-    if reader.last_frame_ns < 0:
-        return "waiting"
-    if is_silent(reader, now_ns):
-        return "silent"
-    return "stale" if stale else "streaming"

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
 from bench.model.manual import manual_of
-from bench.model.ports import Effect, actions_of
+from bench.model.ports import Effect, effects_of
 from bench.model.told import Tells
 from bench.model.units import format_quantity
 from bench.run.guard.last_words import roles_in_words
@@ -205,7 +205,7 @@ def _part(role: str, driver: str) -> _Part | None:
         found = driver_class(driver)
     except BenchError:  # a recording of a bench whose driver is not here: nothing can be told of it
         return _Part(role, "unknown", driver, None)
-    effects = {action.effect for action in actions_of(found).values()}
+    effects = effects_of(found)
     kind = next((kind for effect, kind in _KINDS if effect in effects), None)
     tells: Tells | None = getattr(found, "tells", None)
     if kind is None and tells is None:

@@ -56,7 +56,6 @@ class Place:
         self.first_degC: float | None = None
         self._origin: float | None = None
         self._live = False
-        self._seen = -1  # number of the last step that is known to be done
         self._next: Step | None = plan.next_telling(-1)
         self._resumed_at = 0
         self._late: PlannedSoak | None = None
@@ -127,15 +126,14 @@ class Place:
             return
         if self._resumed_at and self._plan.steps[self._resumed_at].phase == first.phase:
             first = self._plan.steps[self._resumed_at]
-        self._resumed_at, self._origin = 0, t - first.at_s
-        if not self._live:
-            self._seen = first.number - 1
-            self._next = self._plan.next_telling(self._seen)
-            self._leave(first, t)
+        self._resumed_at = 0
+        if self._live:
+            self._origin = t - first.at_s
+        else:
+            self._back_to(first, t)
 
     def _on_skip(self, event: Skip, following: Step, t: float) -> None:
-        self._seen = event.stop - 1
-        self._next = self._plan.next_telling(self._seen)
+        self._done_to(event.stop - 1)
         if event.by == DECISION and self.step is not None and self.step.phase == following.phase:
             self._origin = t - following.at_s  # its planned time is left out too
         self._leave(following, t)
@@ -161,8 +159,7 @@ class Place:
         step = self._numbered(event.step)
         if step is None or _SEEN.get(step.kind) is not type(event):
             return
-        self._seen = step.number
-        self._next = self._plan.next_telling(step.number)
+        self._done_to(step.number)
         if isinstance(event, Record):
             self._origin = t - (step.at_s + step.duration_s)
         following = self._plan.steps[min(step.number + 1, len(self._plan.steps) - 1)]
@@ -171,9 +168,12 @@ class Place:
 
     def _back_to(self, first: Step, t: float) -> None:
         self._origin = t - first.at_s
-        self._seen = first.number - 1
-        self._next = self._plan.next_telling(self._seen)
+        self._done_to(first.number - 1)
         self._leave(first, t)
+
+    def _done_to(self, number: int) -> None:
+        """Steps up to one are known to be done."""
+        self._next = self._plan.next_telling(number)
 
     def _numbered(self, number: int) -> Step | None:
         return self._plan.steps[number] if 0 <= number < len(self._plan.steps) else None
@@ -197,11 +197,11 @@ class Place:
         if not self._live and self._origin is not None and not math.isnan(seconds):
             self._origin += seconds
 
-    def time_of(self, step: Step, seconds: float) -> float | None:
-        """Return when a planned moment of the phase of a step is, or was."""
+    def end_of(self, step: Step) -> float | None:
+        """Return when a step of the phase under way ends by plan and slip, or would have ended."""
         if self._origin is None or self.step is None or step.phase != self.step.phase:
             return None
-        return self._origin + seconds
+        return self._origin + (step.at_s + step.duration_s)
 
     def start_of(self, step: Step) -> float:
         """Return when a step began, or will begin by plan and slip."""
@@ -262,22 +262,23 @@ class Temperature:
 
 def wait_of(t: float, step: Step, place: Place, unit: Temperature) -> dict[str, Any] | None:
     """Return what a step waits for; None for one that takes no time worth telling."""
+    since, until = place.since_utc_s, place.end_of(step)
     if isinstance(step, PlannedSoak):
         limit = place.late_until(step)
-        until = place.time_of(step, step.at_s + step.duration_s) if limit is None else limit
-        reason = f"soak {step.temperature_degC:g} degC"
-        reason += "" if limit is None else ", later than planned"
-        return _wait(reason, place, until, unit.sentence)
+        late = "" if limit is None else ", later than planned"
+        until = until if limit is None else limit
+        return wait_document(f"soak {step.temperature_degC:g} degC{late}", since, until, unit.sentence)
     if isinstance(step, PlannedSettle):
-        return _wait(f"settle {step.duration_s:g} s", place, place.time_of(step, step.at_s + step.duration_s), None)
+        return wait_document(f"settle {step.duration_s:g} s", since, until)
     if isinstance(step, PlannedRecord):
-        until = place.time_of(step, step.at_s + step.duration_s)
-        return _wait(f"record of {step.seconds:g} s", place, until, unit.sentence)
-    since = place.since_utc_s
+        return wait_document(f"record of {step.seconds:g} s", since, until, unit.sentence)
     if isinstance(step, PlannedPrompt) or since is None or t - since < LONG_CALL_S:
         return None
-    return _wait(f"{step.role}.{step.name or step.kind}", place, None, None)
+    return wait_document(f"{step.role}.{step.name or step.kind}", since)
 
 
-def _wait(reason: str, place: Place, until: float | None, last: str | None) -> dict[str, Any]:
-    return {"reason": reason, "since_utc_s": place.since_utc_s, "until_utc_s": until, "last": last}
+def wait_document(
+    reason: str, since: float | None, until: float | None = None, last: str | None = None
+) -> dict[str, Any]:
+    """Return the entry ``wait`` of the state document: why, since when, until when, the last that was read."""
+    return {"reason": reason, "since_utc_s": since, "until_utc_s": until, "last": last}

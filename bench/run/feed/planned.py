@@ -15,12 +15,13 @@ ahead, the plan has their longest way, and the run may be sooner. What makes run
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.model.quantities import Values
 from bench.model.units import format_quantity
-from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, is_other_length
+from bench.plan import PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, Steps, is_measurement, is_other_length
 
 ORDER = ("prepare", "campaign", "finally")
 TELLING = ("decide", "prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
@@ -29,18 +30,13 @@ LOOSE = 0.005
 MARGIN_S = 30.0
 
 
-def is_measurement(conditions: Mapping[str, Any]) -> bool:
-    """Return whether a record counts as one of the campaign's (those of the wiring check do not)."""
-    return bool(conditions.get("purpose", MEASUREMENT) == MEASUREMENT)
-
-
 class PlannedRun:
     """The steps of a plan by phase; times are planned seconds of a phase.
 
     Steps that a decision has left out stay among ``steps``, whose indices are their numbers, and count nowhere else.
     """
 
-    def __init__(self, steps: Sequence[Step], left_out: Iterable[int] = ()) -> None:
+    def __init__(self, steps: Steps, left_out: Iterable[int] = ()) -> None:
         self.steps = tuple(steps)
         self.length_s = dict.fromkeys(ORDER, 0.0)
         for step in self.steps:
@@ -108,7 +104,7 @@ class PlannedRun:
         return self.before_s(step.phase) + inside
 
 
-def conditions_in_words(conditions: Mapping[str, Any]) -> str:
+def conditions_in_words(conditions: Values) -> str:
     """Return temperature, channel, level and branch of a step or record, such as "50 degC channel 3 -10 mA"."""
     parts = []
     if "temperature_degC" in conditions:
@@ -135,7 +131,7 @@ def in_words(step: Step) -> str:
 
 
 def corners(
-    thermal: Sequence[Step], start_of: Callable[[Step], float], end_utc_s: float, first_degC: float | None
+    thermal: Steps, start_of: Callable[[Step], float], end_utc_s: float, first_degC: float | None
 ) -> dict[str, list[Any]]:
     """Return corners of the set-point over time, and the bands in which soaks want the temperature.
 
@@ -199,13 +195,13 @@ def end_of_run(t_utc_s: float, left: Remaining, late_shares: Sequence[float]) ->
     return {"earliest_utc_s": likely - left.early_s, "likely_utc_s": likely, "latest_utc_s": likely + spread_s}
 
 
-def soak_to_come_s(soaks: Sequence[Step], step: Step, inside_s: float) -> float:
+def soak_to_come_s(soaks: Steps, step: Step, inside_s: float) -> float:
     """Return planned soak time behind a moment of the plan, second; a soak under way counts from there on."""
     whole = sum(soak.duration_s for soak in soaks if soak.number > step.number)
     return whole + (max(0.0, step.at_s + step.duration_s - inside_s) if isinstance(step, PlannedSoak) else 0.0)
 
 
-def early_s(soaks: Sequence[Step], step: Step, inside_s: float) -> float:
+def early_s(soaks: Steps, step: Step, inside_s: float) -> float:
     """Return how much planned soak time behind a moment of the plan the lag of the unit may leave out, second."""
     early = 0.0
     for soak in soaks:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from typing import Any
 
 from bench.model.events import Decision, Event, Record, Retake
-from bench.run.feed.planned import PlannedRun, is_measurement
+from bench.model.quantities import Values
+from bench.plan import is_measurement
+from bench.run.feed.planned import PlannedRun
 
 LAST = 10
 REMEMBERED = 64  # records that may still be taken back
@@ -40,7 +41,7 @@ class Records:
             self._retaken += 1
             self._withdraw(event.record)
 
-    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
+    def on_record(self, number: int, t_utc_s: float, conditions: Values, counts: Values) -> None:
         """Note what became of a record; its event came before."""
         if is_measurement(conditions):
             self._take(number, t_utc_s, conditions, counts)
@@ -52,7 +53,7 @@ class Records:
             "last": list(self._last)[:LAST],
         }  # fmt: skip
 
-    def _take(self, number: int, t: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
+    def _take(self, number: int, t: float, conditions: Values, counts: Values) -> None:
         self._withdraw(number)
         self._done += 1
         self._flagged += bool(counts.get("flags"))

@@ -10,11 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from bench.frame import MEAN_S, Signal
+from bench.frame import MEAN_S, FrameDefinition, Signal
 from bench.model.declaration import Count
+from bench.model.quantities import Values
 from bench.model.systems import system_of_analysis
 from bench.model.units import prefix_of
-from bench.plan import COUNTS, Graph, InterlockRule
+from bench.plan import COUNTS, Graph, InterlockRule, graphs_of, shown_signals
+from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR, UNIT
 
 Row = dict[str, Any]
@@ -23,7 +25,14 @@ _GUARDED = {CHAMBER_AIR: "air", UNIT: "unit"}
 GUARD = "guard"
 
 
-def signal_rows(signals: Sequence[Signal], manifest: Mapping[str, Any]) -> list[Row]:
+def signals_of(context: RunContext) -> tuple[dict[str, FrameDefinition], list[Graph], tuple[Signal, ...]]:
+    """Return the frames of a run's links, its graph windows, and every signal that they show."""
+    frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
+    graphs = graphs_of(context.plan.station.file.graphs, frames, context.measurement_link)
+    return frames, graphs, shown_signals(graphs, frames)
+
+
+def signal_rows(signals: Sequence[Signal], manifest: Values) -> list[Row]:
     """Return the columns of the points; ``channel`` is that of the unit whose pulses a signal counts, else null.
 
     The kind of a channel is null where the campaign does not declare it.
@@ -37,7 +46,7 @@ def signal_rows(signals: Sequence[Signal], manifest: Mapping[str, Any]) -> list[
     return rows
 
 
-def graph_rows(graphs: Sequence[Graph], signals: Sequence[Signal], manifest: Mapping[str, Any]) -> list[Row]:
+def graph_rows(graphs: Sequence[Graph], signals: Sequence[Signal], manifest: Values) -> list[Row]:
     """Return the graph windows; ``rates`` is null where the signals are not counted per frame."""
     by_name = {signal.name: signal for signal in signals}
     rows = []
@@ -64,7 +73,7 @@ def limit_rows(rules: Iterable[InterlockRule], guard_degC: Mapping[str, float]) 
     ]  # fmt: skip
 
 
-def _rates(rates: Sequence[Signal], manifest: Mapping[str, Any]) -> Row:
+def _rates(rates: Sequence[Signal], manifest: Values) -> Row:
     """Return the rates of a graph: of the channels that the campaign declares, in the unit of what they count.
 
     Where it says nothing of any of them: all, in counts per second.
@@ -84,16 +93,16 @@ def _rates(rates: Sequence[Signal], manifest: Mapping[str, Any]) -> Row:
             "decimals": decimals, "mean_s": MEAN_S}  # fmt: skip
 
 
-def _stated(channel: Mapping[str, Any], count: Count) -> bool:
+def _stated(channel: Values, count: Count) -> bool:
     values = (channel.get(count.amount), channel.get(count.full_scale))
     return all(isinstance(value, int | float) and value > 0 for value in values)
 
 
-def _channels(manifest: Mapping[str, Any]) -> dict[int | None, Mapping[str, Any]]:
+def _channels(manifest: Values) -> dict[int | None, Values]:
     return {entry["number"]: entry for entry in (manifest.get("campaign") or {}).get("channels") or ()}
 
 
-def _number(signal: Signal, manifest: Mapping[str, Any]) -> int | None:
+def _number(signal: Signal, manifest: Values) -> int | None:
     """Return the channel whose pulses a signal counts: its element in frames of the measurement link."""
     counted = signal.field in COUNTS and signal.link == manifest.get("measurement_link")
     return signal.element if counted else None

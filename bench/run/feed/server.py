@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import selectors
-import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,13 +18,13 @@ from typing import Any
 from bench.model.clock import NS, WallClock, to_ns
 from bench.record import canonical_json
 from bench.run.control.local_socket import POLL_S, Client, LocalServer
+from bench.run.feed.client import LENGTHS
 from bench.run.feed.points import PointBatch
 
 LONGEST_LINE = 4096
 IDLE_S = 10.0
 GAP_S = 0.05
 STATE_S = 0.1  # a state document serves everybody for that long
-_LENGTHS = struct.Struct("<II")
 
 
 @dataclass(eq=False)
@@ -124,7 +123,7 @@ class FeedServer(LocalServer[_Client]):
                 header = header[:-1] + b',"state":' + self._state_bytes(now_ns) + b"}"
         except Exception:  # whatever a client asks and whatever state the run is in: the run goes on
             return None
-        return _LENGTHS.pack(len(header), len(points.packed)) + header + points.packed
+        return LENGTHS.pack(len(header), len(points.packed)) + header + points.packed
 
     def _state_bytes(self, now_ns: int) -> bytes:
         made_ns, state = self._newest_state

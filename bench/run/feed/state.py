@@ -29,10 +29,11 @@ from bench.model.events import (
     StimulusAlarm,
     by_instrument,
 )
+from bench.model.quantities import Values
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
 from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs, bench_in_words
-from bench.run.feed.place import Place, Temperature, wait_of
+from bench.run.feed.place import Place, Temperature, wait_document, wait_of
 from bench.run.feed.planned import PlannedRun, Remaining, corners, early_s, end_of_run, in_words, soak_to_come_s
 from bench.run.feed.records import Records
 from bench.run.feed.traffic import InstrumentPanel
@@ -56,15 +57,15 @@ class RunState:
     def __init__(
         self,
         steps: Sequence[Step],
-        manifest: Mapping[str, Any],
+        manifest: Values,
         *,
         source: str = "live",
         boot_id: str = "",
         run: str = "",
         places: Mapping[str, tuple[str, str]] | None = None,
-        signals: Sequence[Mapping[str, Any]] = (),
-        graphs: Sequence[Mapping[str, Any]] = (),
-        limits: Sequence[Mapping[str, Any]] = (),
+        signals: Sequence[Values] = (),
+        graphs: Sequence[Values] = (),
+        limits: Sequence[Values] = (),
         left_out: Iterable[int] = (),
         unwatched: Sequence[str] = (),
     ) -> None:
@@ -103,7 +104,8 @@ class RunState:
             self._place.on_event(event, t_utc_s)
             self._records.on_event(event, t_utc_s)
             self.alarms.on_event(event, t_utc_s)
-            if (text := event.sentence) and not _is_trifle(event):
+            is_trifle = isinstance(event, Overrun) and event.seconds < TRIFLE_S
+            if (text := event.sentence) and not is_trifle:
                 line = {"t_utc_s": t_utc_s, "kind": event.kind, "severity": event.severity, "text": text[:LONGEST_TEXT]}
                 self._log.appendleft(line)
 
@@ -128,7 +130,7 @@ class RunState:
         with self._lock:
             self._place.at_planned(phase, seconds)
 
-    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
+    def on_record(self, number: int, t_utc_s: float, conditions: Values, counts: Values) -> None:
         """A record is complete: ``counts`` has frames, lost, bad and flags (bits of bench.model.quality)."""
         with self._lock:
             self._records.on_record(number, t_utc_s, conditions, counts)
@@ -143,7 +145,7 @@ class RunState:
                 del self._unconfirmed[role]
                 self.alarms.over(event.topic)
 
-    def on_links(self, links: Mapping[str, Mapping[str, Any]]) -> None:
+    def on_links(self, links: Mapping[str, Values]) -> None:
         """Take the states of the links, by name, as in the document."""
         with self._lock:
             self._links = {name: dict(link) for name, link in links.items()}
@@ -154,7 +156,7 @@ class RunState:
             self._holds = dict(reasons)
             self._panel.away(away)
 
-    def on_prompt(self, prompt: Mapping[str, Any] | None) -> None:
+    def on_prompt(self, prompt: Values | None) -> None:
         """The question that is asked now, as in the document; None: none."""
         with self._lock:
             self._prompt = None if prompt is None else dict(prompt)
@@ -301,7 +303,7 @@ class RunState:
     def _step_document(self, step: Step | None) -> dict[str, Any] | None:
         if step is None:
             return None
-        until = self._place.time_of(step, step.at_s + step.duration_s) if step.duration_s else None
+        until = self._place.end_of(step) if step.duration_s else None
         return {
             "number": step.number + 1, "of": len(self._plan.steps), "phase": step.phase, "kind": step.kind,
             "what": in_words(step), "conditions": dict(step.conditions), "where": step.where,
@@ -313,11 +315,9 @@ class RunState:
             return None
         if self._prompt is not None:
             reason = self._prompt["text"] if self._prompt.get("arms") else f"answer: {self._prompt['text']}"
-            return {"reason": reason, "since_utc_s": self._prompt["since_utc_s"],
-                    "until_utc_s": None, "last": None}  # fmt: skip
+            return wait_document(reason, self._prompt["since_utc_s"])
         if self._holds:
-            return {"reason": "; ".join(self._holds.values()), "since_utc_s": self._hold_since, "until_utc_s": None,
-                    "last": None}  # fmt: skip
+            return wait_document("; ".join(self._holds.values()), self._hold_since)
         return None if step is None else wait_of(t, step, self._place, self._temperature)
 
     def _progress(self, t: float) -> float:
@@ -345,16 +345,11 @@ class RunState:
     def _timetable(self, t: float) -> dict[str, list[Any]]:
         eta = self._eta(t)
         end = t if eta is None else eta["likely_utc_s"]
-        if self._place.step is None:
-            return {"t_utc_s": [], "temperature_degC": [], "bands": []}
-        return corners(self._plan.thermal, self._place.start_of, end, self._place.first_degC)
+        thermal = () if self._place.step is None else self._plan.thermal
+        return corners(thermal, self._place.start_of, end, self._place.first_degC)
 
 
-def _is_trifle(event: Event) -> bool:
-    return isinstance(event, Overrun) and event.seconds < TRIFLE_S
-
-
-def _head(manifest: Mapping[str, Any], source: str, boot_id: str, run: str) -> dict[str, Any]:
+def _head(manifest: Values, source: str, boot_id: str, run: str) -> dict[str, Any]:
     uut = (manifest.get("campaign") or {}).get("uut") or {}
     return {
         "proto": PROTO, "run": run or str(manifest.get("session", "")), "boot_id": boot_id,

@@ -14,13 +14,12 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.model.clock import NS, Clock, to_ns
+from bench.model.clock import NS, Clock, to_ns, utc_moment
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
-from bench.model.ports import Effect, Instrument, actions_of
+from bench.model.ports import Effect, Instrument, actions_of, effects_of
 from bench.run.bench.safety import SafeState, WayToSafe, hurried
 from bench.run.guard.decision import Action, Address, Brief
 from bench.run.guard.diary import Diary
@@ -250,7 +249,7 @@ def put_safe(instrument: Instrument, heat_off: bool) -> None:
 
 def heats(driver: type) -> bool:
     """Return whether instruments of a driver are sources of heat."""
-    return any(action.effect is Effect.THERMAL for action in actions_of(driver).values())
+    return Effect.THERMAL in effects_of(driver)
 
 
 def _clear(instrument: Instrument, resource: str) -> None:
@@ -265,7 +264,7 @@ def _tell(
     brief: Brief, action: Action, left: Mapping[str, SafeState], clock: Clock, diary: Diary, by: str = ""
 ) -> None:
     """Tell the terminal of the controller and everybody who wants to know of alarms."""
-    utc = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).isoformat()
+    utc = utc_moment(clock.utc_ns()).isoformat()
     word = {"reason": action.text, "safe": not left, "unsafe": left, "utc": utc, "by": by}
     write_to_terminal(brief.terminal, last_words(word, str(Path(brief.diary).parent)))
     if not brief.notify:

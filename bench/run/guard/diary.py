@@ -8,11 +8,10 @@ import queue
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.model.clock import NS, Clock
+from bench.model.clock import NS, Clock, utc_moment
 from bench.model.posix import ALONE
 
 DIARY = "guard.jsonl"  # in the folder of a session
@@ -36,7 +35,7 @@ class Diary:
     def note(self, what: str, **fields: Any) -> None:
         """Something was done or seen."""
         utc_ns = self._clock.utc_ns()
-        utc = datetime.fromtimestamp(utc_ns // NS, UTC).replace(microsecond=utc_ns % NS // 1000)
+        utc = utc_moment(utc_ns).replace(microsecond=utc_ns % NS // 1000)
         t_s = round((self._clock.now_ns() - self._start_ns) / NS, 3)
         entry = {"utc": utc.isoformat(timespec="milliseconds"), "t_s": t_s, "what": what, **fields}
         self._lines.put(json.dumps(entry, separators=(",", ":"), default=str).encode() + b"\n")

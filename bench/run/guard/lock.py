@@ -11,15 +11,15 @@ import json
 import os
 import socket
 import stat
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.model.clock import NS, Clock, to_ns
+from bench.model.clock import Clock, to_ns, utc_moment
 from bench.model.errors import InputError
 from bench.model.posix import ALONE, NO_LINK, lock_file, read_at, require, user_name, write_at
+from bench.model.quantities import Values
 from bench.run.bench.side_by_side import bus_of
 from bench.run.guard.take_over import ask_to_let_go
 
@@ -75,7 +75,7 @@ class BenchLock:
         self._folder = lock_folder() if folder is None else folder
         self._patience_s, self._take_over = patience_s, take_over
         self._held: list[int] = []
-        since = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).isoformat()
+        since = utc_moment(clock.utc_ns()).isoformat()
         who = {"pid": os.getpid(), "host": socket.gethostname(), "user": user_name()}
         self._holder: dict[str, Any] = {**who, "what": what, "since": since}
 
@@ -108,7 +108,7 @@ class BenchLock:
                 )
             self._clock.sleep(_POLL_S)
 
-    def _patience_with(self, holder: Mapping[str, Any]) -> float:
+    def _patience_with(self, holder: Values) -> float:
         """Return seconds; one that has not named itself yet may be a guard that the machine gives no time."""
         if not holder:
             return min(self._patience_s, UNNAMED_PATIENCE_S)
@@ -133,7 +133,7 @@ class BenchLock:
             os.close(descriptor)
         self._held.clear()
 
-    def attempt(self) -> tuple[str, Mapping[str, Any]] | None:
+    def attempt(self) -> tuple[str, Values] | None:
         """Take all keys; otherwise none, and the key that somebody else holds is returned with its holder."""
         for key in self._keys:
             descriptor = self._open(key)
@@ -174,7 +174,7 @@ class BenchLock:
             os.ftruncate(descriptor, 0)
             write_at(descriptor, text, 0)
 
-    def _read_holder(self, descriptor: int) -> Mapping[str, Any]:
+    def _read_holder(self, descriptor: int) -> Values:
         """Return who holds the lock; waits a moment for one that has just taken it."""
         end_ns = self._clock.now_ns() + to_ns(_SETTLE_S)
         while True:
@@ -197,7 +197,7 @@ def _lives(pid: int) -> bool:
     return True
 
 
-def _named(holder: Mapping[str, Any]) -> str:
+def _named(holder: Values) -> str:
     if not holder:
         return "another process that has not named itself"
     session = f", session {holder['session']}" if "session" in holder else ""

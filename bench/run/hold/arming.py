@@ -8,10 +8,10 @@ nobody. A station where nobody can be at the bench declares so, with its reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from bench.model.events import Armed
-from bench.model.ports import Action, actions_of
+from bench.model.ports import Drivers, drivers_of
 from bench.plan import PlannedCall, PlannedSend, PlannedSoak, Step
 from bench.run.context import RunContext
 from bench.run.control.operator import Question
@@ -55,7 +55,7 @@ def energised_again(context: RunContext, first: int) -> list[str]:
 
     What a hold leaves on counts only if it has not been switched on before.
     """
-    drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
+    drivers = drivers_of(context.instruments)
     left_out, steps = context.decided.left_out, context.plan.steps
     before = [step for step in steps[:first] if step.number not in left_out]
     left_on = {step.role for step in before if _energises(context, step, drivers)}
@@ -66,7 +66,7 @@ def energised_again(context: RunContext, first: int) -> list[str]:
     return list(dict.fromkeys(roles))
 
 
-def _energises(context: RunContext, step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
+def _energises(context: RunContext, step: Step, drivers: Drivers) -> bool:
     """Return whether a step switches something on, closes a route or lets something move."""
     if isinstance(step, PlannedSoak):
         return True

@@ -19,7 +19,7 @@ from contextlib import suppress
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm, by_instrument
-from bench.model.ports import Effect, actions_of
+from bench.model.ports import Effect, effects_of
 from bench.run.bench.safety import QUICK_S, WayToSafe, hurried
 from bench.run.context import RunContext
 from bench.run.hold.arming import arm
@@ -99,7 +99,13 @@ def _open_the_rest(context: RunContext, way: WayToSafe) -> None:
     path = {role for role, instrument in context.instruments.items() if drives(type(instrument))} & set(order)
     if not path or not path <= way.failures.keys():
         return
-    opened = [role for role in order if role not in path and _supplies(context, role) and _switched_off(context, role)]
+    opened = [
+        role
+        for role in order
+        if role not in path
+        and Effect.POWER in effects_of(type(context.instruments[role]))
+        and _switched_off(context, role)
+    ]
     if opened:
         raise RunError(
             "B-RUN-054",
@@ -123,10 +129,6 @@ def _switched_off(context: RunContext, role: str) -> bool:
         with suppress(Exception):  # the end of the run makes it safe again, and says what is not confirmed
             getattr(instrument, "output_off", instrument.make_safe)()
     return True
-
-
-def _supplies(context: RunContext, role: str) -> bool:
-    return any(action.effect is Effect.POWER for action in actions_of(type(context.instruments[role])).values())
 
 
 def _until_nothing_holds(context: RunContext, way: WayToSafe, step: int, began_ns: int) -> None:

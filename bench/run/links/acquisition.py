@@ -16,13 +16,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from operator import lt
-from typing import Protocol
+from typing import Any, Protocol
 
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
 from bench.plan import PlannedUnit
 from bench.run.links.port import InstrumentLink, PortThread, descriptor_of
 from bench.run.links.reader import LinkReader
-from bench.run.links.status import LinkStatus, status_of
+from bench.run.links.status import status_of
 from bench.run.links.thermometer import TEMPERATURE, of_unit, thermometer
 from bench.run.stop import StopSwitch, guarded, unforeseen
 
@@ -343,9 +343,9 @@ class Acquisition:
             now = self._clock.now_ns()
             if now >= until_ns:
                 return False
-            self._clock.sleep_until_ns(min(until_ns, now + round(period_s * NS)))
+            self._clock.sleep_until_ns(min(until_ns, now + to_ns(period_s)))
 
-    def status(self) -> dict[str, LinkStatus]:
+    def status(self) -> dict[str, dict[str, Any]]:
         """Return every link as it is now; as it was up to ``SERVICE_S`` ago while somebody holds the lock for long."""
         if self.lock.acquire(timeout=STATUS_WAIT_S):
             try:

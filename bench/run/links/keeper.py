@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
@@ -103,8 +103,7 @@ class LinkKeeper(Observer):
             kept.reader.kept = True
             kept.counted = kernel_counts(kept.reader.link)
             if not context.clock.virtual:
-                counts = kept.counted is not None
-                context.event(Link(link=kept.reader.name, state="open", kernel_counts=counts))
+                self._tell(kept, state="open", kernel_counts=kept.counted is not None)
 
     @property
     def _links(self) -> list[Kept]:
@@ -179,7 +178,7 @@ class LinkKeeper(Observer):
             kept.since_ns = now_ns
         kept.trouble, kept.reason = trouble, reason
         self._remember(kept, now_ns)
-        self._context.event(Link(link=kept.reader.name, state=trouble, reason=reason))
+        self._tell(kept, state=trouble, reason=reason)
 
     @property
     def calm(self) -> bool:
@@ -290,7 +289,7 @@ class LinkKeeper(Observer):
     def _end(self, kept: Kept, now_ns: int) -> None:
         seconds = (now_ns - kept.since_ns) / NS
         how = "; ".join(kept.how or ["frames come again"])
-        self._context.event(Link(link=kept.reader.name, state="back", seconds=seconds, how=how))
+        self._tell(kept, state="back", seconds=seconds, how=how)
         kept.trouble, kept.held_ns, kept.asked_ns = "", 0, 0
         self._context.stop.holds.release(kept.by)
 
@@ -309,6 +308,9 @@ class LinkKeeper(Observer):
 
     # --- what others see -------------------------------------------------------------------------------------------
 
+    def _tell(self, kept: Kept, **told: Any) -> None:
+        self._context.event(Link(link=kept.reader.name, **told))
+
     def _note(self, now_ns: int) -> None:
         for kept in self._links:
             stale = bool(kept.reader.lost) or is_stale(kept.reader, now_ns)
@@ -324,20 +326,11 @@ class LinkKeeper(Observer):
         counts = None if kept.reader.lost else kernel_counts(kept.reader.link)
         if counts is not None and kept.counted is not None and counts != kept.counted:
             more = {name: value - kept.counted[name] for name, value in counts.items()}
-            self._context.event(
-                Link(
-                    link=kept.reader.name,
-                    state="kernel errors",
-                    frame=more["frame"],
-                    overrun=more["overrun"],
-                    parity=more["parity"],
-                    buf_overrun=more["buf_overrun"],
-                )
-            )
+            self._tell(kept, state="kernel errors", **more)
         kept.counted = counts
         if kept.reader.behind != kept.behind:
             times = kept.reader.behind - kept.behind
-            self._context.event(Link(link=kept.reader.name, state="behind", times=times))
+            self._tell(kept, state="behind", times=times)
             kept.behind = kept.reader.behind
 
 

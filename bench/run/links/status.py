@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from bench.model.clock import NS, to_ns
+from bench.model.units import finite
 from bench.run.links.port import InstrumentLink
 from bench.run.links.reader import LinkReader
 
@@ -15,20 +15,6 @@ STALE_PERIODS = 2  # frame periods without a good frame: what is known of it is 
 BUFFERED_S = 0.5  # as old may a frame be that an instrument had buffered, without being old
 
 State = Literal["waiting", "streaming", "stale", "silent", "lost"]
-
-
-@dataclass(frozen=True)
-class LinkStatus:
-    """One link: waiting (no good frame yet), streaming, stale (none for 2 frame periods), silent (for 2 s) or lost.
-
-    frames, lost, bad: totals of the run; age_s: of the newest good frame, NaN before the first.
-    """
-
-    state: State
-    frames: int
-    lost: int
-    bad: int
-    age_s: float
 
 
 def silence_s(reader: LinkReader) -> float:
@@ -55,17 +41,28 @@ def is_stale(reader: LinkReader, now_ns: int) -> bool:
     return reader.last_frame_ns >= 0 and reader.known_ns(now_ns) - reader.last_frame_ns > to_ns(limit_s)
 
 
-def status_of(reader: LinkReader, now_ns: int) -> LinkStatus:
-    """State and totals of a link whose bytes are decoded up to now."""
+def status_of(reader: LinkReader, now_ns: int) -> dict[str, Any]:
+    """Return state and totals of a link whose bytes are decoded up to now, as JSON values.
+
+    waiting (no good frame yet), streaming, stale (none for 2 frame periods), silent (for 2 s) or lost; ``age_s``: of
+    the newest good frame, None before the first.
+    """
     counts = reader.decoder.counts
-    return LinkStatus(_state(reader, now_ns), counts.frames, counts.lost, counts.bad, age_s(reader, now_ns))
+    return {
+        "state": state_of(reader, now_ns, stale=is_stale(reader, now_ns)),
+        "frames": counts.frames,
+        "lost": counts.lost,
+        "bad": counts.bad,
+        "age_s": finite(round(age_s(reader, now_ns), 3)),
+    }
 
 
-def _state(reader: LinkReader, now_ns: int) -> State:
+def state_of(reader: LinkReader, now_ns: int, *, stale: bool) -> State:
+    """Return the state of a link that is ``stale`` unless something worse is true of it."""
     if reader.lost:
         return "lost"
     if reader.last_frame_ns < 0:
         return "waiting"
     if is_silent(reader, now_ns):
         return "silent"
-    return "stale" if is_stale(reader, now_ns) else "streaming"
+    return "stale" if stale else "streaming"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +13,6 @@ from bench.plan import PlannedUnit
 from bench.run.links.reader import LinkReader
 
 TEMPERATURE = "unit_temperature"
-
-
-class Links(Protocol):
-    """All links of the bench."""
-
-    @property
-    def lock(self) -> AbstractContextManager[object]:
-        """Hold it to keep other threads from decoding."""
-
-    @property
-    def readers(self) -> Mapping[str, LinkReader]:
-        """Links by name."""
 
 
 def thermometer(readers: Mapping[str, LinkReader]) -> tuple[LinkReader | None, str]:
@@ -44,12 +31,15 @@ def of_unit(readers: Mapping[str, LinkReader], unit: PlannedUnit | None) -> Mapp
 
 @contextmanager
 def hearing(
-    links: Links, heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None], of: PlannedUnit | None = None
+    lock: AbstractContextManager[object],
+    readers: Mapping[str, LinkReader],
+    heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None],
+    of: PlannedUnit | None = None,
 ) -> Iterator[None]:
     """Hand over every temperature that the unit reports meanwhile, on the thread that decodes: receive stamps, ns, and
-    means of its sensors, degC, (n,) each. ``of``: which unit, where several share a campaign.
+    means of its sensors, degC, (n,) each. ``lock``: keeps other threads from decoding. ``of``: which unit of several.
     """
-    reader, message = thermometer(of_unit(links.readers, of))
+    reader, message = thermometer(of_unit(readers, of))
 
     def listen(batch: LinkBatch) -> None:
         frames = batch.messages.get(message)
@@ -59,11 +49,11 @@ def hearing(
             heard(frames.t_ns[good], (column if column.ndim == 1 else column.mean(axis=1))[good])
 
     if reader is not None:
-        with links.lock:
+        with lock:
             reader.listeners.append(listen)
     try:
         yield
     finally:
         if reader is not None:
-            with links.lock:
+            with lock:
                 reader.listeners.remove(listen)

@@ -231,10 +231,4 @@ def told(finding: Finding) -> str:
 
 def fields_of(finding: Finding) -> dict[str, str]:
     """Return a finding as plain words."""
-    return {
-        "name": finding.name,
-        "status": str(finding.status),
-        "value": finding.value,
-        "limit": finding.limit,
-        "text": finding.text,
-    }
+    return {name: str(getattr(finding, name)) for name in ("name", "status", "value", "limit", "text")}

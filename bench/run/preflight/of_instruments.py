@@ -7,7 +7,6 @@ from typing import Any
 
 from bench.model.errors import BenchError, InstrumentError
 from bench.model.manual import manual_of
-from bench.model.ports import Instrument
 from bench.plan import WIRING, PlannedPrompt, PlannedRecord
 from bench.run.bench.first_contact import unproved
 from bench.run.bench.safety import hurried
@@ -33,7 +32,14 @@ def identities(context: PreflightContext) -> list[Finding]:
             missing.setdefault(id(error), (error, []))[1].append(role)
     shared = {role for _, roles in missing.values() if len(roles) > 1 for role in roles}
     buses = [
-        Finding(f"bus of {len(roles)} instruments", Status.FAIL, error.code, "", _with_step(error), of_bench=True)
+        Finding(
+            f"bus of {len(roles)} instruments",
+            Status.FAIL,
+            error.code,
+            "",
+            f"{error.message}; {error.next_step}",
+            of_bench=True,
+        )
         for error, roles in missing.values()
         if len(roles) > 1
     ]
@@ -61,10 +67,6 @@ def first_contacts(context: PreflightContext) -> list[Finding]:
     if not found and not known:
         return [Finding("first contact", Status.SKIPPED, text="no instrument whose commands are known answers")]
     return found or [Finding("first contact", Status.OK, f"{known} drivers", "all commands confirmed")]
-
-
-def _with_step(error: BenchError) -> str:
-    return f"{error.message}; {error.next_step}"
 
 
 def _identity(context: PreflightContext, role: str) -> Finding:
@@ -208,7 +210,8 @@ def generators(context: PreflightContext) -> list[Finding]:
 def laboratory(context: PreflightContext) -> Finding:
     """The laboratory's air, by the first channel of the logger, is inside what the certificates hold for."""
     name, limit = "laboratory air", f"{LAB_DEGC:g} ± {LAB_WITHIN_DEGC:g} degC"
-    logger = _logger(context)
+    instruments: Any = context.instruments.values()
+    logger = next((instrument for instrument in instruments if hasattr(instrument, "scan")), None)
     if logger is None:
         return Finding(name, Status.WARN, "unknown", limit, "the station has no logger that measures it")
     try:
@@ -219,11 +222,6 @@ def laboratory(context: PreflightContext) -> Finding:
     if abs(lab_degC - LAB_DEGC) > LAB_WITHIN_DEGC:
         return Finding(name, Status.FAIL, value, limit, "certificates do not hold there; wait", of_bench=True)
     return Finding(name, Status.OK, value, limit, "first channel of the logger")
-
-
-def _logger(context: PreflightContext) -> Any:
-    candidates: list[Instrument] = list(context.instruments.values())
-    return next((instrument for instrument in candidates if hasattr(instrument, "scan")), None)
 
 
 def wiring(context: PreflightContext) -> Finding:

@@ -17,7 +17,7 @@ from bench.model.errors import InputError
 from bench.model.events import Inhibit
 from bench.model.posix import ALONE
 from bench.plan import summarise
-from bench.run.bench.beginning import SPACE_FACTOR, check_space
+from bench.run.bench.beginning import SPACE_FACTOR, check_space, folder_above
 from bench.run.context import RunContext
 from bench.run.preflight.context import Finding, PreflightContext, Status, Surroundings
 from bench.run.provenance import PACKAGES
@@ -214,8 +214,7 @@ def try_disk(folder: Path, clock: Clock, chunk: int, sync: Callable[[int], None]
 
     A folder that does not exist is not made: the nearest one above it is on the same disk. Raises: OSError.
     """
-    place = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.is_dir())
-    path = place / f".preflight-{os.getpid()}"
+    path = folder_above(folder) / f".preflight-{os.getpid()}"
     content, waits_s, written = bytes(chunk), [], 0
     began_ns = clock.now_ns()
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | ALONE, 0o600)

@@ -106,12 +106,8 @@ def survey(context: PreflightContext, checks: Sequence[Check] | None = None) -> 
             continue
         looked = _guarded(check, context) if context.clock.virtual else _limited(check, context)
         hung = hung or (looked is None and check.on_bus)
-        findings += _as_list(looked) if looked is not None else [_too_slow(check)]
+        findings += [_too_slow(check)] if looked is None else looked
     return Report(tuple(findings))
-
-
-def _as_list(looked: Looked) -> list[Finding]:
-    return [looked] if isinstance(looked, Finding) else list(looked)
 
 
 def _too_slow(check: Check) -> Finding:
@@ -120,18 +116,19 @@ def _too_slow(check: Check) -> Finding:
     return Finding(check.name, status, f"over {check.limit_s:g} s", "", text, of_bench=check.on_bus)
 
 
-def _guarded(check: Check, context: PreflightContext) -> Looked:
+def _guarded(check: Check, context: PreflightContext) -> Sequence[Finding]:
     """Return what the check found; whatever it raises is a finding, too."""
     try:
-        return check.look(context)
+        looked = check.look(context)
     except BenchError as error:
-        return Finding(check.name, Status.FAIL, error.code, "", error.message, of_bench=check.on_bus)
+        looked = Finding(check.name, Status.FAIL, error.code, "", error.message, of_bench=check.on_bus)
     except Exception as error:  # a check must never be the reason why a bench stands still
         text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        return Finding(check.name, Status.WARN, "unknown", "", text)
+        looked = Finding(check.name, Status.WARN, "unknown", "", text)
+    return [looked] if isinstance(looked, Finding) else looked
 
 
-def _limited(check: Check, context: PreflightContext) -> Looked | None:
+def _limited(check: Check, context: PreflightContext) -> Sequence[Finding] | None:
     """The same where it may hang; None then."""
     try:
         return within(check.limit_s, lambda: _guarded(check, context))

@@ -81,9 +81,10 @@ class Approach:
     @contextmanager
     def listening(self) -> Iterator[None]:
         """Hear what the units say meanwhile."""
+        acquisition = self._context.acquisition
         with ExitStack() as heard:
             for unit, means in self.means.items():
-                heard.enter_context(hearing(self._context.acquisition, means.add, unit))
+                heard.enter_context(hearing(acquisition.lock, acquisition.readers, means.add, unit))
             yield
 
     def look(self, at_s: float) -> bool:
@@ -130,5 +131,5 @@ def read_air_degC(context: RunContext, step: PlannedSoak) -> float:
         with context.in_use.take(step.role):
             return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
     except InstrumentError as error:
-        context.event(Error(code=error.code, text=str(error), where=error.where, step=step.number))
+        context.event(Error.of(error, step.number))
         return math.nan

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bench.maths.relaxation import Lag
 from bench.model.events import Decision, Event, Prompt, Reading, ThermalLag, UnitLeftOut
+from bench.model.quantities import Values
 from bench.plan import PlannedCall, PlannedDecision, Step, is_answered, left_out_by
 
 
@@ -34,7 +35,7 @@ class Decided:
     def __init__(self, steps: Sequence[Step]) -> None:
         self._steps = steps
         self._follows = any(isinstance(step, PlannedDecision) for step in steps)
-        self._newest: dict[tuple[str, str, str], tuple[Mapping[str, Any], Read]] = {}  # oldest first
+        self._newest: dict[tuple[str, str, str], tuple[Values, Read]] = {}  # oldest first
         self.outcomes: dict[int, str] = {}
         self.left_out: set[int] = set()
         self.units_out: set[str] = set()  # serial numbers of units that are left out
@@ -64,13 +65,13 @@ class Decided:
                 return read
         return None
 
-    def _read(self, role: str, name: str, arguments: Mapping[str, Any], value: Any, step: int) -> None:
+    def _read(self, role: str, name: str, arguments: Values, value: Any, step: int) -> None:
         key = role, name, repr(sorted(arguments.items()))
         self._newest.pop(key, None)
         number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
         self._newest[key] = arguments, Read(float(value) if number else None, step)
 
-    def _arguments(self, event: Reading) -> Mapping[str, Any]:
+    def _arguments(self, event: Reading) -> Values:
         if event.arguments is not None:
             return event.arguments
         step = self._steps[event.step] if 0 <= event.step < len(self._steps) else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
-from bench.model.events import Answer, Overrun, Reading, Slip
+from bench.model.events import Answer, Overrun, Slip
 from bench.model.quantities import QUANTITY
 from bench.plan import (
     PlannedCall,
@@ -21,16 +21,15 @@ from bench.plan import (
 from bench.run.context import RunContext
 from bench.run.control.operator import Question, answered, judge, within
 from bench.run.links.reader import LinkReader, UnitAnswer
-from bench.run.links.unit import IDENTIFY
+from bench.run.links.unit import DONE, IDENTIFY
 from bench.run.steps.deciding import decide
 from bench.run.steps.exchange import ATTEMPTS, exchange, timeout_of
 from bench.run.steps.proof import check_identity
-from bench.run.steps.recording import act, call_or_flag, take_record
+from bench.run.steps.recording import act, call_or_flag, reading_of, take_record
 from bench.run.steps.soak import soak
 
 ANSWER_S = 2.0
 PROMPT_SLIP_NS = NS  # a person takes longer; the simulated one takes no time
-DONE = 0  # status of an answer
 
 
 def _verify(context: RunContext, step: PlannedVerify) -> None:
@@ -84,8 +83,7 @@ def _send(context: RunContext, step: PlannedSend) -> None:
 def _keep_reply(context: RunContext, step: PlannedSend | PlannedCommand, reply: str | None) -> None:
     """A reply of which something is expected is a reading."""
     if QUANTITY in step.conditions:
-        name, conditions = step.name or "send", dict(step.conditions)
-        context.event(Reading(step=step.number, role=step.role, name=name, value=reply, conditions=conditions))
+        context.event(reading_of(step, reply))
 
 
 def _command(context: RunContext, step: PlannedCommand) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.maths.stein import LEAST_FIRST, needed
 from bench.model.stopping import Point
-from bench.model.systems import analysis_declaration, named
+from bench.model.systems import declared_by, named
 from bench.plan import PlannedDecision
 from bench.record import RecordRow
 from bench.run.context import RunContext
@@ -33,7 +33,7 @@ def looked_at(
 
     None and nothing where so many of them do not count that the rest says too little.
     """
-    declared = analysis_declaration(str(campaign["analysis"]))
+    declared = declared_by(campaign)
     assert declared is not None  # it was when the plan was made
     point: Point = named(declared.point)
     asked, means = step.arguments, [mean for row in rows if math.isfinite(mean := point.mean(row, campaign))]

@@ -5,10 +5,10 @@ What takes energy away is still done and confirmed; a step that could bring it i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from bench.model.events import Skip
-from bench.model.ports import Action, Effect
+from bench.model.ports import Drivers, Effect, drivers_of
 from bench.plan import PlannedCall, Step
 from bench.run.context import RunContext
 from bench.run.steps.dispatch import execute
@@ -28,12 +28,12 @@ def behind(steps: Sequence[Step], check: Step) -> int:
     return number
 
 
-def leave_out(context: RunContext, check: Step, drivers: Mapping[str, Mapping[str, Action]]) -> None:
+def leave_out(context: RunContext, check: Step) -> None:
     """Switch off what the steps behind a failed check switch off, then note that they are left out.
 
     Raises: InstrumentError of an instrument that does not confirm it.
     """
-    steps = context.plan.steps
+    steps, drivers = context.plan.steps, drivers_of(context.instruments)
     stop = behind(steps, check)
     for step in steps[check.number + 1 : stop]:
         if isinstance(step, PlannedCall) and _switches_off(step, drivers):
@@ -42,6 +42,6 @@ def leave_out(context: RunContext, check: Step, drivers: Mapping[str, Mapping[st
     context.event(Skip(by=BY, reason=reason, first=check.number + 1, stop=stop))
 
 
-def _switches_off(step: PlannedCall, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
+def _switches_off(step: PlannedCall, drivers: Drivers) -> bool:
     declared = drivers.get(step.role, {}).get(step.name)
     return declared is not None and (declared.effect in _OFF or step.name == "output_off")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.events import Decision, End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
-from bench.model.ports import Action
+from bench.model.ports import Action, Drivers
 from bench.model.stopping import FIRST, STAGE, STAGE_INDEX, UNTIL
 from bench.plan import (
     Plan,
@@ -20,6 +20,7 @@ from bench.plan import (
     PlannedSoak,
     PlannedVerify,
     Step,
+    Steps,
     driver_actions,
     left_out_by,
 )
@@ -77,7 +78,9 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
         number = len(plan.steps)
     else:
         number = _next_step(plan, entries, taken, skipped, told=told)
-        number = _first_lost(plan, number, taken, skipped, _noted(events))
+        # the steps that have noted in the session what, beside records, results are made of
+        noted = {event.step for event in events if isinstance(event, Exchange | Reading | Prompt | Decision)}
+        number = _first_lost(plan, number, taken, skipped, noted)
     if number < len(plan.steps):
         steps = plan.phase(plan.steps[number].phase)
         inside = number - steps[0].number
@@ -123,11 +126,6 @@ def _next_step(
     return next(lost, number)
 
 
-def _noted(events: Sequence[Event]) -> set[int]:
-    """Return the steps that have noted in the session what, beside records, results are made of."""
-    return {event.step for event in events if isinstance(event, Exchange | Reading | Prompt | Decision)}
-
-
 def _first_lost(plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[int]) -> int:
     """Return the first step before ``number`` whose note the session lacks, behind the last that is; or it."""
     last = max((step for step in (*taken.values(), *noted) if step < number), default=-1)
@@ -142,17 +140,17 @@ def _notes(plan: Plan, step: Step) -> bool:
     return isinstance(step, PlannedPrompt | PlannedDecision) or (isinstance(step, PlannedCommand) and bool(step.item))
 
 
-def _reads(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
+def _reads(step: Step, drivers: Drivers) -> bool:
     declared = drivers.get(step.role, {}).get(step.name)
     return declared is not None and bool(declared.returns)
 
 
-def _drivers(plan: Plan, steps: Sequence[Step]) -> dict[str, Mapping[str, Action]]:
+def _drivers(plan: Plan, steps: Steps) -> dict[str, Mapping[str, Action]]:
     roles = {step.role for step in steps if isinstance(step, PlannedCall)}
     return {role: driver_actions(plan.station.instruments[role].driver) for role in roles}
 
 
-def _item_start(steps: Sequence[Step], index: int) -> int:
+def _item_start(steps: Steps, index: int) -> int:
     """Return index of the first of the tests of one item, right behind each other, that go on with ``steps[index]``."""
     while index > 0 and _item(steps[index]) is not None and _item(steps[index]) == _item(steps[index - 1]):
         index -= 1
@@ -165,12 +163,12 @@ def _item(step: Step) -> tuple[Any, ...] | None:
     return step.role, step.item, step.conditions.get("unit")
 
 
-def readings_of(steps: Sequence[Step], drivers: Mapping[str, Mapping[str, Action]]) -> frozenset[int]:
+def readings_of(steps: Steps, drivers: Drivers) -> frozenset[int]:
     """Return numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
     return frozenset(step.number for step in steps if isinstance(step, PlannedCall) and _reads(step, drivers))
 
 
-def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
+def point_start(steps: Steps, index: int, readings: Container[int] = ()) -> int:
     """Return index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
 
     The step itself if it belongs to no point, or to records that follow each other without a gap; but records with a
@@ -196,20 +194,20 @@ def _follows(step: Step) -> bool:
     return isinstance(step, PlannedRecord) and step.follows
 
 
-def _recording_start(steps: Sequence[Step], record: int) -> int:
+def _recording_start(steps: Steps, record: int) -> int:
     """Return index of the first of the records that follow each other without a gap up to this one."""
     while record > 0 and (not isinstance(steps[record], PlannedRecord) or _follows(steps[record])):
         record -= 1
     return record
 
 
-def in_point(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> bool:
+def in_point(steps: Steps, index: int, readings: Container[int] = ()) -> bool:
     """Return whether ``steps[index]`` belongs to a point, so that there is one to skip; a decision is not left out."""
     record = _record_of(steps, index, readings)
     return record is not None and isinstance(steps[record], PlannedRecord) and _start_of(steps, record) <= index
 
 
-def point_stop(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
+def point_stop(steps: Steps, index: int, readings: Container[int] = ()) -> int:
     """Return index behind the last step of the point that holds ``steps[index]``: record, verification, readings."""
     record = _record_of(steps, index, readings)
     stop = index if record is None else max(record, index)
@@ -226,13 +224,13 @@ def _staged(step: Step) -> bool:
     return stage is not None and (stage, step.conditions[STAGE_INDEX]) != (FIRST, 0)
 
 
-def _closes(steps: Sequence[Step], index: int, record: int | None, readings: Container[int]) -> bool:
+def _closes(steps: Steps, index: int, record: int | None, readings: Container[int]) -> bool:
     if isinstance(steps[index], PlannedVerify):
         return True
     return steps[index].number in readings and record is not None and _record_of(steps, index, readings) == record
 
 
-def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> int | None:
+def _record_of(steps: Steps, index: int, readings: Container[int]) -> int | None:
     """Return index of the record of a point: the one that a verify step or a reading follows, else the next one."""
     ahead = _next_record(steps, index)
     if steps[index].number in readings and ahead is not None and _start_of(steps, ahead) <= index:
@@ -244,7 +242,7 @@ def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> i
     return _next_record(steps, at) if behind else ahead
 
 
-def _next_record(steps: Sequence[Step], index: int) -> int | None:
+def _next_record(steps: Steps, index: int) -> int | None:
     """Return index of the next record before any soak, and before any prompt that does not stand inside a recording.
 
     A decision is a point of its own, as a record is: its reading is taken again with the relays as they were.
@@ -260,7 +258,7 @@ def _next_record(steps: Sequence[Step], index: int) -> int | None:
     return None
 
 
-def _start_of(steps: Sequence[Step], record: int) -> int:
+def _start_of(steps: Steps, record: int) -> int:
     """Return index of the step from which the point of a record is taken again."""
     step = steps[record]
     first = step.retry_step if isinstance(step, PlannedRecord | PlannedDecision) else step.number

@@ -7,12 +7,11 @@ nothing in any other one, and each says the serial number of its slot.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from bench.model.errors import RunError
+from bench.model.quantities import Values
 from bench.plan import UNIT, Plan, PlannedCommand, PlannedUnit
 from bench.record import RecordRow
 
@@ -55,7 +54,7 @@ def _check_unit_beside(row: RecordRow, plan: Plan, driven: PlannedUnit, where: s
         )
 
 
-def _check_own(row: RecordRow, campaign: Mapping[str, Any], where: str) -> None:
+def _check_own(row: RecordRow, campaign: Values, where: str) -> None:
     conditions = row.window.conditions
     channel, polarity = int(conditions["channel"]), int(conditions["polarity"])
     charges = charges_C(campaign)
@@ -74,7 +73,7 @@ def _check_own(row: RecordRow, campaign: Mapping[str, Any], where: str) -> None:
         )
 
 
-def _check_others(row: RecordRow, campaign: Mapping[str, Any], where: str) -> None:
+def _check_others(row: RecordRow, campaign: Values, where: str) -> None:
     conditions = row.window.conditions
     channel = int(conditions["channel"])
     charges = charges_C(campaign)
@@ -94,7 +93,7 @@ def _check_others(row: RecordRow, campaign: Mapping[str, Any], where: str) -> No
         )
 
 
-def charges_C(campaign: Mapping[str, Any]) -> dict[int, float]:
+def charges_C(campaign: Values) -> dict[int, float]:
     """Return charge per pulse by channel, coulomb."""
     return {int(entry["number"]): float(entry["k0_C"]) for entry in campaign["channels"]}
 

@@ -14,7 +14,7 @@ from bench.model.errors import InstrumentError
 from bench.model.events import Reading, Record, Retake
 from bench.model.ports import Instrument, RecordWindow, actions_of
 from bench.model.quality import Quality
-from bench.plan import MEASUREMENT, WIRING, PlannedCall, PlannedRecord, PlannedVerify, is_reading, round_count
+from bench.plan import WIRING, PlannedCall, PlannedRecord, PlannedVerify, Step, is_measurement, is_reading, round_count
 from bench.record import RecordRow, row_of_readings
 from bench.run.context import RunContext
 from bench.run.steps.proof import check_wiring
@@ -87,7 +87,7 @@ def _event_of(window: RecordWindow, **more: Any) -> Record:
 
 def measurement_rows(rows: Mapping[int, RecordRow]) -> list[RecordRow]:
     """Return the records that count, in order; wiring records are left out."""
-    return [row for _, row in sorted(rows.items()) if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT]
+    return [row for _, row in sorted(rows.items()) if is_measurement(row.window.conditions)]
 
 
 def act(
@@ -98,11 +98,14 @@ def act(
     with context.in_use.take(step.role):
         result = method(**step.told())
     if result is not None:
-        role, name, conditions = step.role, step.name, dict(step.conditions)
-        context.event(
-            Reading(step=step.number, role=role, name=name, value=result, conditions=conditions, arguments=arguments)
-        )
+        context.event(reading_of(step, result, arguments=arguments))
     return result
+
+
+def reading_of(step: Step, value: object, **more: Any) -> Reading:
+    """Return what a step has read as an event; ``more``: its other fields."""
+    name, conditions = step.name or step.kind, dict(step.conditions)
+    return Reading(step=step.number, role=step.role, name=name, value=value, conditions=conditions, **more)
 
 
 def call_or_flag(context: RunContext, step: PlannedCall, arguments: Mapping[str, object] | None = None) -> Quality:
@@ -113,19 +116,8 @@ def call_or_flag(context: RunContext, step: PlannedCall, arguments: Mapping[str,
         if error.code not in NO_READING or not _only_measures(context.instruments[step.role], step.name):
             raise
         flag = Quality.OVERLOAD if error.code == OVERLOAD else Quality.NOT_FINITE
-        context.event(
-            Reading(
-                step=step.number,
-                role=step.role,
-                name=step.name,
-                value=None,
-                conditions=dict(step.conditions),
-                quality=int(flag),
-                code=error.code,
-                text=error.message,
-                arguments=arguments,
-            )
-        )
+        about = {"quality": int(flag), "code": error.code, "text": error.message}
+        context.event(reading_of(step, None, arguments=arguments, **about))
         context.message(f"{error.where}: {error.message}; the reading is flagged, the run goes on")
         return flag
     return Quality.GOOD

@@ -8,18 +8,19 @@ branch, and the position is entered when as much of the ramp has passed as the p
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 from bench.model.clock import NS, to_ns
 from bench.model.events import Reentry
-from bench.model.ports import Action, actions_of
-from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step
+from bench.model.ports import drivers_of
+from bench.model.units import finite
+from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step, Steps
 from bench.run.context import RunContext
 from bench.run.control.operator import changes_of
 from bench.run.steps.dispatch import execute
 from bench.run.steps.setpoints import changes_motion, motion_again, steps_again, warm_up_s
-from bench.run.steps.soak import soak
+from bench.run.steps.soak import drive, soak
 from bench.run.steps.timing import Timeline
 
 UNIT_SPEAKS_S = 10.0  # housekeeping comes ten times a second once the unit streams
@@ -39,7 +40,7 @@ def enter(context: RunContext, start: int) -> None:
         context.operate(name, value)
     with context.stop.deferring():
         began_ns = context.clock.now_ns()
-        again = steps_again(context.plan, start, _drivers(context), left_out)
+        again = steps_again(context.plan, start, drivers_of(context.instruments), left_out)
         _do_again(context, [*again, *_motion(context, start)])
         _warm_up(context, start, began_ns)
         _to_temperature(context, start, stopped=True)
@@ -60,13 +61,13 @@ def come_back(context: RunContext, number: int) -> None:
         _to_temperature(context, number, stopped=False)
 
 
-def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> None:
+def tables_back(context: RunContext, number: int, passed: Steps) -> None:
     """After a jump in the plan: tables that the steps ``passed`` move are brought to where step ``number`` needs them.
 
     They are made safe before: where the plan has an interlock open, somebody may be asked to come to the table.
     Raises: InstrumentError of a table.
     """
-    moved = dict.fromkeys(step.role for step in passed if changes_motion(step, _drivers(context)))
+    moved = dict.fromkeys(step.role for step in passed if changes_motion(step, drivers_of(context.instruments)))
     if not moved:
         return
     with context.stop.deferring():
@@ -78,14 +79,10 @@ def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> Non
 
 
 def _motion(context: RunContext, number: int) -> list[Step]:
-    return motion_again(context.plan.steps, number, _drivers(context), context.decided.left_out)
+    return motion_again(context.plan.steps, number, drivers_of(context.instruments), context.decided.left_out)
 
 
-def _drivers(context: RunContext) -> dict[str, Mapping[str, Action]]:
-    return {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
-
-
-def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
+def _do_again(context: RunContext, steps: Steps) -> None:
     for step in steps:
         if isinstance(step, PlannedSettle):
             context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(step.duration_s))
@@ -104,7 +101,7 @@ def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
         context.timeline.wait_until_ns(context.clock.now_ns() + rest_ns)
 
 
-def thermal_steps(steps: Sequence[Step], number: int, left_out: Container[int] = ()) -> list[tuple[Step, SetPoint]]:
+def thermal_steps(steps: Steps, number: int, left_out: Container[int] = ()) -> list[tuple[Step, SetPoint]]:
     """Return soaks and set-points of the chamber before a step, oldest first; none inside ``finally``."""
     done = (step for step in steps[:number] if step.number not in left_out)
     set_points = [(step, step.set_point) for step in done if step.set_point is not None]
@@ -117,7 +114,6 @@ def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
         return
     began_ns, (newest, asked) = context.clock.now_ns(), thermal[-1]
     found_degC = _units_degC(context, newest)
-    unit_degC = max(found_degC)
     if isinstance(newest, PlannedSoak):
         soaked = not all(abs(degC - newest.temperature_degC) <= newest.within_degC for degC in found_degC)
         _back_to_soak(context, newest, soaked=soaked, stopped=stopped)
@@ -129,7 +125,7 @@ def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
             step=number,
             target_degC=asked.temperature_degC,
             soaked=soaked,
-            unit_degC=None if math.isnan(unit_degC) else unit_degC,
+            unit_degC=finite(max(found_degC)),
             seconds=(context.clock.now_ns() - began_ns) / NS,
         )
     )
@@ -141,7 +137,7 @@ def _back_to_soak(context: RunContext, step: PlannedSoak, *, soaked: bool, stopp
         context.message(f"the unit has left {band}: soaking again")
         _soak_again(context, step)
     elif stopped:
-        _drive(context, step.role, step.set_point)
+        drive(context, step.role, step.set_point)
 
 
 def _along_the_ramp(context: RunContext, thermal: Sequence[tuple[Step, SetPoint]], step: Step) -> None:
@@ -152,18 +148,9 @@ def _along_the_ramp(context: RunContext, thermal: Sequence[tuple[Step, SetPoint]
         start_degC = thermal[-2][1].temperature_degC
         context.message(f"the ramp from {start_degC:g} degC to {asked.temperature_degC:g} degC is done again")
         _soak_again(context, replace(pattern, temperature_degC=start_degC, late="hold"))
-    _drive(context, newest.role, asked)
+    drive(context, newest.role, asked)
     passed_s = step.at_s - newest.at_s if step.phase == newest.phase else 0.0
     context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(passed_s))
-
-
-def _drive(context: RunContext, role: str, asked: SetPoint) -> None:
-    """Give the chamber a set-point and let it run."""
-    chamber = context.instruments[role]
-    with context.in_use.take(role):
-        chamber.set_temperature(asked.temperature_degC, asked.ramp_degC_min)  # type: ignore[attr-defined]
-        chamber.run()  # type: ignore[attr-defined]
-    context.observers.set_point(asked)
 
 
 def _soak_again(context: RunContext, step: PlannedSoak) -> None:

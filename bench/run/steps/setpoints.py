@@ -11,10 +11,10 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from bench.model.clock import NS, Clock
+from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
-from bench.model.ports import Action, Effect, Instrument, actions_of
-from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step
+from bench.model.ports import Action, Drivers, Effect, Instrument, actions_of, can_move, effects_of
+from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step, Steps
 from bench.record import JournalEntry
 
 READ_BACK_S = 3.0  # looking at the bench must not keep it from being made safe
@@ -32,8 +32,6 @@ Readings = dict[str, dict[str, Any]]
 _STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
 _MOVE, _TURN, _SPIN = "move", "turn", "spin"
 _STOP = "stop"
-
-Drivers = Mapping[str, Mapping[str, Action]]
 
 
 def setpoint_of(step: Step, instruments: Mapping[str, Instrument]) -> dict[str, Any]:
@@ -75,7 +73,7 @@ def read_back(instruments: Mapping[str, Instrument], clock: Clock) -> Readings:
     Takes ``READ_BACK_S`` and one question more at most.
     """
     readings: Readings = {}
-    limit_ns = clock.now_ns() + round(READ_BACK_S * NS)
+    limit_ns = clock.now_ns() + to_ns(READ_BACK_S)
     for role, instrument in instruments.items():
         declared = actions_of(type(instrument))
         if not any(action.effect is not Effect.NONE for action in declared.values()):
@@ -122,9 +120,7 @@ def _word(on: bool) -> str:
     return "on" if on else "off"
 
 
-def steps_again(
-    plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Action]], left_out: Container[int] = ()
-) -> list[Step]:
+def steps_again(plan: Plan, first: int, drivers: Drivers, left_out: Container[int] = ()) -> list[Step]:
     """Return steps before ``first`` that bring supplies, generator and unit back after everything was made safe.
 
     The last call of each action (of each rail; on and off are one), settings before switches, then the last raw text
@@ -144,11 +140,12 @@ def steps_again(
     again: list[Step] = []
     for key in ordered:
         again.append(plan.steps[last[key]])
-        again += _settles(plan.steps, last[key] + 1)
+        behind = plan.steps[last[key] + 1 : last[key] + 2]
+        again += [step for step in behind if isinstance(step, PlannedSettle)]
     return again
 
 
-def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, ...] | None:
+def _key(step: Step, drivers: Drivers) -> tuple[Any, ...] | None:
     """Return sort and identity of a step that is done again; None for any other."""
     if isinstance(step, PlannedCommand):
         return None if step.item else (3, step.role, step.name)  # a test is not done twice
@@ -170,24 +167,14 @@ def warm_up_s(plan: Plan, first: int, left_out: Container[int] = ()) -> float:
     return max((step.duration_s for step in before[on:] if isinstance(step, PlannedSettle)), default=0.0)
 
 
-def _settles(steps: Sequence[Step], at: int) -> list[Step]:
-    """Return the settle step right behind a step, if there is one."""
-    return [steps[at]] if at < len(steps) and isinstance(steps[at], PlannedSettle) else []
-
-
-def can_move(actions: Mapping[str, Action]) -> bool:
-    """Return whether an instrument with these actions is a table."""
-    return any(action.effect is Effect.MOTION_ON for action in actions.values())
-
-
 def goes_off(driver: type) -> bool:
     """Return True for an instrument that a hold makes safe: it drives a stimulus or leads it to the unit, or moves."""
-    return drives(driver) or can_move(actions_of(driver))
+    return drives(driver) or Effect.MOTION_ON in effects_of(driver)
 
 
 def drives(driver: type) -> bool:
     """Return True for an instrument that drives a stimulus or leads it to the unit."""
-    return any(action.effect in _STIMULUS for action in actions_of(driver).values())
+    return not effects_of(driver).isdisjoint(_STIMULUS)
 
 
 def is_motion(step: Step) -> bool:
@@ -195,7 +182,7 @@ def is_motion(step: Step) -> bool:
     return isinstance(step, PlannedCall) and step.name in (_MOVE, _TURN, _SPIN) and step.axis is not None
 
 
-def motion_again(steps: Sequence[Step], number: int, drivers: Drivers, left_out: Container[int] = ()) -> list[Step]:
+def motion_again(steps: Steps, number: int, drivers: Drivers, left_out: Container[int] = ()) -> list[Step]:
     """Return calls and settle times that bring all tables to where they were before step ``number``, in order.
 
     None inside ``finally``, where nothing has to move any more. An axis that was only turned, never moved, has no known
@@ -236,9 +223,7 @@ def _closed(calls: Sequence[PlannedCall], actions: Mapping[str, Action]) -> Plan
     return closed
 
 
-def _axes(
-    steps: Sequence[Step], calls: Sequence[PlannedCall], number: int, actions: Mapping[str, Action]
-) -> list[Step]:
+def _axes(steps: Steps, calls: Sequence[PlannedCall], number: int, actions: Mapping[str, Action]) -> list[Step]:
     """Return the last motion of each axis as a move or a spin, and the longest settle time that follows one of them."""
     last: dict[int | None, PlannedCall] = {}
     for step in calls:
@@ -258,6 +243,6 @@ def _axes(
     return [*motions, *sorted(waits, key=lambda step: -step.duration_s)[:1]]
 
 
-def _settle_behind(steps: Sequence[Step], at: int, number: int) -> list[PlannedSettle]:
+def _settle_behind(steps: Steps, at: int, number: int) -> list[PlannedSettle]:
     """Return the first settle step behind step ``at``, before step ``number``."""
     return [step for step in steps[at + 1 : number] if isinstance(step, PlannedSettle)][:1]

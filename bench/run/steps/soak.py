@@ -14,7 +14,8 @@ from bench.maths.relaxation import Window, window_of
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Late, Settled, Slip
-from bench.plan import PlannedSoak, PlannedUnit
+from bench.model.units import finite
+from bench.plan import PlannedSoak, PlannedUnit, SetPoint
 from bench.run.context import RunContext
 from bench.run.links.thermometer import hearing
 from bench.run.steps.approach import Approach, read_air_degC
@@ -48,7 +49,7 @@ class Stability:
         """The newest sample; NaN if there is none."""
         return float(self._heard[-1][1][-1]) if self._heard else math.nan
 
-    def judged(self, now_ns: int) -> tuple[bool, Window | None]:
+    def judged(self, now_ns: int) -> Judged:
         """Return whether it has settled, and what the samples of the window say; None without a sample.
 
         Settled: the window is covered without a long gap, every sample is within the band, and by all of them it stays
@@ -84,15 +85,12 @@ def soak(context: RunContext, step: PlannedSoak) -> None:
     """
     units: Sequence[PlannedUnit | None] = (context.units or (None,)) if step.sensor == "unit" else (None,)
     approach = None if step.residual_degC is None else Approach(context, step, units)
-    chamber = context.instruments[step.role]
-    with context.in_use.take(step.role):
-        chamber.set_temperature(step.temperature_degC, step.ramp_degC_min)  # type: ignore[attr-defined]
-        chamber.run()  # type: ignore[attr-defined]
-    context.observers.set_point(step.set_point)
+    drive(context, step.role, step.set_point)
     watches = [Stability(step.temperature_degC, step.within_degC, step.for_s) for _ in units]
+    acquisition = context.acquisition
     with ExitStack() as heard:
         for unit, watch in zip(units, watches, strict=True) if step.sensor == "unit" else ():
-            heard.enter_context(hearing(context.acquisition, watch.add, unit))
+            heard.enter_context(hearing(acquisition.lock, acquisition.readers, watch.add, unit))
         if approach is None:
             _wait_out(context, step, watches, step.at_s + step.duration_s)
         else:
@@ -103,6 +101,15 @@ def soak(context: RunContext, step: PlannedSoak) -> None:
     context.settled = _is_stable(found)
     for unit, (stable, window) in zip(units, found, strict=True):
         context.event(_settled(step, stable, window, None if unit is None else unit.serial))
+
+
+def drive(context: RunContext, role: str, asked: SetPoint) -> None:
+    """Give the chamber a set-point and let it run."""
+    chamber = context.instruments[role]
+    with context.in_use.take(role):
+        chamber.set_temperature(asked.temperature_degC, asked.ramp_degC_min)  # type: ignore[attr-defined]
+        chamber.run()  # type: ignore[attr-defined]
+    context.observers.set_point(asked)
 
 
 def _judged(context: RunContext, watches: Sequence[Stability]) -> list[Judged]:
@@ -117,8 +124,7 @@ def _is_stable(found: Sequence[Judged]) -> bool:
 
 def _slowest(watches: Sequence[Stability], found: Sequence[Judged]) -> tuple[Stability, Window | None]:
     """Return the first that has not settled, and what its samples say."""
-    each = [(watch, window) for watch, (stable, window) in zip(watches, found, strict=True) if not stable]
-    return each[0]
+    return next((watch, window) for watch, (stable, window) in zip(watches, found, strict=True) if not stable)
 
 
 def _wait_out(context: RunContext, step: PlannedSoak, watches: Sequence[Stability], end_s: float) -> None:
@@ -211,9 +217,6 @@ def _found(watch: Stability, window: Window | None) -> str:
 
 
 def _settled(step: PlannedSoak, stable: bool, window: Window | None, uut: str | None) -> Settled:
-    def known(value: float) -> float | None:
-        return value if math.isfinite(value) else None
-
     return Settled(
         uut=uut,
         step=step.number,
@@ -224,7 +227,7 @@ def _settled(step: PlannedSoak, stable: bool, window: Window | None, uut: str | 
         stable=stable,
         samples=0 if window is None else window.samples,
         mean_degC=None if window is None else window.mean_degC,
-        slope_degC_min=None if window is None else known(window.slope_degC_min),
+        slope_degC_min=None if window is None else finite(window.slope_degC_min),
         spread_degC=None if window is None else window.spread_degC,
         chance=None if window is None else window.chance,
     )

@@ -70,7 +70,7 @@ def _together(context: RunContext, step: PlannedRecord) -> list[PlannedRecord]:
 
 def patience_s(context: RunContext, step: PlannedRecord) -> float:
     """Return how much later than due the last frame of a record may come, second."""
-    return SILENCE_S + 3.0 / float(context.plan.campaign["rate_Hz"]) + 0.001 * step.seconds
+    return SILENCE_S + 3.0 / context.rate_Hz + 0.001 * step.seconds
 
 
 def is_chained(context: RunContext, step: PlannedRecord) -> bool:
@@ -96,7 +96,7 @@ def _first_counter(context: RunContext, step: PlannedRecord, number: int, gates_
     machine or an adapter that stalls, those that must be on their way are reckoned with: they belong to the settling.
     """
     reader = context.acquisition.readers[step.role]
-    rate = float(context.plan.campaign["rate_Hz"])
+    rate = context.rate_Hz
     if reader.last_counter < 0 or gates_ns - reader.last_frame_ns > to_ns(SILENCE_S + 2.0 / rate):
         raise silent(reader, f"no good frame for {SILENCE_S:g} s before record {number}")
     overdue = int((gates_ns - reader.last_frame_ns) * rate // NS)
@@ -149,13 +149,13 @@ def _open(context: RunContext, step: PlannedRecord, window: RecordWindow, chaine
 
 
 def _frames(context: RunContext, step: PlannedRecord) -> int:
-    return round(step.seconds * float(context.plan.campaign["rate_Hz"]))
+    return round(step.seconds * context.rate_Hz)
 
 
 def _due_ns(context: RunContext, link: str, stop: int) -> int:
     """Return when the frame before counter ``stop`` is due, by the newest frame: the unit's clock is not ours."""
     reader = context.acquisition.readers[link]
-    rate = float(context.plan.campaign["rate_Hz"])
+    rate = context.rate_Hz
     return reader.last_frame_ns + round((stop - 1 - reader.last_counter) / rate * NS)
 
 

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from bench.model.clock import NS, Clock
 from bench.model.events import ClockStep, Suspend
 from bench.run.context import RunContext
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 
 LOOK_S = 0.5
 STEP_S = 0.5
@@ -96,9 +96,8 @@ def clock_watch(context: RunContext) -> Iterator[ClockWatch]:
         watch.beat()
 
     stop.live.append(hear)
-    periodic = context.clock.every(LOOK_S, guarded(watch.look, stop))
     try:
-        yield watch
+        with repeated(context.clock, stop, (LOOK_S, watch.look)):
+            yield watch
     finally:
-        periodic.cancel()
         stop.live.remove(hear)

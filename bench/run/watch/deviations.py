@@ -16,6 +16,7 @@ from functools import partial
 
 from bench.model.clock import NS, to_ns
 from bench.model.events import Deviation, Environment, Event, Surroundings
+from bench.model.units import finite
 from bench.plan import CHAMBER, InterlockRule, PlannedCall, PlannedRecord, SetPoint, Step
 from bench.record import RecordError
 from bench.run.context import RunContext
@@ -47,14 +48,11 @@ _SENSORS = {OWN: "its own sensor", SECOND: "the other sensor"}
 class _Watched:
     """One deviation: its state, and what is told of it."""
 
-    name: str
-    of: str
     state: InterlockState
     by: str = ""
     value: float = math.nan
     set_point: float = math.nan
     limit: float = math.nan
-    unit: str = ""
 
 
 class DeviationWatch(Observer):
@@ -194,8 +192,7 @@ class DeviationWatch(Observer):
                 name=name, signal=name, of=of, channel=None, unit=unit, high=0.0, low=None, release_high=-back,
                 release_low=None, dwell_s=dwell_s, release_after_s=DWELL_S, stale_s=None, action="warn", where="",
             )  # fmt: skip
-            state = InterlockState(rule, self._context.clock.now_ns())
-            self._watched[name, of] = _Watched(name, of, state, unit=unit)
+            self._watched[name, of] = _Watched(InterlockState(rule, self._context.clock.now_ns()))
         return self._watched[name, of]
 
     def _take(self, watched: _Watched, excess: float) -> None:
@@ -206,18 +203,19 @@ class DeviationWatch(Observer):
     def _tell(self, watched: _Watched, *, begun: bool) -> None:
         guard_degC = self._context.plan.station.guard_limits_degC.get(CHAMBER_AIR)
         limit = "the limit of its thermostat alone" if guard_degC is None else f"{guard_degC:g} degC"
+        rule = watched.state.rule
         self._context.event(
             Deviation(
-                name=watched.name,
-                of=watched.of,
+                name=rule.name,
+                of=rule.of,
                 state="begun" if begun else "over",
-                value=_known(watched.value),
-                set_point=_known(watched.set_point),
-                limit=_known(watched.limit),
-                unit=watched.unit,
+                value=finite(watched.value),
+                set_point=finite(watched.set_point),
+                limit=finite(watched.limit),
+                unit=rule.unit,
                 by=watched.by,
-                door=self._door() if begun and watched.name in ("air", "runaway") else None,
-                action=ACTIONS[watched.name].format(limit=limit),
+                door=self._door() if begun and rule.name in ("air", "runaway") else None,
+                action=ACTIONS[rule.name].format(limit=limit),
             )
         )
 
@@ -239,10 +237,6 @@ class DeviationWatch(Observer):
 
         read_idle(self._context, CHAMBER, look)
         return True
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 @contextmanager

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
 
-from bench.model.clock import NS
+from bench.model.clock import NS, utc_moment
 from bench.run.context import RunContext
 from bench.run.guard.health import WRITER
 from bench.run.observers import patient
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 
 DISK = "disk"  # who holds the run
 SYNC_S, LOOK_S = 1.0, 0.5
@@ -42,7 +41,7 @@ class DiskWatch:
         clock = self._context.clock
         began_ns = self._began_ns = clock.now_ns()
         for name, sync in self._files.items():
-            self._waiting = f"the {name} since {datetime.fromtimestamp(clock.utc_ns() // NS, UTC):%H:%M:%S} UTC"
+            self._waiting = f"the {name} since {utc_moment(clock.utc_ns()):%H:%M:%S} UTC"
             sync()
         self._began_ns = None
         if not self._is_late(began_ns):
@@ -64,10 +63,5 @@ class DiskWatch:
 def disk_watch(context: RunContext, files: Mapping[str, Callable[[], None]]) -> Iterator[DiskWatch]:
     """Bring files to the disk beside a run, by name what syncs them."""
     watch = DiskWatch(context, files)
-    looking = context.clock.every(LOOK_S, guarded(watch.look, context.stop))
-    syncing = context.clock.every(SYNC_S, guarded(watch.sync, context.stop))
-    try:
+    with repeated(context.clock, context.stop, (LOOK_S, watch.look), (SYNC_S, watch.sync)):
         yield watch
-    finally:
-        looking.cancel()
-        syncing.cancel()

@@ -8,14 +8,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
-from bench.model.clock import NS
+from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Interlock
+from bench.model.units import finite
 from bench.plan import Action, InterlockRule
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.observers import Following, Observer, Order
-from bench.run.stop import HOLD_LIMIT_S, Wish, guarded
+from bench.run.stop import HOLD_LIMIT_S, Wish, repeated
 from bench.run.watch.signals import RateStep, WatchedSignals, leaves_the_bus
 
 Change = Literal["tripped", "stale", "released", "lasting"]
@@ -81,7 +82,7 @@ class InterlockState:
     def trip(self, t_ns: int, change: Change) -> Change:
         """Trip now, dwell or not; returns ``change``."""
         self.tripped, self._back_ns = True, None
-        self._lasting_ns = t_ns + round(max(self.rule.dwell_s, LASTING_S) * NS)
+        self._lasting_ns = t_ns + to_ns(max(self.rule.dwell_s, LASTING_S))
         return change
 
     def _lasting(self, t_ns: int) -> Change | None:
@@ -102,8 +103,8 @@ class InterlockWatch:
     def __init__(self, rules: Sequence[InterlockRule], context: RunContext, following: Following) -> None:
         now_ns = context.clock.now_ns()
         self._following = following
-        self._period_ns = round((ASK_VIRTUAL_S if context.clock.virtual else ASK_WALL_S) * NS)
-        self._ask_ns = now_ns + min(self._period_ns, round(ASK_WALL_S * NS))
+        self._period_ns = to_ns(ASK_VIRTUAL_S if context.clock.virtual else ASK_WALL_S)
+        self._ask_ns = now_ns + min(self._period_ns, to_ns(ASK_WALL_S))
         self.signals = WatchedSignals(context, rules)
         self._context = context
         self._all = [InterlockState(rule, now_ns) for rule in rules]
@@ -179,7 +180,7 @@ class InterlockWatch:
             stop.fail(RunError("B-RUN-071", reason, where=by, next_step=advice))
 
     def _tell(self, state: InterlockState, change: Change, action: Action) -> None:
-        rule, value = state.rule, state.value if math.isfinite(state.value) else None
+        rule, value = state.rule, finite(state.value)
         below = rule.low is not None and value is not None and value < rule.low
         limit = rule.low if below or rule.high is None else rule.high
         self._context.event(
@@ -218,15 +219,8 @@ def interlocks(context: RunContext, rules: Sequence[InterlockRule], following: F
     if any(rule.signal == RATE_STEP for rule in rules):
         _watch_records(watch, context)
     look_s = LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S
-    running = [
-        context.clock.every(look_s, guarded(watch.take, context.stop)),
-        context.clock.every(look_s, guarded(watch.ask, context.stop)),
-    ]
-    try:
+    with repeated(context.clock, context.stop, (look_s, watch.take), (look_s, watch.ask)):
         yield watch
-    finally:
-        for periodic in running:
-            periodic.cancel()
 
 
 def _watch_records(watch: InterlockWatch, context: RunContext) -> None:

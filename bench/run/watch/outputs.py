@@ -17,7 +17,7 @@ from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from bench.model.clock import NS
+from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument
 from bench.run.bench.safety import QUICK_S, hurried
@@ -25,7 +25,7 @@ from bench.run.context import RunContext
 from bench.run.feed.outputs import LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs
 from bench.run.observers import Following, Observer, Order
 from bench.run.steps.setpoints import goes_off
-from bench.run.stop import guarded
+from bench.run.stop import repeated
 from bench.run.watch.signals import leaves_the_bus
 
 WAKE_S = 5.0
@@ -51,7 +51,7 @@ class OutputsWatch:
 
     def __init__(self, context: RunContext, following: Following) -> None:
         self._context, self._following = context, following
-        self._period_ns = round((LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S) * NS)
+        self._period_ns = to_ns(LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S)
         self._due_ns = context.clock.now_ns() + self._period_ns
 
     def take(self) -> None:
@@ -105,13 +105,10 @@ def outputs_watch(context: RunContext, following: Following) -> Iterator[None]:
     """Look at the outputs while the run goes on, under either clock."""
     watch = OutputsWatch(context, following)
     wake_s = LOOK_VIRTUAL_S if context.clock.virtual else WAKE_S
-    running = [context.clock.every(wake_s, guarded(watch.take, context.stop))]
+    duties = [(wake_s, watch.take)]
     if not context.clock.virtual:
         contact = Contact(context)
         context.observers.add(contact)
-        running.append(context.clock.every(CONTACT_WAKE_S, guarded(contact.take, context.stop)))
-    try:
+        duties.append((CONTACT_WAKE_S, contact.take))
+    with repeated(context.clock, context.stop, *duties):
         yield
-    finally:
-        for periodic in running:
-            periodic.cancel()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from bench.model.ports import Effect, Instrument, actions_of
+from bench.model.ports import Effect, Instrument, drivers_of
 from bench.plan import PlannedCall
 from bench.run.steps.setpoints import VOLTAGE_WITHIN
 
@@ -36,7 +36,7 @@ class Settings:
 
     def __init__(self, instruments: Mapping[str, Instrument]) -> None:
         self._instruments = instruments
-        self._actions = {role: actions_of(type(instrument)) for role, instrument in instruments.items()}
+        self._actions = drivers_of(instruments)
         self._voltages_V: dict[str, dict[int | None, float]] = {}
         self._on: set[str] = set()
         self._rates_deg_s: dict[str, dict[int, float]] = {}

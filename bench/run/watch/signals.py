@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import LinkBatch
-from bench.model.clock import NS
+from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.events import Error, Surroundings
 from bench.model.ports import Instrument
@@ -222,7 +222,7 @@ class WatchedSignals:
     def _newest(self, name: str, unit: PlannedUnit | None) -> float:
         """Return newest value of a housekeeping field, the mean of an array; NaN if it is old or nobody sends it."""
         acquisition, now_ns = self._context.acquisition, self._context.clock.now_ns()
-        fresh_ns = round((FRESH_VIRTUAL_S if self._context.clock.virtual else STALE_S) * NS)
+        fresh_ns = to_ns(FRESH_VIRTUAL_S if self._context.clock.virtual else STALE_S)
         with acquisition.lock:
             for reader in of_unit(acquisition.readers, unit).values():
                 for frames in reader.newest.values():
@@ -250,7 +250,7 @@ def read_idle(context: RunContext, role: str, read: Callable[[], None]) -> None:
             with hurried(context.instruments[role], CALL_S):  # one that is mute must not keep the bus
                 read()
         except InstrumentError as error:
-            context.event(Error(code=error.code, text=str(error), where=error.where))
+            context.event(Error.of(error))
 
 
 def scanned(logger: Instrument) -> dict[int, float]:

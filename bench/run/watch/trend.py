@@ -14,9 +14,10 @@ from typing import Any
 from bench.frame import BENCH, LinkBatch
 from bench.model.errors import BenchError
 from bench.model.events import Event
-from bench.plan import Step, graphs_of, shown_signals
+from bench.plan import Step
 from bench.record import FOLDER, HEAD, BenchRows, Files, LinkReduction, TrendWriter, read_head, read_journal, sources_of
 from bench.run.context import RunContext
+from bench.run.feed.scenery import signals_of
 from bench.run.observers import Observer
 
 WRITE_S = 1.0
@@ -37,9 +38,8 @@ class TrendRecorder(Observer):
         self._lock = threading.Lock()
         self._bench = BenchRows()
         self._failed: Exception | None = None
-        frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
-        graphs = graphs_of(context.plan.station.file.graphs, frames, context.measurement_link)
-        sources = sources_of(shown_signals(graphs, frames), frames)
+        frames, _, signals = signals_of(context)
+        sources = sources_of(signals, frames)
         clock = context.clock
         self._writer: TrendWriter | None = TrendWriter(context.folder, sources, clock.now_ns(), clock.utc_ns(), files)
         self._links = {

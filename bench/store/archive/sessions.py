@@ -9,11 +9,10 @@ from typing import Any
 
 from sqlalchemy import Column, ColumnElement, Connection, Select, Table, and_, delete, or_, select
 
-from bench.model.clock import NS, Clock, WallClock
+from bench.model.clock import NS, Clock, WallClock, utc_text
 from bench.model.errors import InputError
 from bench.store.archive.certificates import Issued, UsedStandard, enter
 from bench.store.database import add_row, add_rows, reading, rows_of, writing
-from bench.store.reading import utc_text
 from bench.store.selection import unknown, values_of
 from bench.store.tables import archived_sessions, archived_standards, archived_units
 

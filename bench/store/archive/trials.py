@@ -9,11 +9,10 @@ from typing import Any
 
 from sqlalchemy import Connection, delete, select
 
-from bench.model.clock import Clock, WallClock
+from bench.model.clock import Clock, WallClock, utc_text
 from bench.store.archive.certificates import certificates_of
 from bench.store.contents import canonical, parameter_row
 from bench.store.database import reading, rows_of, writing
-from bench.store.reading import utc_text
 from bench.store.recording import parameter_keys
 from bench.store.selection import unknown
 from bench.store.tables import certificates, parameters, trial_rows, trials

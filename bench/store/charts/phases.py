@@ -7,10 +7,9 @@ from typing import Any
 
 from sqlalchemy import Connection, func, select
 
-from bench.model.clock import NS, WallClock
+from bench.model.clock import NS, WallClock, utc_text
 from bench.store.database import reading, writing
 from bench.store.errors import StoreError
-from bench.store.reading import utc_text
 from bench.store.selection import find_unit, require
 from bench.store.tables import calibrations, phases
 

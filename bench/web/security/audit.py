@@ -6,10 +6,9 @@ import json
 import os
 import sys
 import threading
-from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.model.clock import NS, Clock
+from bench.model.clock import Clock, utc_text
 from bench.model.posix import NO_LINK, RAW
 
 FILE = "serve.jsonl"
@@ -30,8 +29,7 @@ class Audit:
 
     def write(self, what: str, **fields: object) -> None:
         """One line: the time, what was wanted, and who, from where, with what result."""
-        now = datetime.fromtimestamp(self._clock.utc_ns() // NS, UTC)
-        line = json.dumps({"t_utc": f"{now:%Y-%m-%dT%H:%M:%SZ}", "what": what, **fields}, ensure_ascii=True)
+        line = json.dumps({"t_utc": utc_text(self._clock.utc_ns()), "what": what, **fields}, ensure_ascii=True)
         with self._lock:
             try:
                 self._append(line.encode() + b"\n")

@@ -17,7 +17,7 @@ from bench.model.errors import ExitStatus
 from bench.plan import Plan, Step, check_plan
 from bench.record import SessionReader
 from bench.session.service import read_view
-from bench.session.view import analyse_view, report_html
+from bench.session.view import analyse_view, report_of
 from bench.web.recorded.past import Past
 from sim_instruments.worlds.common import thermal
 from sim_instruments.worlds.common.world import World
@@ -146,7 +146,7 @@ def test_every_reader_of_a_session_takes_it(ran: Ran, tmp_path: Path) -> None:
     results, analysis = analyse_view(view)
     (folder / "results.json").write_text(results_json(results))
     assert replay(folder, as_json=False) == ExitStatus.PASS
-    report = report_html(view, results, analysis)
+    report = report_of(view, results, analysis).html()
     assert "Soaks by the thermal lag" in report
     state = Past().final(folder)
     assert (state["records"]["done"], state["records"]["planned"]) == (30, 30)

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench.model.clock import utc_text
 from bench.store import record_calibration
-from bench.store.reading import utc_text
 
 CHANNELS = range(1, 11)
 TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)

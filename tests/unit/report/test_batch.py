@@ -357,7 +357,7 @@ def test_bars_cover_exactly_the_planned_time() -> None:
 
 
 def test_planned_temperature_ramps_then_holds() -> None:
-    t_s, degC = planned_temperature(sample_steps((-10.0, 5.0)), 600.0, start_degC=23.0)
+    t_s, degC = planned_temperature(sample_steps((-10.0, 5.0)), 600.0)
     assert np.interp([0.0, 1980.0, 3960.0, 27_000.0, 27_900.0, 28_800.0], t_s, degC).tolist() == [
         23.0,
         6.5,
@@ -379,7 +379,7 @@ def record(at_s: float, seconds: float) -> Step:
 
 
 def corners(*steps: Step, prepare_s: float = 0.0) -> list[tuple[float, float]]:
-    t_s, degC = planned_temperature(steps, prepare_s, start_degC=23.0)
+    t_s, degC = planned_temperature(steps, prepare_s)
     return list(zip(t_s.tolist(), degC.tolist(), strict=True))
 
 

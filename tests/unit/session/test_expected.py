@@ -40,13 +40,12 @@ from bench.record import UNIT_TEMPERATURE, RecordRow
 from bench.replay import Splice
 from bench.session import partial as command
 from bench.session.away import doubted, placed_later
-from bench.session.expected import expectations, predicted_of
 from bench.session.happenings import alarms_raised, commands_given, happening_tables, happenings, length_s, surroundings
 from bench.session.makeup import make_up_sequence
 from bench.session.predicted import predicted
 from bench.session.record_states import record_states
 from bench.session.service import merged, read_view
-from bench.session.view import SessionView, material_of
+from bench.session.view import SessionView, expectations, material_of, predicted_of
 
 Short = tuple[Path, subprocess.CompletedProcess[str]]
 FIRST_TEMPERATURE = 45  # records of the short campaign, three channels of fifteen
@@ -89,7 +88,7 @@ def test_the_run_begins_when_its_first_event_says(view: SessionView, monkeypatch
         begins.append(begin_utc_s)
         return predicted(plan)
 
-    monkeypatch.setattr("bench.session.expected.predicted", noted)
+    monkeypatch.setattr("bench.session.view.predicted", noted)
     assert view.utc_offset_ns is not None
     late_ns = 70 * 86400 * NS
     later = [(t_ns + late_ns, event) for t_ns, event in view.events]
@@ -303,7 +302,7 @@ def test_a_record_of_samples_needs_no_clock_counts() -> None:
     assert [one.state for one in found] == ["valid", "invalid", "invalid"]
     assert found[1].why == "no frames"
     with pytest.raises(InputError, match=r"B-RES-008: .*how it was mounted"):
-        make_up_sequence(SimpleNamespace(), found)  # type: ignore[arg-type]
+        make_up_sequence(SimpleNamespace(steps=steps), found)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("arguments", [None, {"samples": True}])

@@ -25,7 +25,7 @@ from bench.model.errors import BenchError, ExitStatus, InputError, OperatorStop,
 from bench.plan.language.sequence import Early
 from bench.run.context import RunContext
 from bench.run.control.asking import AT_BENCH, Refused, WaitingOperator
-from bench.run.control.channel import control
+from bench.run.control.channel import Control
 from bench.run.control.early import EarlyVerdicts, judge_command
 from bench.run.control.operator import AFAR, BENCH, Answer, Question, limits_of
 from bench.run.observers import Following
@@ -219,7 +219,7 @@ def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
             answer()
         assert caught.value.code == "B-CTRL-002"
 
-    with control(context, Following(context.observers), dict, None, operator):
+    with Control(context, Following(context.observers), dict, None, operator).listening():
         refused(lambda: command.answer(tmp_path, ""), "the run asks nothing")
         asked = threading.Thread(target=lambda: given.extend([operator.ask(OHMS), operator.ask(DOOR)]), daemon=True)
         asked.start()

@@ -22,7 +22,7 @@ from bench.model.events import ClockStep, Deviation, Event, Guard
 from bench.plan.language.notices import Notify
 from bench.record import RecordError
 from bench.run.context import RunContext
-from bench.run.control.channel import MOST_REFUSED, Control, control
+from bench.run.control.channel import MOST_REFUSED, Control
 from bench.run.control.local_socket import (
     IDLE_S,
     LONGEST_LINE,
@@ -54,7 +54,7 @@ def controlled(folder: Path) -> tuple[HoldRig, RunContext, Control]:
 def served(folder: Path) -> Iterator[tuple[HoldRig, RunContext]]:
     rig, context, _ = controlled(folder)
     context.clock = WallClock()  # type: ignore[assignment]
-    with control(context, Following(context.observers), dict):
+    with Control(context, Following(context.observers), dict).listening():
         yield rig, context
 
 

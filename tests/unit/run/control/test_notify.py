@@ -21,6 +21,7 @@ from bench.model.errors import InputErrors
 from bench.model.events import End, Error, Hold, Interlock, Phase, Verdict, event_of
 from bench.plan.language.notices import Apprise, Mail, Notify, Webhook
 from bench.run.context import RunContext
+from bench.run.control import notify_ways
 from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion, user_notify
 from bench.run.control.notify_ways import NotSent, by_apprise, by_command, by_mail, by_webhook
 from bench.run.control.systemd import ServiceNotice, service_notice
@@ -236,7 +237,7 @@ def test_a_way_that_hangs_keeps_nobody_waiting_and_the_queue_is_bounded(
         go_on.wait(20.0)
         sent.append(message)
 
-    monkeypatch.setattr("bench.run.control.notify_ways.by_command", hang)
+    monkeypatch.setitem(notify_ways._WAYS, "command", hang)
     _, context = context_of(tmp_path)
     notifier = Notifier(Notify(command=["x"]), context, on)  # type: ignore[call-arg]
     for number in range(LONGEST_QUEUE + 50):

@@ -3,6 +3,7 @@
 import math
 import threading
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
@@ -18,8 +19,8 @@ from bench.run.context import RunContext
 from bench.run.links import keeper as link_keeper
 from bench.run.links.keeper import keep_links
 from bench.run.observers import AtTerminal, Observers, patient
-from bench.run.stop import Interruption, StopSwitch, guarded, unforeseen
-from bench.run.watch.environment import EnvironmentLog
+from bench.run.stop import Interruption, StopSwitch, guarded, repeated, unforeseen
+from bench.run.watch.environment import PERIOD_S, note_temperatures
 
 
 def test_links_are_decoded_in_their_order_and_bytes_recorded_before(tmp_path: Path) -> None:
@@ -174,12 +175,11 @@ def test_the_environment_is_written_each_minute_and_never_raises(tmp_path: Path)
     rig = Rig(tmp_path, "chamber")
     context = rig.context()
     rig.air_degC, rig.unit_degC = (lambda t_s: t_s / 60.0), (lambda t_s: 30.0)
-    log = EnvironmentLog(context)
-    rig.clock.sleep(60.0)
-    with context.in_use.take("chamber"):  # a step talks to it
+    with repeated(rig.clock, context.stop, (PERIOD_S, partial(note_temperatures, context))):
         rig.clock.sleep(60.0)
-    rig.instruments["chamber"].fail["measure_air"] = LinkError("B-INST-001", "x")
-    log.stop()
+        with context.in_use.take("chamber"):  # a step talks to it
+            rig.clock.sleep(60.0)
+        rig.instruments["chamber"].fail["measure_air"] = LinkError("B-INST-001", "x")
     rig.clock.sleep(60.0)
     assert rig.events("environment") == [
         {"air_degC": 1.0, "unit_degC": 30.0},

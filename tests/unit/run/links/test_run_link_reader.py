@@ -1,6 +1,5 @@
 """Counts of a damaged link, bounds of what waits, the state a link is in; turns of the virtual clock taken at once."""
 
-import math
 import threading
 import tracemalloc
 from collections.abc import Callable, Iterator
@@ -216,24 +215,24 @@ def test_bytes_the_recorder_refused_are_given_again() -> None:
 def test_a_link_goes_stale_after_two_periods_and_silent_after_two_seconds(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     acquisition = rig.context().acquisition
-    assert acquisition.status()["port_a"].state == "waiting"
-    assert math.isnan(acquisition.status()["port_a"].age_s)
+    assert acquisition.status()["port_a"]["state"] == "waiting"
+    assert acquisition.status()["port_a"]["age_s"] is None
     rig.clock.sleep(3.0)
     before = acquisition.status()["port_a"]
-    assert (before.state, before.frames, before.lost, before.bad) == ("streaming", 299, 0, 0)
+    assert {**before, "age_s": 0.0} == {"state": "streaming", "frames": 299, "lost": 0, "bad": 0, "age_s": 0.0}
     assert acquisition.readers["port_a"].rate_Hz == pytest.approx(100.0, rel=0.02)
     rig.port_a.dropped = lambda counter: True
     rig.clock.sleep(0.0195)  # the newest frame was stamped at 3 s
-    assert acquisition.status()["port_a"].state == "streaming"
+    assert acquisition.status()["port_a"]["state"] == "streaming"
     rig.clock.sleep(0.001)
-    assert acquisition.status()["port_a"].state == "stale"
-    assert acquisition.status()["port_b"].state == "streaming"
+    assert acquisition.status()["port_a"]["state"] == "stale"
+    assert acquisition.status()["port_b"]["state"] == "streaming"
     rig.clock.sleep(1.97)
-    assert acquisition.status()["port_a"].state == "stale"
+    assert acquisition.status()["port_a"]["state"] == "stale"
     rig.clock.sleep(0.02)
     after = acquisition.status()["port_a"]
-    assert (after.state, after.frames) == ("silent", 299)
-    assert after.age_s == pytest.approx(2.0105)
+    assert (after["state"], after["frames"]) == ("silent", 299)
+    assert after["age_s"] == pytest.approx(2.0105, abs=1e-3)
 
 
 @pytest.mark.parametrize("locked", [False, True])
@@ -247,7 +246,8 @@ def test_a_status_has_the_counters_of_a_link_and_is_given_even_while_the_lock_is
     if locked:
         acquisition.lock = SimpleNamespace(acquire=lambda timeout: False)
     found, reader = acquisition.status()["port_a"], acquisition.readers["port_a"]
-    assert (found.frames, found.lost, found.bad) == ((0, 0, 0) if locked else (394, 5, 0))  # as of the last look
+    counts = (found["frames"], found["lost"], found["bad"])
+    assert counts == ((0, 0, 0) if locked else (394, 5, 0))  # as of the last look
     assert (reader.decoder.counts.duplicate, reader.behind) == (0, 0)
 
 
