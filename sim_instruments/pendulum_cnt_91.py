@@ -12,8 +12,8 @@ from functools import partial
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Integers, Octets
 from bench.model.clock import NS
 from sim_instruments.bus import kept as of_no_effect
 from sim_instruments.bus.scpi import (
@@ -41,7 +41,7 @@ _LEVEL_STEP_V = 0.0025
 _SLICE_NS = NS  # events are asked for in such pieces, so that a long silence needs no more memory than a short one
 _MOST_BYTES = 10_000_000
 
-Events = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]
+Events = tuple[Integers, Octets, Octets, Octets]
 
 
 @runtime_checkable
@@ -124,7 +124,7 @@ class PendulumCnt91(ScpiDevice):
                 self.blocks.add(self._ticks(t_ps), flags)
             self.blocks.close_until(self._tick_now(self._seen_ns))
 
-    def _stamped(self, t_ps: NDArray[np.int64], channel: NDArray[np.uint8], *levels: NDArray[np.uint8]) -> Events:
+    def _stamped(self, t_ps: Integers, channel: Octets, *levels: Octets) -> Events:
         """Return what the inputs make of the edges of comparators that switch between 0 and 5 V.
 
         A level that they do not cross, a divider by ten, a coupling without dc and a load of 50 ohm lose them all; the
@@ -145,7 +145,7 @@ class PendulumCnt91(ScpiDevice):
     def _source(self) -> EdgeSource | None:
         return self.world if isinstance(self.world, EdgeSource) else None
 
-    def _ticks(self, t_ps: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _ticks(self, t_ps: Integers) -> Integers:
         own_ps = t_ps + np.floor(t_ps * self._clock_error).astype(np.int64) if self._clock_error else t_ps
         return own_ps // (_PS // self.clock_Hz)
 

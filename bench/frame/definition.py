@@ -11,9 +11,6 @@ from math import floor, log10
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bench.frame.batch import FrameBatch, FrameCounts
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.whole import compile_frame
@@ -24,6 +21,7 @@ from bench.frame.layout import Layout, Message
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import one_by_one
 from bench.frame.spec import FrameSpec
+from bench.model.arrays import Octets
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 from bench.model.yamlio import Document, load_yaml, parse_yaml
@@ -87,7 +85,7 @@ class FrameDefinition:
         by_packets = not self.layout.pattern or self.layout.escape or self.layout.lines or engine == "reference"
         return one_by_one(self.layout) if by_packets else NumpyDecoder(self.layout)
 
-    def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
+    def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> Octets:
         """Return frames of a message of fixed length, check included.
 
         Args:

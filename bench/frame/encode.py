@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.batch import seal, store_column
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.packets import ESCAPES
 from bench.frame.parts import packed
+from bench.model.arrays import Array, Octets
 from bench.model.errors import InputError
 
 
@@ -24,7 +24,7 @@ def _missing(item: Field) -> InputError:
     return _wrong("B-FRAME-020", f"no value for the field {item.name!r}", advice)
 
 
-def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> NDArray[np.uint8]:
+def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> Octets:
     """Return frames (count, length) uint8, check included; see FrameDefinition.encode."""
     if message.length == 0 or layout.escape:
         text = f"the message {message.name!r} has no fixed length"
@@ -53,7 +53,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
     return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
 
 
-def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: Octets) -> Octets:
     """Return frames with their length, check and trailer, which depend on the rest."""
     if layout.length_field is not None:
         _put(rows, layout.length_field, with_automatic(layout, message, columns, rows.shape[1]), len(rows))
@@ -61,7 +61,7 @@ def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: 
     return rows
 
 
-def _filled(layout: Layout, message: Message, columns: Mapping[str, Any], count: int, width: int) -> NDArray[np.uint8]:
+def _filled(layout: Layout, message: Message, columns: Mapping[str, Any], count: int, width: int) -> Octets:
     """Return rows (count, width) with sync bytes and fields; the length is left out."""
     rows = np.zeros((count, width), np.uint8)
     rows[:, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
@@ -135,7 +135,7 @@ def _state(given: dict[str, Any], item: Field, bits: Span | None, value: int | N
         given.setdefault(f"{item.name}.{part}" if part else item.name, value)
 
 
-def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
+def values_of(item: Field, given: Mapping[str, Any]) -> Array | bytes:
     """Return the values of a field, or its bytes where the definition says them.
 
     Raises: InputError B-FRAME-020 if there are none, 021 if a bit range does not fit.
@@ -152,7 +152,7 @@ def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
     raise _missing(item)
 
 
-def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: int) -> None:
+def _put(rows: Octets, item: Field, given: Mapping[str, Any], count: int) -> None:
     values = values_of(item, given)
     if isinstance(values, bytes):
         rows[:, item.offset : item.offset + item.length] = np.frombuffer(values, np.uint8)
@@ -167,9 +167,9 @@ def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: 
     store_column(rows, item, shaped)
 
 
-def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
+def _join_bits(item: Field, given: Mapping[str, Any]) -> Array:
     """Return a whole field from its named bits; those that are not given are as in its default, or 0."""
-    whole: NDArray[Any] = np.array(int.from_bytes(item.default or b"", "big" if item.big else "little"), item.dtype)
+    whole: Array = np.array(int.from_bytes(item.default or b"", "big" if item.big else "little"), item.dtype)
     for part, (low, width) in item.bits.items():
         if f"{item.name}.{part}" not in given:
             continue
@@ -181,7 +181,7 @@ def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
     return whole
 
 
-def _check_values(values: NDArray[Any], item: Field) -> None:
+def _check_values(values: Array, item: Field) -> None:
     """Refuse values that a field would wrap or clip."""
     if item.kind == "f":
         return
@@ -194,6 +194,6 @@ def _check_values(values: NDArray[Any], item: Field) -> None:
         raise _out_of_range(item.name, values, low, high)
 
 
-def _out_of_range(name: str, values: NDArray[Any], low: int, high: int) -> InputError:
+def _out_of_range(name: str, values: Array, low: int, high: int) -> InputError:
     text = f"{name!r} reaches from {values.min()} to {values.max()}, the limits are {low} and {high}"
     return _wrong("B-FRAME-021", text)

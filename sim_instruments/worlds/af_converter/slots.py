@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bench.model.arrays import Integers
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
-from sim_instruments.arrays import Int64
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
@@ -79,7 +79,7 @@ class UnitsInSlots:
         unit, port = self._ports[name]
         return unit.read(port, size)
 
-    def arrivals(self, name: str, t_ns: Int64) -> Int64:
+    def arrivals(self, name: str, t_ns: Integers) -> Integers:
         """Return bytes that can be read at each of the coming times."""
         unit, port = self._ports[name]
         return unit.arrivals(port, t_ns)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats
 from sim_instruments.worlds.gnc.processor import ModuleDraws
 
 CHANNELS = 8
@@ -66,7 +66,7 @@ class Converter:
         self._gain, self._offset_V = float(rng.normal(1.0, 1e-3)), float(rng.normal(0.0, 2e-3))
         self._readings = 0
 
-    def read_V(self, sources_V: Float, switch: int, field_gauss: Float) -> Float:
+    def read_V(self, sources_V: Floats, switch: int, field_gauss: Floats) -> Floats:
         """Return the eight channels, (8,), volt.
 
         Args: sources_V: what channels 4 to 7 are connected to, (4,).   switch: DIP switch that is on, 0 for none.

@@ -10,11 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
@@ -35,7 +34,7 @@ _MRAD_PER_ARCMIN = 1e3 * math.radians(1.0 / 60.0)
 
 
 def _true_values(
-    sensor: FogSensor, heading_deg: Callable[[NDArray[np.int64]], NDArray[np.float64]], windows: Sequence[RecordWindow]
+    sensor: FogSensor, heading_deg: Callable[[Integers], Floats], windows: Sequence[RecordWindow]
 ) -> list[dict[str, Any]]:
     """Return true values in the contract's form: azimuth of each heading, index marks, amplitude, noise of a sample."""
     entries: dict[tuple[Any, ...], dict[str, Any]] = {}
@@ -108,18 +107,18 @@ class FogWorld(World):
 
     # --- what the instruments see ------------------------------------------------------------------------------
 
-    def waveform(self, n0: int, n1: int) -> Float:
+    def waveform(self, n0: int, n1: int) -> Floats:
         """Return analogue output: means over the milliseconds n0 to n1 - 1 of the bench clock, volt, (n1 - n0,).
 
         Only what is past may be asked for; it never changes.
         """
         return self.gyroscope.waveform(n0, n1)
 
-    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
+    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Integers:
         """Return times of the pulses of index mark "a" or "b" in [t0, t1), bench time in ns; only what is past."""
         return self.sensor.pulses(index, t0_ns, t1_ns)
 
-    def heading_deg(self, t_ns: Int64) -> Float:
+    def heading_deg(self, t_ns: Integers) -> Floats:
         """Return True heading of the sensing axis at encoder zero, head included, at bench times (n,)."""
         since_ns, headings_deg = (np.array(column) for column in zip(*self._headings, strict=True))
         which = np.searchsorted(since_ns, np.asarray(t_ns, np.int64), side="right") - 1

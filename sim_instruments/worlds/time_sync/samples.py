@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sim_instruments.arrays import Float, Int64
+from bench.model.arrays import Floats, Integers
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.egi import EgiErrorStepper
 from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
@@ -33,7 +33,7 @@ class OwnTime:
     def __init__(self, path: FlightPath, rate: float, same_s: float) -> None:
         self._path, self._rate, self._same_s = path, rate, same_s
 
-    def state(self, t_s: Float) -> PathState:
+    def state(self, t_s: Floats) -> PathState:
         """Return motion at readings of the clock; derivatives are those of true time."""
         return self._path.state(self._same_s + (t_s - self._same_s) / self._rate)
 
@@ -49,10 +49,10 @@ class Solutions:
     flight: Flight
     first_s: float
     rate: float
-    rows: list[Float] = field(default_factory=list)
+    rows: list[Floats] = field(default_factory=list)
     _stepper: EgiErrorStepper | None = field(default=None, repr=False)
 
-    def upto(self, first: int, stop: int) -> Float:
+    def upto(self, first: int, stop: int) -> Floats:
         """Return errors of samples ``first`` to ``stop`` - 1, (n, 10); the path must be complete up to the last one."""
         if self._stepper is None:
             path: Any = OwnTime(self.flight.path, self.rate, self.first_s)
@@ -78,14 +78,14 @@ class EgiSamples:
         seed: int,
         power: int,
         noise: bool,
-        tag_noise_s: Callable[[int, int], Float],
+        tag_noise_s: Callable[[int, int], Floats],
     ) -> None:
         self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
         drawn = generator(seed, "time sync alignment", power).standard_normal((3, 3))
         self._coarse = np.append((drawn * np.array(_COARSE)[:, None]).ravel(), _COARSE[0])
         self.solutions: dict[int, Solutions] = {}  # by number of the flight
 
-    def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
+    def columns(self, number: Integers, counter: Integers) -> Mapping[str, Any]:
         """Return fields of samples in a row, by number and by counter."""
         since_on_s = self._clock.since_on_s(number * EGI_PERIOD_S)
         errors, mode = np.empty((number.size, 10)), np.empty(number.size, np.int64)
@@ -113,7 +113,7 @@ class EgiSamples:
             "status": 0,
         }
 
-    def _errors(self, flight: Flight, first: int, number: Int64) -> Float:
+    def _errors(self, flight: Flight, first: int, number: Integers) -> Floats:
         if flight.number not in self.solutions:
             since_on_s = float(self._clock.since_on_s(np.array(first * EGI_PERIOD_S)))
             first_s = since_on_s + flight.seconds(self._clock.on_ns)
@@ -121,7 +121,7 @@ class EgiSamples:
         return self.solutions[flight.number].upto(int(number[0]) - first, int(number[-1]) + 1 - first)
 
 
-def turned(rotation_rad: Float, yaw_rad: Float) -> Float:
+def turned(rotation_rad: Floats, yaw_rad: Floats) -> Floats:
     """Return exp([rotation x]) times the turn about down by yaw: (n, 3), (n,) to (n, 3, 3), by Rodrigues' formula."""
     angle = np.linalg.norm(rotation_rad, axis=1)[:, None, None]
     cross = np.zeros((angle.size, 3, 3))
@@ -145,11 +145,11 @@ class ImuSamples:
     """
 
     def __init__(
-        self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: Callable[[int, int], Float]
+        self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: Callable[[int, int], Floats]
     ) -> None:
         self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
 
-    def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
+    def columns(self, number: Integers, counter: Integers) -> Mapping[str, Any]:
         """Return fields of samples in a row, by number and by counter."""
         since_on_s = self._clock.since_on_s(np.append(number[0] - 1, number) * IMU_PERIOD_S)
         dv, dtheta = (np.empty((number.size, 3)) for _ in range(2))
@@ -166,7 +166,7 @@ class ImuSamples:
             "status": 0,
         }
 
-    def _increments(self, flight: Flight, behind: int, since_on_s: Float) -> tuple[Float, Float]:
+    def _increments(self, flight: Flight, behind: int, since_on_s: Floats) -> tuple[Floats, Floats]:
         """Of the intervals between bench times; ``behind`` is how many samples of the flight came before."""
         flight_s = since_on_s + flight.seconds(self._clock.on_ns)
         dv, dtheta = exact_increments(flight.path, flight_s)
@@ -177,5 +177,5 @@ class ImuSamples:
         return dv, dtheta + flight.imu.gyro_bias * length_s + noise[:, 3:]
 
 
-def _counts(values: Float) -> Int64:
+def _counts(values: Floats) -> Integers:
     return np.rint(values).clip(-_HIGHEST, _HIGHEST).astype(np.int64)
