@@ -133,7 +133,7 @@ class MessageBatch:
         different = np.zeros(len(self.offset), np.bool_)
         for item in self.message.constants:
             expected = np.frombuffer(item.constant or b"", np.uint8)
-            different |= (self.rows[:, item.offset : item.offset + item.length] != expected).any(axis=1)
+            different |= (self.rows[:, item.span] != expected).any(axis=1)
         return different
 
 
@@ -195,34 +195,74 @@ class FrameCounts:
     other: int = 0
 
 
+class Decoder:
+    """What all engines have in common; they give the same results on any input and any chunking.
+
+    ``_tail``: the bytes from stream offset ``_position`` on, which are not decided yet.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._tail = b""
+        self._position = 0
+        self.counts = FrameCounts()
+
+    def feed(self, chunk: bytes) -> FrameBatch:
+        """Decode what can be decided; the undecided tail waits for the next feed."""
+        self.counts.bytes += len(chunk)
+        return self._run(self._tail + chunk, final=False)
+
+    def finish(self) -> FrameBatch:
+        """End of the stream: candidates whose bytes never came are no frames."""
+        return self._run(self._tail, final=True)
+
+    def give_up(self, before: int) -> FrameBatch:
+        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
+        return self._run(self._tail, final=False, before=before)
+
+    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+        """Decode a stream that begins with the tail; ``before``: stream offset up to which nothing waits."""
+        raise NotImplementedError
+
+    def _decided(
+        self, messages: Mapping[str, MessageBatch], numbers: Sequence[int], bad: Integers, stream: bytes, consumed: int
+    ) -> FrameBatch:
+        """Count frames by kind and rejected candidates (stream offsets); keep the bytes behind ``consumed``."""
+        listed = len(self._layout.messages)
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
+        self.counts.bad += len(bad)
+        self._tail = stream[consumed:]
+        self._position += consumed
+        return FrameBatch(messages, bad, self._position)
+
+
 def extract_column(rows: Octets, item: Field) -> Array:
     """Raw values of a field: (n,) or (n, count), native byte order; bytes give (n, count) uint8.
 
     Args: rows: (n, body) uint8, any strides between rows; at least one byte stands before the field (the sync).
     """
     if item.kind == "b":
-        return rows[:, item.offset : item.offset + item.length].copy()
-    elements = 1 if item.count is None else item.count
+        return rows[:, item.span].copy()
     if item.packed or item.step:
-        column = _scattered(rows, item, elements)
+        column = _scattered(rows, item)
     elif item.size == np.dtype(item.dtype).itemsize:
-        column = _natural(rows, item, elements)
-    elif elements == 1 and item.offset + item.size - np.dtype(item.dtype).itemsize >= 0 and item.big:
+        column = _natural(rows, item)
+    elif item.elements == 1 and item.offset + item.size - np.dtype(item.dtype).itemsize >= 0 and item.big:
         column = _overlapped(rows, item)
     else:
-        column = _padded(rows, item, elements)
+        column = _padded(rows, item)
     return column.reshape(len(rows)) if item.count is None else column
 
 
 def store_column(rows: Octets, item: Field, values: Array) -> None:
     """Write values of a field that fit it: (n, count), (1, count), or (n, 1) or (1, 1) where all elements are alike."""
-    elements = 1 if item.count is None else item.count
-    if values.shape[1] != elements:
-        values = np.broadcast_to(values, (len(values), elements))
+    if values.shape[1] != item.elements:
+        values = np.broadcast_to(values, (len(values), item.elements))
     if item.packed or item.step:
         _store_bits(rows, item, values)
         return
-    target = rows[:, item.offset : item.offset + item.length]
+    target = rows[:, item.span]
     wire = np.ascontiguousarray(values, _wire(item))
     width = wire.itemsize
     if item.size == width:  # all elements in one piece
@@ -237,11 +277,11 @@ def _wire(item: Field) -> np.dtype[Any]:
     return np.dtype(item.dtype).newbyteorder(">" if item.big else "<")
 
 
-def _natural(rows: Octets, item: Field, elements: int) -> Array:
-    place, wire = rows[:, item.offset : item.offset + item.length], _wire(item)
-    if elements > 1:
+def _natural(rows: Octets, item: Field) -> Array:
+    place, wire = rows[:, item.span], _wire(item)
+    if item.elements > 1:
         place = np.ascontiguousarray(place.view(f"V{item.length}"))
-    return place.view(wire).astype(item.dtype).reshape(len(rows), elements)
+    return place.view(wire).astype(item.dtype).reshape(len(rows), item.elements)
 
 
 def _overlapped(rows: Octets, item: Field) -> Array:
@@ -253,10 +293,10 @@ def _overlapped(rows: Octets, item: Field) -> Array:
     return _sign(wide, item.size, width)
 
 
-def _scattered(rows: Octets, item: Field, elements: int) -> Array:
+def _scattered(rows: Octets, item: Field) -> Array:
     """Elements that are no whole bytes or lie apart: the bytes that hold one, shifted to its lowest bit."""
-    column = np.empty((len(rows), elements), np.uint64)
-    at, odd = np.array([item.place(element) for element in range(elements)]).T
+    column = np.empty((len(rows), item.elements), np.uint64)
+    at, odd = np.array([item.place(element) for element in range(item.elements)]).T
     for begin in np.unique(odd).tolist():
         alike = np.flatnonzero(odd == begin)
         size = -(-(begin + item.width) // 8)
@@ -272,12 +312,12 @@ def _scattered(rows: Octets, item: Field, elements: int) -> Array:
     return (signed >> signed.dtype.type(unused)).astype(item.dtype)
 
 
-def _padded(rows: Octets, item: Field, elements: int) -> Array:
+def _padded(rows: Octets, item: Field) -> Array:
     width = np.dtype(item.dtype).itemsize
-    block = rows[:, item.offset : item.offset + item.length].reshape(len(rows), elements, item.size)
-    wide = np.zeros((len(rows), elements, width), np.uint8)
+    block = rows[:, item.span].reshape(len(rows), item.elements, item.size)
+    wide = np.zeros((len(rows), item.elements, width), np.uint8)
     wide[:, :, : item.size] = block[:, :, ::-1] if item.big else block
-    values = wide.view(f"<u{width}").astype(f"u{width}", copy=False).reshape(len(rows), elements)
+    values = wide.view(f"<u{width}").astype(f"u{width}", copy=False).reshape(len(rows), item.elements)
     return _sign(values, item.size, width) if item.kind == "i" else values
 
 

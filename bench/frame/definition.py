@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import floor, log10
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
-from bench.frame.batch import FrameBatch, FrameCounts
+from bench.frame.batch import Decoder
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import require_fast_crc
@@ -28,21 +28,6 @@ from bench.model.yamlio import Document, load_yaml, parse_yaml
 
 Engine = Literal["numpy", "reference"]
 _STREAM_BYTES = 1 << 16
-
-
-class Decoder(Protocol):
-    """The face of both engines; they give the same results on any input and any chunking."""
-
-    counts: FrameCounts
-
-    def feed(self, chunk: bytes) -> FrameBatch:
-        """Decode what can be decided; the undecided tail waits for the next feed."""
-
-    def give_up(self, before: int) -> FrameBatch:
-        """Reject what was begun before the stream offset ``before`` and is not whole yet; the search goes on behind."""
-
-    def finish(self) -> FrameBatch:
-        """End of the stream: decide the tail."""
 
 
 class FrameDefinition:

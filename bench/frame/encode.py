@@ -155,13 +155,12 @@ def values_of(item: Field, given: Mapping[str, Any]) -> Array | bytes:
 def _put(rows: Octets, item: Field, given: Mapping[str, Any], count: int) -> None:
     values = values_of(item, given)
     if isinstance(values, bytes):
-        rows[:, item.offset : item.offset + item.length] = np.frombuffer(values, np.uint8)
+        rows[:, item.span] = np.frombuffer(values, np.uint8)
         return
-    elements = 1 if item.count is None else item.count
     shaped = values if item.count is not None else values[..., np.newaxis]
     shaped = shaped.reshape((1,) * (2 - shaped.ndim) + shaped.shape)
-    if shaped.ndim != 2 or shaped.shape[0] not in (1, count) or shaped.shape[1] not in (1, elements):
-        text = f"{item.name!r} has the shape {values.shape}, due is {(count, elements)}"
+    if shaped.ndim != 2 or shaped.shape[0] not in (1, count) or shaped.shape[1] not in (1, item.elements):
+        text = f"{item.name!r} has the shape {values.shape}, due is {(count, item.elements)}"
         raise _wrong("B-FRAME-020", text)
     _check_values(values, item)
     store_column(rows, item, shaped)
@@ -169,7 +168,7 @@ def _put(rows: Octets, item: Field, given: Mapping[str, Any], count: int) -> Non
 
 def _join_bits(item: Field, given: Mapping[str, Any]) -> Array:
     """Return a whole field from its named bits; those that are not given are as in its default, or 0."""
-    whole: Array = np.array(int.from_bytes(item.default or b"", "big" if item.big else "little"), item.dtype)
+    whole: Array = np.array(int.from_bytes(item.default or b"", item.order), item.dtype)
     for part, (low, width) in item.bits.items():
         if f"{item.name}.{part}" not in given:
             continue
@@ -185,11 +184,10 @@ def _check_values(values: Array, item: Field) -> None:
     """Refuse values that a field would wrap or clip."""
     if item.kind == "f":
         return
-    bits = item.width
-    low, high = (0, (1 << bits) - 1) if item.kind in "ub" else (-(1 << (bits - 1)), (1 << (bits - 1)) - 1)
+    low, high = item.bounds
     if values.dtype.kind == "f" and values.size and (values != np.rint(values)).any():
         raise _wrong("B-FRAME-021", f"{item.name!r} holds numbers that are not whole")
-    fits = np.can_cast(values.dtype, item.dtype) and 8 * np.dtype(item.dtype).itemsize == bits
+    fits = np.can_cast(values.dtype, item.dtype) and 8 * np.dtype(item.dtype).itemsize == item.width
     if not fits and values.size and (values.min() < low or values.max() > high):
         raise _out_of_range(item.name, values, low, high)
 

@@ -7,13 +7,13 @@ come first served).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column, rows_of_frames
-from bench.frame.layout import Layout, Message, Span
+from bench.frame.batch import Decoder, FrameBatch, MessageBatch, are_right, extract_column, rows_of_frames
+from bench.frame.layout import Layout, Message, part_of
 from bench.frame.parts import unpacked, wire_length
 from bench.model.arrays import Flags, Integers, Octets
 
@@ -80,7 +80,7 @@ class Scanner:
             return None
         places = list(range(layout.sync_at, self._sync_end))
         for item in (layout.length_field, layout.type_field):
-            places += [] if item is None else range(item.offset, item.offset + item.length)
+            places += [] if item is None else range(item.offset, item.end)
         first = int(start[0])
         return Alike(int(message[0]), int(length[0]), {place: int(buffer[first + place]) for place in places})
 
@@ -151,11 +151,6 @@ def _find(window: Octets, pattern: bytes) -> Integers:
     return at.astype(np.int64, copy=False)
 
 
-def part_of(value: Any, bits: Span | None) -> Any:
-    """Return some bits of whole numbers, or the numbers."""
-    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
-
-
 def _serve(at: Integers, length: Integers, waiting: Flags, events: Integers,
            last: int) -> tuple[Integers, int]:  # fmt: skip
     """First come, first served: accepted candidates, and the position where the search must wait for more bytes.
@@ -188,37 +183,22 @@ def _outside(at: Integers, start: Integers, length: Integers) -> Integers:
     return at[~inside]
 
 
-class NumpyDecoder:
+class NumpyDecoder(Decoder):
     """Vectorised decoder; feed it blocks of up to a few megabytes."""
 
     def __init__(self, layout: Layout) -> None:
-        self._layout = layout
+        super().__init__(layout)
         self._scanner = Scanner(layout)
         self._alike: Alike | None = None  # while nothing is damaged
         if layout.fixed:
             self._alike = Alike(0, layout.messages[0].length, dict(enumerate(layout.pattern, layout.sync_at)))
-        self._tail = b""
-        self._position = 0
-        self.counts = FrameCounts()
         self._none = [
             MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [])
             for message in layout.told
         ]  # fmt: skip
 
-    def feed(self, chunk: bytes) -> FrameBatch:
-        """Decode what can be decided; the undecided tail waits for the next feed."""
-        self.counts.bytes += len(chunk)
-        return self._run(self._tail + chunk if self._tail else chunk, final=False)
-
-    def finish(self) -> FrameBatch:
-        """End of the stream: candidates whose bytes never came are no frames."""
-        return self._run(self._tail, final=True)
-
-    def give_up(self, before: int) -> FrameBatch:
-        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
-        return self._run(self._tail, final=False, before=before - self._position)
-
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+        before -= self._position
         buffer = np.frombuffer(stream, np.uint8)
         window = max(_WINDOW_BYTES, 4 * self._layout.max_length)
         found: list[Found] = []
@@ -275,15 +255,8 @@ class NumpyDecoder:
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest)
             messages[message.name].ends = starts + lengths + self._position
-        listed = len(self._layout.messages)
-        self.counts.frames += sum(numbers[:listed])
-        self.counts.other += sum(numbers[listed:])
-        self.counts.bad += len(bad)
         self.counts.skipped_bytes += consumed - int(length.sum())
-        bad = bad + self._position
-        self._tail = stream[consumed:]
-        self._position += consumed
-        return FrameBatch(messages, bad, self._position)
+        return self._decided(messages, numbers, bad + self._position, stream, consumed)
 
     def _rows(self, stream: bytes, buffer: Octets, starts: Integers, lengths: Integers,
               message: Message) -> tuple[Octets, list[bytes] | None]:  # fmt: skip
