@@ -18,7 +18,7 @@ from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, entry, impossible, plain_number
+from sim_instruments.worlds.common.world import Operation, World, entry
 from sim_instruments.worlds.north.options import FogOptions
 from sim_instruments.worlds.north.sensor import FogSensor
 from sim_instruments.worlds.north.unit import PORT, FogUnit
@@ -62,12 +62,11 @@ class FogWorld(World):
 
     ports = (PORT,)
     load = START_V, CURRENT_A
-    operations: ClassVar[tuple[str, ...]] = ("head", "place", "parameters")
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
         self.motion = (AxisMotion(), AxisMotion(), AxisMotion())
         self.place, self.head_deg = "mark", 0.0
-        self._field_deg = float(generator(seed, "fog field azimuth").uniform(0.0, 360.0))
+        self._field_deg = generator(seed, "fog field azimuth").uniform(0.0, 360.0)
         self._headings = [(-1, SITE.azimuth_deg)]  # from that time on
         self.fog_options = FogOptions.of(options)
         self.sensor = FogSensor(seed, self.fog_options, self.motion[0], SITE.latitude_deg, self.heading_deg)
@@ -75,35 +74,23 @@ class FogWorld(World):
         super().__init__(clock=clock, seed=seed, unit=self.gyroscope, thermal=Thermal(), options=options)
         self.gyroscope.lock = self.lock
 
-    def operate(self, name: str, value: Any) -> None:
-        """Do what a person does at the bench: turn the dividing head, carry the bench to another place, let amplitude
-        and swing be constant ("TIP", time-invariant) or vary ("TVP", as the option says, slowly if it says constant).
+    def _set_parameters(self, word: str) -> None:
+        """Let amplitude and swing vary as the option says, slowly if it says constant, or be constant."""
+        kind = self.fog_options.parameters if self.fog_options.parameters != "constant" else "slow"
+        self.sensor.varies.append((self.clock.now_ns(), kind if word == VARYING else "constant"))
 
-        Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
-        """
-        self.check_operation(name, value)
-        with self.lock:
-            if name == "parameters":
-                kind = self.fog_options.parameters if self.fog_options.parameters != "constant" else "slow"
-                self.sensor.varies.append((self.clock.now_ns(), kind if str(value) == VARYING else "constant"))
-                return
-            if name == "head":
-                self.head_deg = float(value)
-            else:
-                self.place = str(value)
-            azimuth_deg = SITE.azimuth_deg if self.place == "mark" else self._field_deg
-            self._headings.append((self.clock.now_ns(), (azimuth_deg + self.head_deg) % 360.0))
+    def _stand(self, place: str, head_deg: float) -> None:
+        self.place, self.head_deg = place, head_deg
+        azimuth_deg = SITE.azimuth_deg if self.place == "mark" else self._field_deg
+        self._headings.append((self.clock.now_ns(), (azimuth_deg + self.head_deg) % 360.0))
 
-    @classmethod
-    def check_operation(cls, name: str, value: Any) -> None:
-        """Raises: InputError B-SIM-018, B-SIM-019."""
-        super().check_operation(name, value)
-        if name == "place" and str(value) not in PLACES:
-            raise impossible(name, value, f"one of {', '.join(PLACES)}")
-        if name == "parameters" and str(value) not in PARAMETERS:
-            raise impossible(name, value, f"one of {', '.join(PARAMETERS)}")
-        if name == "head" and not -360.0 <= plain_number(value) <= 360.0:
-            raise impossible(name, value, "an angle of -360 to 360 degrees")
+    operations: ClassVar[Mapping[str, Operation]] = {
+        "head": Operation.number(
+            lambda world, head_deg: world._stand(world.place, head_deg), -360.0, 360.0, "deg",
+            due="an angle of -360 to 360 degrees"),
+        "place": Operation.word(lambda world, place: world._stand(place, world.head_deg), *PLACES),
+        "parameters": Operation.word(_set_parameters, *PARAMETERS),
+    }  # fmt: skip
 
     # --- what the instruments see ------------------------------------------------------------------------------
 
