@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from bench.model.arrays import Integers, Octets
-from bench.model.clock import NS
+from bench.model.clock import NS, Clock
 from sim_instruments.faults.switchboard import LinkFaults
 
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
@@ -190,9 +190,9 @@ class PortedUnit:
         self._ports = ports
         self.lock = threading.RLock()
 
-    def has_port(self, name: str) -> bool:
-        """Return whether the unit has a port of this name."""
-        return name in self._ports
+    def port_at(self, name: str) -> tuple[PortedUnit, str] | None:
+        """Return the unit behind a port of the bench and its own name for it; None without such a port."""
+        return (self, name) if name in self._ports else None
 
     def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
         """Listen to a port from now on; ``faults`` damages what is sent from now on."""
@@ -245,10 +245,21 @@ class PortedUnit:
 
 
 class OnePortUnit(PortedUnit):
-    """Base of units with one port, which they say the name of.   Attributes: port."""
+    """Base of units with one port, which they say the name of; what nobody hears is lost.   Attributes: port."""
 
     port_name: ClassVar[str]
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
         self.port = Port()
         super().__init__({self.port_name: self.port})
+
+    def _upto(self, now_ns: int) -> int:
+        """Let happen and send what is due by a time; returns it."""
+        raise NotImplementedError
+
+    def _upto_now(self) -> int:
+        now_ns = self._upto(self._clock.now_ns())
+        if not self.port.listened:
+            self.port.discard(now_ns)
+        return now_ns

@@ -42,12 +42,11 @@ class GncBoard(OnePortUnit):
     port_name = PORT
 
     def __init__(self, clock: Clock, module: GncModule, dip_switch: Callable[[], int]) -> None:
-        super().__init__()
+        super().__init__(clock)
         self.definition = load_frame(find_shipped("frames", "gnc_422"))
         self.module, self.dip_switch = module, dip_switch
         self.correction = Correction()
         self.stream: Stream | None = None
-        self._clock = clock
         self._baud, self._link = 921_600, LinkFaults()
         self._heard = LinkFaults()
         self._frames_heard = 0
@@ -145,12 +144,6 @@ class GncBoard(OnePortUnit):
         return known
 
     # --- time --------------------------------------------------------------------------------------------------
-
-    def _upto_now(self) -> int:
-        now_ns = self._upto(self._clock.now_ns())
-        if not self.port.listened:
-            self.port.discard(now_ns)
-        return now_ns
 
     def _upto(self, now_ns: int) -> int:
         """Let happen what is due; returns the time."""

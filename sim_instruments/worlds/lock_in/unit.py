@@ -50,11 +50,11 @@ class RlgUnit(OnePortUnit):
     port_name = PORT
 
     def __init__(self, clock: Clock, seed: int, block: LaserBlock, phase_deg: float) -> None:
-        super().__init__()
+        super().__init__(clock)
         self.block, self.phase_deg = block, phase_deg
         self.epoch_ns = clock.now_ns()
         self.lives: list[Life] = []
-        self._clock, self._seed = clock, seed
+        self._seed = seed
         self._supplied = False
         self._housekeeping: Housekeeping | None = None
         self._running: deque[Life] = deque()  # whose edges are not all handed out; the last one may still be on
@@ -125,12 +125,6 @@ class RlgUnit(OnePortUnit):
         return (end_ns - self.epoch_ns) * PS_PER_NS
 
     # --- time --------------------------------------------------------------------------------------------------
-
-    def _upto_now(self) -> int:
-        now_ns = self._upto(self._clock.now_ns())
-        if not self.port.listened:
-            self.port.discard(now_ns)
-        return now_ns
 
     def _upto(self, now_ns: int) -> int:
         if self._housekeeping is not None:

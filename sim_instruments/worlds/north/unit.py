@@ -37,10 +37,9 @@ class FogUnit(OnePortUnit):
     port_name = PORT
 
     def __init__(self, clock: Clock, sensor: FogSensor) -> None:
-        super().__init__()
+        super().__init__(clock)
         self.definition = load_frame(find_shipped("frames", FRAME))
         self.sensor = sensor
-        self._clock = clock
         self._periods: list[list[int]] = []  # first sample with supply, first one without, power-on in ns
         self._sent = 0  # frames of the newest period
 
@@ -82,12 +81,9 @@ class FogUnit(OnePortUnit):
 
     # --- frames ------------------------------------------------------------------------------------------------
 
-    def _upto_now(self) -> int:
-        now_ns = self._clock.now_ns()
+    def _upto(self, now_ns: int) -> int:
         if self._supplied:
             self._send(now_ns)
-        if not self.port.listened:
-            self.port.discard(now_ns)
         return now_ns
 
     def _send(self, now_ns: int) -> None:
