@@ -80,7 +80,7 @@ class Agilent33250A(ScpiDevice):
         self.error_ppm = 0.0
         super().power_up()
         draw = self.rng("function generator frequency")
-        self.error_ppm = float(draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM))
+        self.error_ppm = draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM)
 
     def reset(self) -> None:
         self.function, self.frequency_Hz = "SIN", 1e3
@@ -92,13 +92,13 @@ class Agilent33250A(ScpiDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         self.mode = str(draw.choice(["", *_MODES]))
         self.function = str(draw.choice(["SIN", "SQU", "RAMP", "PULS"]))
-        self.frequency_Hz = float(round(10.0 ** draw.uniform(-3.0, 5.9), 6))
+        self.frequency_Hz = round(10.0 ** draw.uniform(-3.0, 5.9), 6)
         self.load_ohm = float(draw.choice([50.0, 75.0, 1e4, INFINITE_OHM]))
-        self.amplitude_V = float(draw.uniform(0.02, 0.5)) * self._largest_V()
+        self.amplitude_V = draw.uniform(0.02, 0.5) * self._largest_V()
         room_V = (self._largest_V() - self.amplitude_V) / 2.0
-        self.offset_V = float(draw.uniform(-room_V, room_V))
+        self.offset_V = draw.uniform(-room_V, room_V)
         self.amplitude_unit = str(draw.choice(["VPP", "VRMS"]))
-        self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), float(draw.uniform(20.0, 80.0))
+        self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), draw.uniform(20.0, 80.0)
         self.on = bool(draw.integers(2))
         super().left_by_another(draw)
         self._apply()

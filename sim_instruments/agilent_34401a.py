@@ -106,8 +106,8 @@ class Agilent34401A(ScpiDevice):
     def power_up(self) -> None:
         super().power_up()
         self._ohmmeter = Ohmmeter(self, "34401A", TWO_WIRE_OHM)
-        self._gain = float(self.rng("34401A gain").normal(1.0, GAIN_SIGMA))
-        self._offset_V = float(self.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V))
+        self._gain = self.rng("34401A gain").normal(1.0, GAIN_SIGMA)
+        self._offset_V = self.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V)
         self._noise = self.rng("34401A noise")
 
     def reset(self) -> None:

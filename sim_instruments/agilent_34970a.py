@@ -81,10 +81,10 @@ class Agilent34970A(ScpiDevice):
         self.source, self.count = str(draw.choice(["IMM", "BUS", "EXT", "TIM"])), int(draw.integers(1, 6))
         self.told = {name: bool(draw.integers(2)) for name in _TOLD}
         self.scan_list = [int(channel) for channel in draw.choice(np.arange(101, 121), 3, replace=False)]
-        self.delays_s = dict.fromkeys(self.scan_list, float(draw.uniform(0.0, 2.0)))
+        self.delays_s = dict.fromkeys(self.scan_list, draw.uniform(0.0, 2.0))
         channels = range(101, 104)
         self.junctions = {channel: str(draw.choice(["INT", "EXT", "FIX"])) for channel in channels}
-        self.fixed_degC = {channel: float(draw.uniform(*FIXED_DEGC)) for channel in channels}
+        self.fixed_degC = {channel: draw.uniform(*FIXED_DEGC) for channel in channels}
         super().left_by_another(draw)
 
     def _listed_channels(self, text: str) -> list[int]:

@@ -49,8 +49,8 @@ class Agilent53230A(ScpiDevice):
 
     def power_up(self) -> None:
         super().power_up()
-        self._external = float(self.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA))
-        self._internal = float(self.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA))
+        self._external = self.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA)
+        self._internal = self.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA)
         self._noise = self.rng("counter noise")
 
     def reset(self) -> None:
@@ -59,7 +59,7 @@ class Agilent53230A(ScpiDevice):
         self._event = 0
 
     def left_by_another(self, draw: np.random.Generator) -> None:
-        self.gate_s, self.gate_source = float(10.0 ** draw.uniform(-3.0, 1.0)), str(draw.choice(["TIME", "IMM", "EXT"]))
+        self.gate_s, self.gate_source = 10.0 ** draw.uniform(-3.0, 1.0), str(draw.choice(["TIME", "IMM", "EXT"]))
         self.samples, self.triggers = int(draw.integers(1, 1000)), int(draw.integers(1, 10))
         self.trigger_source = str(draw.choice(["IMM", "EXT", "BUS"]))
         self.impedance_ohm = float(draw.choice([50.0, 1e6]))

@@ -65,8 +65,8 @@ class AgilentE3631A(ScpiDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         for rail in self.rails:
             rail.voltage_V, rail.current_A = (
-                float(draw.uniform(rail.low_V, rail.high_V)),
-                float(draw.uniform(0.01, 1.0)),
+                draw.uniform(rail.low_V, rail.high_V),
+                draw.uniform(0.01, 1.0),
             )
         self.selected, self.on, self.tracks = int(draw.integers(3)), bool(draw.integers(2)), bool(draw.integers(2))
         super().left_by_another(draw)

@@ -157,8 +157,8 @@ class SrsSr830(LiveDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         self._set |= {name: int(draw.integers(1 if name == "HARM" else 0, most + 1)) for name, most in _MOST.items()}
         self._set["OUTX"] = 1
-        self._phase_deg = float(draw.uniform(-180.0, 180.0))
-        self._offsets = {place: (float(draw.uniform(-_MOST_OFFSET, _MOST_OFFSET)), 2) for place in (1, 2, 3)}
+        self._phase_deg = draw.uniform(-180.0, 180.0)
+        self._offsets = {place: (draw.uniform(-_MOST_OFFSET, _MOST_OFFSET), 2) for place in (1, 2, 3)}
         self._events |= _EXECUTION_ERROR | _COMMAND_ERROR
         super().left_by_another(draw)
         self._apply()

@@ -42,11 +42,11 @@ class Thermotron3800(LiveDevice):
         self._deaf_until_ns = -1
         self._runaway_degC_min = self._shortfall_degC = 0.0
         rng = self.world.rng("chamber sensor offset")
-        self._offset_degC = float(rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC))
+        self._offset_degC = rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC)
 
     def left_by_another(self, draw: np.random.Generator) -> None:
-        self.setpoint_degC = round(float(draw.uniform(LOW_DEGC, HIGH_DEGC)), 1)
-        self.rate_degC_min = round(float(draw.uniform(0.0, 20.0)), 1)
+        self.setpoint_degC = round(draw.uniform(LOW_DEGC, HIGH_DEGC), 1)
+        self.rate_degC_min = round(draw.uniform(0.0, 20.0), 1)
         self.mode = int(draw.choice([EDIT_STOP, MANUAL_RUN, MANUAL_RUN | EDIT_HOLD, PROGRAM_RUN]))
         if self.mode in (MANUAL_RUN, PROGRAM_RUN):
             self._apply()

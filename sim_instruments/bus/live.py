@@ -193,3 +193,36 @@ class LiveDevice(Device):
         if len(stale) < len(self._replies):
             self.on_interrupted()
         self._replies = deque(stale)
+
+
+class CommandError(Exception):
+    """A command that is refused; ``args`` are those of ``CommandDevice.error``."""
+
+
+class CommandDevice(LiveDevice):
+    """An instrument whose messages are commands, separated by semicolons; the replies to one message go out as one."""
+
+    _reply_after_s = 0.0
+
+    def carry_out(self, command: str) -> str | None:
+        """Carry out one command, which may be empty; returns its reply, if it has one. Raises: CommandError."""
+        raise NotImplementedError
+
+    def error(self, *args: Any, **kwargs: Any) -> None:
+        """Note what was wrong with a command."""
+        raise NotImplementedError
+
+    def reply_after(self, seconds: float) -> None:
+        """Make the reply of the command being carried out ready that much later (gate time, measurement)."""
+        self._reply_after_s = max(self._reply_after_s, seconds)
+
+    def execute(self, message: str) -> None:
+        self._reply_after_s = 0.0
+        replies = []
+        for command in message.split(";"):
+            try:
+                replies.append(self.carry_out(command.strip()))
+            except CommandError as problem:
+                self.error(*problem.args)
+        if told := [reply for reply in replies if reply is not None]:
+            self.reply(";".join(told), after_s=self._reply_after_s)

@@ -100,7 +100,7 @@ class ImuErrors:
         white = _gyro_white(seed, serial, options.imu_class), np.full(3, VRW_G_RTS)
         self.gyro = _chosen(options, gyro, turn_on[0], white[0])
         self.accel = _chosen(options, accel, turn_on[1], white[1])
-        self.thermometer_degC = float(rng.normal(0.0, 0.5)) * options.errors
+        self.thermometer_degC = rng.normal(0.0, 0.5) * options.errors
         self._seed, self._serial = seed, serial
 
     def tilt(self, mounting: str) -> Tilt | None:

@@ -49,7 +49,7 @@ class GncModule:
         self.receiver = Receiver(draws, self.faults, place)
         self._sensors = sensors
         self._frozen: Counts | None = None
-        self._crystal_ppm = float(draws.generator("crystal").normal(0.0, CRYSTAL_SIGMA_PPM))
+        self._crystal_ppm = draws.generator("crystal").normal(0.0, CRYSTAL_SIGMA_PPM)
 
     def samples(self, t_ns: Integers, interval_ns: int) -> Counts:
         """Return what the processor reads from its sensors, as ``Sensors.sample``, with the faults of the module."""

@@ -36,7 +36,7 @@ class Power:
         self._faults = faults
         rng = draws.generator("supply")
         self._current_A = NOMINAL_CURRENT_A + float(np.clip(rng.normal(0.0, CURRENT_SIGMA_A), -0.015, 0.015))
-        self._rails_V = (float(rng.normal(3.3, 0.01)), float(rng.normal(1.2, 0.004)))
+        self._rails_V = (rng.normal(3.3, 0.01), rng.normal(1.2, 0.004))
 
     @property
     def current_A(self) -> float:
@@ -63,7 +63,7 @@ class Converter:
     def __init__(self, draws: ModuleDraws, faults: Set[str]) -> None:
         self._draws, self._faults = draws, faults
         rng = draws.generator("AD errors")
-        self._gain, self._offset_V = float(rng.normal(1.0, 1e-3)), float(rng.normal(0.0, 2e-3))
+        self._gain, self._offset_V = rng.normal(1.0, 1e-3), rng.normal(0.0, 2e-3)
         self._readings = 0
 
     def read_V(self, sources_V: Floats, switch: int, field_gauss: Floats) -> Floats:

@@ -62,7 +62,7 @@ class Processor:
 
     def __init__(self, draws: ModuleDraws, faults: Set[str]) -> None:
         self._draws, self._faults = draws, faults
-        self._timer_error = float(draws.generator("timer").normal(0.0, TIMER_SIGMA_PPM)) * 1e-6
+        self._timer_error = draws.generator("timer").normal(0.0, TIMER_SIGMA_PPM) * 1e-6
         self._timer_runs = 0
 
     def arithmetic(self, seed: int) -> CpuResult:

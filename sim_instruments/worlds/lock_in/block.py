@@ -64,7 +64,7 @@ class LaserBlock:
         """Return the block of a path length, with completed options of the world."""
         number = round(path_m * MM)
         draws = generator(seed, "ring laser block", number).standard_normal(7)
-        second_rad = float(generator(seed, "ring laser second harmonic", number).uniform(-math.pi, math.pi))
+        second_rad = generator(seed, "ring laser second harmonic", number).uniform(-math.pi, math.pi)
         laser = RingLaser(
             path_m=path_m,
             lock_in_deg_s=LOCK_IN_DEG_S * (LOCK_IN_PATH_M / path_m) ** 2 * (1.0 + 0.01 * draws[0]),

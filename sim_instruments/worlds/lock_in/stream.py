@@ -132,7 +132,7 @@ class EdgeStream:
         return np.asarray(self.laser.dither_deg_s * (1.0 + self.laser.dither_noise * draws))
 
     def _fresh_rad(self, block: int) -> float:
-        return float(self._draw("phase", block).uniform(-math.pi, math.pi))
+        return self._draw("phase", block).uniform(-math.pi, math.pi)
 
     def _time_ps(self, half: Integers | int) -> Integers:
         return np.asarray(self._begin_ps + np.asarray(half, np.int64) * self._half_ps)

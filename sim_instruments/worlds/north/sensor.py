@@ -114,7 +114,7 @@ class FogSensor:
         self._axis_tilt_deg = options.axis_tilt_arcmin / 60.0
         self._seed, self._variations = seed, dict[tuple[str, str], Variation]()
         self.varies: list[tuple[int, str]] = [(-1, options.parameters)]
-        self._double_rad = float(generator(seed, "fog double").uniform(0.0, 2.0 * np.pi))
+        self._double_rad = generator(seed, "fog double").uniform(0.0, 2.0 * np.pi)
         self._noise = WhiteNoise(seed, "fog noise", 2)
         drawn = generator(seed, "fog index marks").standard_normal(2).clip(-2.5, 2.5)
         self.placement_deg = dict(zip("ab", drawn * options.placement_arcmin / 60.0, strict=True))

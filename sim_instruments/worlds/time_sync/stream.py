@@ -63,7 +63,7 @@ class Clocks:
     @classmethod
     def started(cls, options: SyncOptions, seed: int, power: int, on_ns: int) -> Clocks:
         """Return clocks of the switching-on ``power``, numbered from 0."""
-        start_s = float(generator(seed, "time sync first readings", power).uniform(*_FIRST_READING_S))
+        start_s = generator(seed, "time sync first readings", power).uniform(*_FIRST_READING_S)
         drift_ppm, imu_ppm = options.rates_ppm(seed)
         rate = 1.0 + 1e-6 * imu_ppm
         egi_s = start_s + options.first_offset_s(seed, power)
