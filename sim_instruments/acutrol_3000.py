@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -26,7 +26,7 @@ import numpy as np
 
 from bench.model.clock import to_ns
 from sim_instruments.bus.live import CommandDevice, CommandError
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import Fault, NamedFaults
 from sim_instruments.worlds.common.motion import AxisMotion
 
 INTERLOCK_EVENT, ERROR_EVENT, SERVICE = 1, 128, 64
@@ -155,7 +155,7 @@ class Acutrol3000(CommandDevice):
                 self._events |= INTERLOCK_EVENT
                 axis.obey(self.now_ns)
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "table_stall": Fault(
             "table", (_AXIS,), "an axis of the turntable stops where it is and obeys nothing", stall, stall),
         "table_offset": Fault(
@@ -177,7 +177,7 @@ class Acutrol3000(CommandDevice):
 
     def carry_out(self, command: str) -> str | None:
         if command in ("*IDN?", "*STB?"):
-            return self._identity() if command == "*IDN?" else self._status()
+            return self.told_identity if command == "*IDN?" else self._status()
         match = _UNIT.fullmatch(command)
         if match is None:
             raise CommandError(*NOT_RECOGNIZED)
@@ -190,9 +190,6 @@ class Acutrol3000(CommandDevice):
         reply = method(self, *arguments)
         self._parents = ":".join(words[:-1])
         return reply
-
-    def _identity(self) -> str:
-        return self.faults.identity or self.identity
 
     def _status(self) -> str:
         told = self._events | (SERVICE if self._events else 0)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -22,7 +22,7 @@ import numpy as np
 
 from bench.model.clock import NS, to_ns
 from sim_instruments.bus.live import CommandDevice, CommandError
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import Fault, NamedFaults
 from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
 OPERATING_BIT, OFFSET_BIT, SCALE_BIT, SETTLED_BIT = 1 << 0, 1 << 8, 1 << 9, 1 << 12
@@ -153,7 +153,7 @@ class Fluke5720A(CommandDevice):
         self._standby()
         self.value = 0.0
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "trip": Fault("calibrator", (), "the calibrator trips to standby and queues a fault", trip),
         "calibrator_drops": Fault(
             "calibrator", (), "the calibrator's output goes off without a word; readback disagrees", drop),
@@ -334,7 +334,7 @@ class Fluke5720A(CommandDevice):
 
 
 _COMMANDS: dict[str, Callable[[Fluke5720A, str], str | None]] = {
-    "*IDN?": lambda self, _: self.faults.identity or self.identity,
+    "*IDN?": lambda self, _: self.told_identity,
     "*RST": Fluke5720A._reset,
     "*CLS": Fluke5720A._clear_status,
     "*OPC?": Fluke5720A._ask_complete,

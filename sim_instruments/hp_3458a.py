@@ -213,7 +213,7 @@ class Hp3458A(CommandDevice):
 
 
 _COMMANDS: dict[str, Callable[[Hp3458A, list[str]], None]] = {
-    "ID?": lambda self, _: self._answer(self.faults.identity or self.identity),
+    "ID?": lambda self, _: self._answer(self.told_identity),
     "RESET": Hp3458A._reset,
     "PRESET": Hp3458A._preset,
     "END": Hp3458A._end,

@@ -111,7 +111,7 @@ class KrohnHite3988(LiveDevice):
 
     def execute(self, message: str) -> None:
         if message.strip().upper() == "V":
-            self.reply(self.faults.identity or self.identity)
+            self.reply(self.told_identity)
             return
         for unit in re.split(r"[;:/\\]", message.upper()):
             if match := _COMMAND.fullmatch(unit.strip()):

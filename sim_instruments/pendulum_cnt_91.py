@@ -7,7 +7,6 @@ no limit of edges per second but 6,000 in 10 ms, settings that can be changed on
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -21,6 +20,7 @@ from sim_instruments.bus.scpi import (
     SETTINGS_CONFLICT,
     Answers,
     Handler,
+    Handlers,
     ScpiDevice,
     ScpiError,
     command,
@@ -72,12 +72,12 @@ class PendulumCnt91(ScpiDevice):
         ":INPut2:LEVel?": lambda self: f"{self.level_V[2]:+.8E}",
     }
 
-    kept: ClassVar[Mapping[str, of_no_effect.Kept]] = {
+    kept: ClassVar[of_no_effect.KeptSettings] = {
         ":FORMat": of_no_effect.word("ASCii", "REAL", "PACKed"),
         ":ARM:SLOPe": of_no_effect.word("POSitive", "NEGative"),
         ":ARM:SOURce": of_no_effect.word("IMMediate", "EXT1", "EXT2", "EXT4"),
-        ":CALibration:INTerpolator:AUTO": of_no_effect.switch(True),
-        "[:SENSe]:ACQuisition:APERture": of_no_effect.number(0.01, 20e-9, 1000.0, "S"),
+        ":CALibration:INTerpolator:AUTO": of_no_effect.Kept(True),
+        "[:SENSe]:ACQuisition:APERture": of_no_effect.Kept(0.01, 20e-9, 1000.0, "S"),
     }
 
     def power_up(self) -> None:
@@ -198,7 +198,7 @@ class PendulumCnt91(ScpiDevice):
         self._catch_up()
         return str(self.blocks.dropped)
 
-    def further(self) -> Mapping[str, Handler]:
+    def further(self) -> Handlers:
         handlers: dict[str, Handler] = {}
         for number in (1, 2):
             handlers[f":INPut{number}:LEVel"] = partial(self._set_level, number)

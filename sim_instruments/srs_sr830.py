@@ -171,7 +171,7 @@ class SrsSr830(LiveDevice):
 
     def _ask(self, head: str, arguments: list[str]) -> str:
         asked: dict[str, Callable[[], str]] = {
-            "*IDN": lambda: self.faults.identity or self.identity,
+            "*IDN": lambda: self.told_identity,
             "*ESR": self._take_events,
             "ERRS": lambda: "0",
             "LIAS": self._take_status,

@@ -15,7 +15,7 @@ import numpy as np
 from pyvisa_sim.devices import Device
 
 from bench.model.clock import to_ns
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import NamedFaults
 from sim_instruments.worlds.common.world import World
 
 MESSAGE_AVAILABLE = 16
@@ -45,7 +45,7 @@ class LiveDevice(Device):
         options: the station's options of this instrument.
     """
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {}  # what can go wrong with this model only
+    named_faults: ClassVar[NamedFaults] = {}  # what can go wrong with this model only
     identity = ""
     latency_s = 0.002  # one bus operation: addressing, handshake, parsing
     not_a_number = "+9.91000000E+37"  # SCPI-99 vol. 1, 7.2.1.5
@@ -122,6 +122,11 @@ class LiveDevice(Device):
     def reading(self, text: str) -> str:
         """Return a reading as it is told: the text, or what the instrument says instead while a fault is on."""
         return self.faults.take_reading(text, self.not_a_number, self.overload)
+
+    @property
+    def told_identity(self) -> str:
+        """What it says it is, by a fault another."""
+        return self.faults.identity or self.identity
 
     @property
     def now_ns(self) -> int:

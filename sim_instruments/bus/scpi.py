@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from bench.model.clock import NS
-from sim_instruments.bus.kept import Held, Kept, held_count
+from sim_instruments.bus.kept import Held, HeldSettings, Kept, KeptSettings, held_count
 from sim_instruments.bus.live import CommandDevice, CommandError
 
 UNDEFINED_HEADER = (-113, "Undefined header")
@@ -38,6 +38,7 @@ _MULTIPLIERS = {"": 1.0, "G": 1e9, "MA": 1e6, "K": 1e3, "M": 1e-3, "U": 1e-6, "N
 Method = TypeVar("Method", bound=Callable[..., Any])
 Answers = Mapping[str, Callable[[Any], str]]
 Handler = Callable[[str], str | None]
+Handlers = Mapping[str, Handler]
 
 
 class ScpiError(CommandError):
@@ -106,8 +107,8 @@ class ScpiDevice(CommandDevice):
     """
 
     answers: ClassVar[Answers] = {}
-    held: ClassVar[Mapping[str, Held]] = {}
-    kept: ClassVar[Mapping[str, Kept]] = {}  # settings without effect, by header
+    held: ClassVar[HeldSettings] = {}
+    kept: ClassVar[KeptSettings] = {}  # settings without effect, by header
     no_error = '+0,"No error"'
     scpi_version = "1999.0"
     error_format = '{0:+d},"{1}"'
@@ -217,7 +218,7 @@ class ScpiDevice(CommandDevice):
             self._known[name] = handler
             return handler
 
-    def further(self) -> Mapping[str, Handler]:
+    def further(self) -> Handlers:
         """Return handlers of headers that are alike, which no method declares one by one."""
         return {}
 
@@ -333,7 +334,7 @@ class ScpiDevice(CommandDevice):
 
 
 _ANSWERS: Answers = {  # of every model
-    "*IDN?": lambda self: self.faults.identity or self.identity,
+    "*IDN?": lambda self: self.told_identity,
     "*STB?": lambda self: str(self.status_byte()),
     "*TST?": lambda _: "0",
     "*OPT?": lambda _: "0",

@@ -15,7 +15,7 @@ from bench.model.ports import RecordWindow
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
 from sim_instruments.worlds.af_converter.ngu import Ngu
-from sim_instruments.worlds.af_converter.options import OPTIONS, TEXTS
+from sim_instruments.worlds.af_converter.options import apart
 from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.common.thermal import LAB_DEGC, PlaceInAir, SharedAir, Thermal
 from sim_instruments.worlds.common.wiring import CHANNELS, Wiring
@@ -67,8 +67,7 @@ class AfSlots(World):
     load = START_V, CURRENT_A
 
     def __init__(self, slots: Mapping[str, Any], *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
-        own = dict.fromkeys(OPTIONS, True) | {key: value for key, value in options.items() if key not in TEXTS}
-        texts = {key: value for key, value in options.items() if key in TEXTS}
+        own, texts = apart(options)
         self._slots, factor = slots, float(own.get("time_constants", 1.0))
         thermals: list[Thermal] = []
         self._places: dict[str, PlaceInAir] = {}

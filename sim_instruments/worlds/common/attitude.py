@@ -99,6 +99,12 @@ class Tilt:
         return self.constant + wobble + np.stack((np.cos(middle), np.sin(middle)), 1) @ self.with_middle
 
 
+def cross_matrix(vector: Floats) -> Floats:
+    """Return the matrix of the cross product with a vector (3,), (3, 3)."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def angles_deg(motion: Sequence[AxisMotion], t_ns: Integers) -> Floats:
     """Return outer, middle and inner angle at bench times, (n, 3), degrees."""
     return np.stack([axis.angle_deg(t_ns) for axis in motion], axis=1)

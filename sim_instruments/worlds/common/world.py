@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -19,7 +18,7 @@ from pyvisa_sim.devices import Devices
 from bench.model.clock import Clock
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import NamedFaults, plain_number
 from sim_instruments.faults.named import FaultSwitches
 from sim_instruments.faults.switchboard import Faults
 from sim_instruments.seeds import generator
@@ -61,21 +60,13 @@ class Instrument(Protocol):
     """A simulated instrument, as the world knows it."""
 
     role: str
-    named_faults: Mapping[str, Fault]
+    named_faults: NamedFaults
 
     def outputs(self) -> dict[str, Any]:
         """Return what the instrument puts out or switches at this moment."""
 
     def left_by_another(self, draw: np.random.Generator) -> None:
         """Leave it as its last user may have."""
-
-
-def plain_number(value: Any) -> float:
-    """Return a value as a number, nan if it is none."""
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan
 
 
 class Operation(NamedTuple):

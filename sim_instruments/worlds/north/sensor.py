@@ -22,7 +22,7 @@ import numpy as np
 from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.common.attitude import EARTH_RATE_RAD_S
+from sim_instruments.worlds.common.attitude import EARTH_RATE_RAD_S, cross_matrix
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.sensor_noise import WhiteNoise
 from sim_instruments.worlds.north.options import FogOptions
@@ -52,8 +52,7 @@ def tilted(east_deg: float, north_deg: float) -> Floats:
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
         return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrix(vector / angle)
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 

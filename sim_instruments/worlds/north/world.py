@@ -68,7 +68,7 @@ class FogWorld(World):
         self.place, self.head_deg = "mark", 0.0
         self._field_deg = generator(seed, "fog field azimuth").uniform(0.0, 360.0)
         self._headings = [(-1, SITE.azimuth_deg)]  # from that time on
-        self.fog_options = FogOptions.of(options)
+        self.fog_options = FogOptions(**options)
         self.sensor = FogSensor(seed, self.fog_options, self.motion[0], SITE.latitude_deg, self.heading_deg)
         self.gyroscope = FogUnit(clock, self.sensor)
         super().__init__(clock=clock, seed=seed, unit=self.gyroscope, thermal=Thermal(), options=options)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments
 from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPath, PathState
 from sim_instruments.worlds.time_sync.geodesy import TangentPlane
-from sim_instruments.worlds.time_sync.stream import TICK_S, UnitClock
+from sim_instruments.worlds.time_sync.stream import TICK_S, ByNumber, UnitClock
 
 EGI_PERIOD_S, IMU_PERIOD_S = 0.02, 0.005
 LONGITUDE_DEG = 127.0
@@ -63,24 +63,33 @@ class Solutions:
         return np.array(self.rows[first:stop])
 
 
-class EgiSamples:
-    """Samples of one switching-on. It is aligned when a flight begins, not before.
+class _Samples:
+    """Samples of one switching-on of a unit.
 
     Args:
-        clock: the unit's.   flights: of the vehicle.   seed, power: name the draws of the alignment.
-        noise: whether solutions have errors.   tag_noise_s: (first, stop) of counters to errors of the tags.
+        clock: the unit's.   flights: of the vehicle.   noise: whether the unit has errors.
+        tag_noise_s: (first, stop) of counters to errors of the tags.
     """
 
-    def __init__(
-        self,
-        clock: UnitClock,
-        flights: Flights,
-        seed: int,
-        power: int,
-        noise: bool,
-        tag_noise_s: Callable[[int, int], Floats],
-    ) -> None:
+    period_s: ClassVar[float]
+
+    def __init__(self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: ByNumber) -> None:
         self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
+
+    def _ticks(self, number: Integers, counter: Integers) -> Integers:
+        tag_s = number * self.period_s + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
+        return np.rint(tag_s / TICK_S).astype(np.int64)
+
+
+class EgiSamples(_Samples):
+    """Those of the EGI. It is aligned when a flight begins, not before. Args: seed, power: name those draws."""
+
+    period_s = EGI_PERIOD_S
+
+    def __init__(
+        self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: ByNumber, seed: int, power: int
+    ) -> None:
+        super().__init__(clock, flights, noise, tag_noise_s)
         drawn = generator(seed, "time sync alignment", power).standard_normal((3, 3))
         self._coarse = np.append((drawn * np.array(_COARSE)[:, None]).ravel(), _COARSE[0])
         self.solutions: dict[int, Solutions] = {}  # by number of the flight
@@ -100,9 +109,8 @@ class EgiSamples:
             errors[:, :9] = 0.0
         turn = turned(errors[:, 6:9], yaw)
         told = ORIGIN.told(p + errors[:, :3], v + errors[:, 3:6], turn)
-        tag_s = number * EGI_PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
         return {
-            "tick": np.rint(tag_s / TICK_S).astype(np.int64),
+            "tick": self._ticks(number, counter),
             "latitude": told.latitude_deg,
             "longitude": told.longitude_deg,
             "height": told.height_m,
@@ -136,18 +144,10 @@ def turned(rotation_rad: Floats, yaw_rad: Floats) -> Floats:
     return tilt @ heading
 
 
-class ImuSamples:
-    """Samples of one switching-on.
+class ImuSamples(_Samples):
+    """Those of the inertial unit."""
 
-    Args:
-        clock: the unit's.   flights: of the vehicle.
-        noise: whether the sensors have errors.   tag_noise_s: (first, stop) of counters to errors of the tags.
-    """
-
-    def __init__(
-        self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: Callable[[int, int], Floats]
-    ) -> None:
-        self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
+    period_s = IMU_PERIOD_S
 
     def columns(self, number: Integers, counter: Integers) -> Mapping[str, Any]:
         """Return fields of samples in a row, by number and by counter."""
@@ -156,10 +156,9 @@ class ImuSamples:
         for flight, first, part in self._flights.split(self._clock, IMU_PERIOD_S, number):
             behind = int(number[part.start]) - first
             dv[part], dtheta[part] = self._increments(flight, behind, since_on_s[part.start : part.stop + 1])
-        tag_s = number * IMU_PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
         degC = FIRST_DEGC - WARM_DEGC * np.expm1(-since_on_s[1:] / WARM_S)
         return {
-            "tick": np.rint(tag_s / TICK_S).astype(np.int64),
+            "tick": self._ticks(number, counter),
             "delta_angle": _counts(dtheta / ANGLE_LSB_RAD),
             "delta_velocity": _counts(dv / VELOCITY_LSB_M_S),
             "temperature": np.rint(degC / TEMPERATURE_LSB_DEGC).astype(np.int64),

@@ -25,6 +25,7 @@ from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.time_sync.options import SyncOptions
 
 Drawing = Callable[[np.random.Generator, int], Floats]
+ByNumber = Callable[[int, int], Floats]  # of numbered samples, the first one and the one behind the last
 
 TICK_S = 1e-7
 _FIRST_READING_S = (100.0, 5000.0)
@@ -113,7 +114,7 @@ class Spell:
     period_s: float
     first: int
     counter: int
-    late_s: Callable[[int, int], Floats]
+    late_s: ByNumber
     columns: Callable[[Integers, Integers], Mapping[str, Any]]
     stop: int = _NEVER
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.model.arrays import Floats
+from sim_instruments.worlds.common.attitude import cross_matrix
 from sim_instruments.worlds.time_sync.flight.path import (
     LATITUDE_DEG,
     STANDARD_GRAVITY_M_S2,
@@ -137,7 +138,7 @@ class _ErrorModel:
         self._sensor, self._dt_s = sensor, 1.0 / sensor.rate_Hz
         self._earth = earth_rate_rad_s(LATITUDE_DEG)
         self._gravity_m_s2, self._gradient = normal_gravity_m_s2(LATITUDE_DEG), gravity_gradient_s2(LATITUDE_DEG)
-        turn = _cross(self._earth)
+        turn = cross_matrix(self._earth)
         self._coriolis = 2.0 * turn
         micro_g = 1e-6 * STANDARD_GRAVITY_M_S2
         walks = [sensor.velocity_walk_ug * micro_g, np.radians(sensor.angle_walk_deg_rt_h) / 60.0]
@@ -188,8 +189,3 @@ class _ErrorModel:
         start = np.repeat(sigmas, 3)
         start[8] = gyro_bias / self._earth[0]
         return start
-
-
-def _cross(vector: Floats) -> Floats:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
