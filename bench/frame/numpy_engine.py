@@ -7,12 +7,13 @@ come first served).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from bench.frame.batch import Decoder, FrameBatch, MessageBatch, are_right, extract_column, rows_of_frames
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column, rows_of_frames
 from bench.frame.layout import Layout, Message, part_of
 from bench.frame.parts import unpacked, wire_length
 from bench.model.arrays import Flags, Integers, Octets
@@ -125,11 +126,11 @@ class Scanner:
 
     def _check(self, window: Octets, at: Integers, length: Integers,
                chosen: Flags, message: Message, valid: Flags) -> None:  # fmt: skip
-        """Set ``valid`` for the chosen candidates whose check passes; one pass per length that occurs."""
-        for total in np.unique(length[chosen]).tolist() if message.length == 0 else [message.length]:
-            which = np.flatnonzero(chosen & (length == total))
-            if not len(which):
-                continue
+        """Set ``valid`` for the chosen candidates whose check passes; those of one length are checked together."""
+        places = np.flatnonzero(chosen)
+        places = places[np.argsort(length[places], kind="stable")]
+        for which in np.split(places, np.flatnonzero(np.diff(length[places])) + 1) if len(places) else ():
+            total = int(length[which[0]])
             frames, step = sliding_window_view(window, total), max(1, _GATHERED_BYTES // total)
             parts = [at[which[low : low + step]] for low in range(0, len(which), step)]
             right = np.concatenate([are_right(self._layout, message, frames[begins]) for begins in parts])
@@ -181,6 +182,46 @@ def _outside(at: Integers, start: Integers, length: Integers) -> Integers:
     before = np.searchsorted(start, at, side="right") - 1
     inside = (before >= 0) & (at < (start + length)[before])
     return at[~inside]
+
+
+class Decoder:
+    """What all engines have in common; they give the same results on any input and any chunking.
+
+    ``_tail``: the bytes from stream offset ``_position`` on, which are not decided yet.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._tail = b""
+        self._position = 0
+        self.counts = FrameCounts()
+
+    def feed(self, chunk: bytes) -> FrameBatch:
+        """Decode what can be decided; the undecided tail waits for the next feed."""
+        self.counts.bytes += len(chunk)
+        return self._run(self._tail + chunk, final=False)
+
+    def finish(self) -> FrameBatch:
+        """End of the stream: candidates whose bytes never came are no frames."""
+        return self._run(self._tail, final=True)
+
+    def give_up(self, before: int) -> FrameBatch:
+        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
+        return self._run(self._tail, final=False, before=before)
+
+    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+        """Decode a stream that begins with the tail; ``before``: stream offset up to which nothing waits."""
+        raise NotImplementedError
+
+    def _decided(self, numbers: Sequence[int], bad: int, stream: bytes, consumed: int) -> int:
+        """Count frames by kind and rejected candidates, keep the bytes behind ``consumed``; return where they began."""
+        listed, begin = len(self._layout.messages), self._position
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
+        self.counts.bad += bad
+        self._tail = stream[consumed:]
+        self._position += consumed
+        return begin
 
 
 class NumpyDecoder(Decoder):
@@ -244,6 +285,8 @@ class NumpyDecoder(Decoder):
     def _batch(self, stream: bytes, buffer: Octets, found: list[Found], consumed: int) -> FrameBatch:
         start, length, kind, bad, _ = found[0] if len(found) == 1 else _joined(found)
         numbers = np.bincount(kind, minlength=len(self._layout.kinds)).tolist()
+        self.counts.skipped_bytes += consumed - int(length.sum())
+        begin = self._decided(numbers, len(bad), stream, consumed)
         messages = {}
         for index, message in enumerate(self._layout.told):
             number = numbers[index]
@@ -253,10 +296,9 @@ class NumpyDecoder(Decoder):
             mine = slice(number) if number == len(start) else np.flatnonzero(kind == index)
             starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
-            messages[message.name] = MessageBatch(message, starts + self._position, rows, rest)
-            messages[message.name].ends = starts + lengths + self._position
-        self.counts.skipped_bytes += consumed - int(length.sum())
-        return self._decided(messages, numbers, bad + self._position, stream, consumed)
+            messages[message.name] = MessageBatch(message, starts + begin, rows, rest)
+            messages[message.name].ends = starts + lengths + begin
+        return FrameBatch(messages, bad + begin, self._position)
 
     def _rows(self, stream: bytes, buffer: Octets, starts: Integers, lengths: Integers,
               message: Message) -> tuple[Octets, list[bytes] | None]:  # fmt: skip

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.frame.batch import Decoder, FrameBatch, MessageBatch, rows_of_frames
+from bench.frame.batch import FrameBatch, MessageBatch, rows_of_frames
+from bench.frame.numpy_engine import Decoder
 from bench.frame.refusal import Refusal, measured, why_none
 
 Pieces = dict[str, list[tuple[int, bytes]]]
@@ -49,13 +50,14 @@ class ReferenceDecoder(Decoder):
         return self._batch(found, bad, stream, at)
 
     def _batch(self, found: Pieces, bad: list[int], stream: bytes, consumed: int) -> FrameBatch:
+        numbers = [len(found[message.name]) for message in self._layout.kinds]
+        begin = self._decided(numbers, len(bad), stream, consumed)
         messages = {}
         for message in self._layout.told:
             frames = found[message.name]
-            offset = np.array([self._position + at for at, _ in frames], np.int64)
+            offset = np.array([begin + at for at, _ in frames], np.int64)
             rows, rest = rows_of_frames(message, (frame for _, frame in frames), self._layout.tail)
             batch = MessageBatch(message, offset, rows, rest)
             batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
-        numbers = [len(found[message.name]) for message in self._layout.kinds]
-        return self._decided(messages, numbers, np.array(bad, np.int64), stream, consumed)
+        return FrameBatch(messages, np.array(bad, np.int64), self._position)

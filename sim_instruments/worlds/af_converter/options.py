@@ -27,7 +27,7 @@ TEXTS = {  # the unit reads them itself
 }
 
 
-def apart(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+def apart(options: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[str, str]]:
     """Return the world's own options, with all switches, and those that its unit reads itself."""
     texts = {key: value for key, value in options.items() if key in TEXTS}
     return dict.fromkeys(OPTIONS, True) | {key: options[key] for key in options if key not in TEXTS}, texts
