@@ -195,6 +195,46 @@ class FrameCounts:
     other: int = 0
 
 
+class Decoder:
+    """What all engines have in common; they give the same results on any input and any chunking.
+
+    ``_tail``: the bytes from stream offset ``_position`` on, which are not decided yet.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._tail = b""
+        self._position = 0
+        self.counts = FrameCounts()
+
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
+        """Decode what can be decided of the tail and these bytes; the rest waits for the next feed.
+
+        ``final``: nothing will follow.   ``before``: stream offset up to which nothing waits.
+        """
+        raise NotImplementedError
+
+    def finish(self) -> FrameBatch:
+        """End of the stream: candidates whose bytes never came are no frames."""
+        return self.feed(b"", final=True)
+
+    def give_up(self, before: int) -> FrameBatch:
+        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
+        return self.feed(b"", before=before)
+
+    def _decided(
+        self, messages: Mapping[str, MessageBatch], numbers: Sequence[int], bad: Integers, stream: bytes, consumed: int
+    ) -> FrameBatch:
+        """Count frames by kind and rejected candidates (stream offsets); keep the bytes behind ``consumed``."""
+        listed = len(self._layout.messages)
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
+        self.counts.bad += len(bad)
+        self._tail = stream[consumed:]
+        self._position += consumed
+        return FrameBatch(messages, bad, self._position)
+
+
 def extract_column(rows: Octets, item: Field) -> Array:
     """Raw values of a field: (n,) or (n, count), native byte order; bytes give (n, count) uint8.
 

@@ -11,13 +11,14 @@ from math import floor, log10
 from pathlib import Path
 from typing import Any, Literal
 
+from bench.frame.batch import Decoder
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
 from bench.frame.golden import check_golden, wire_of
 from bench.frame.layout import Layout, Message
-from bench.frame.numpy_engine import Decoder, NumpyDecoder
+from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import one_by_one
 from bench.frame.spec import FrameSpec
 from bench.model.arrays import Octets

@@ -7,13 +7,12 @@ come first served).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column, rows_of_frames
+from bench.frame.batch import Decoder, FrameBatch, MessageBatch, are_right, extract_column, rows_of_frames
 from bench.frame.layout import Layout, Message, part_of
 from bench.frame.parts import unpacked, wire_length
 from bench.model.arrays import Flags, Integers, Octets
@@ -184,46 +183,6 @@ def _outside(at: Integers, start: Integers, length: Integers) -> Integers:
     return at[~inside]
 
 
-class Decoder:
-    """What all engines have in common; they give the same results on any input and any chunking.
-
-    ``_tail``: the bytes from stream offset ``_position`` on, which are not decided yet.
-    """
-
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
-        self._tail = b""
-        self._position = 0
-        self.counts = FrameCounts()
-
-    def feed(self, chunk: bytes) -> FrameBatch:
-        """Decode what can be decided; the undecided tail waits for the next feed."""
-        self.counts.bytes += len(chunk)
-        return self._run(self._tail + chunk, final=False)
-
-    def finish(self) -> FrameBatch:
-        """End of the stream: candidates whose bytes never came are no frames."""
-        return self._run(self._tail, final=True)
-
-    def give_up(self, before: int) -> FrameBatch:
-        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
-        return self._run(self._tail, final=False, before=before)
-
-    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
-        """Decode a stream that begins with the tail; ``before``: stream offset up to which nothing waits."""
-        raise NotImplementedError
-
-    def _decided(self, numbers: Sequence[int], bad: int, stream: bytes, consumed: int) -> int:
-        """Count frames by kind and rejected candidates, keep the bytes behind ``consumed``; return where they began."""
-        listed, begin = len(self._layout.messages), self._position
-        self.counts.frames += sum(numbers[:listed])
-        self.counts.other += sum(numbers[listed:])
-        self.counts.bad += bad
-        self._tail = stream[consumed:]
-        self._position += consumed
-        return begin
-
-
 class NumpyDecoder(Decoder):
     """Vectorised decoder; feed it blocks of up to a few megabytes."""
 
@@ -238,7 +197,9 @@ class NumpyDecoder(Decoder):
             for message in layout.told
         ]  # fmt: skip
 
-    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
+        self.counts.bytes += len(chunk)
+        stream = self._tail + chunk
         before -= self._position
         buffer = np.frombuffer(stream, np.uint8)
         window = max(_WINDOW_BYTES, 4 * self._layout.max_length)
@@ -286,7 +247,6 @@ class NumpyDecoder(Decoder):
         start, length, kind, bad, _ = found[0] if len(found) == 1 else _joined(found)
         numbers = np.bincount(kind, minlength=len(self._layout.kinds)).tolist()
         self.counts.skipped_bytes += consumed - int(length.sum())
-        begin = self._decided(numbers, len(bad), stream, consumed)
         messages = {}
         for index, message in enumerate(self._layout.told):
             number = numbers[index]
@@ -296,9 +256,9 @@ class NumpyDecoder(Decoder):
             mine = slice(number) if number == len(start) else np.flatnonzero(kind == index)
             starts, lengths = start[mine], length[mine]
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
-            messages[message.name] = MessageBatch(message, starts + begin, rows, rest)
-            messages[message.name].ends = starts + lengths + begin
-        return FrameBatch(messages, bad + begin, self._position)
+            messages[message.name] = MessageBatch(message, starts + self._position, rows, rest)
+            messages[message.name].ends = starts + lengths + self._position
+        return self._decided(messages, numbers, bad + self._position, stream, consumed)
 
     def _rows(self, stream: bytes, buffer: Octets, starts: Integers, lengths: Integers,
               message: Message) -> tuple[Octets, list[bytes] | None]:  # fmt: skip

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.frame.batch import FrameBatch, MessageBatch, rows_of_frames
-from bench.frame.numpy_engine import Decoder
+from bench.frame.batch import Decoder, FrameBatch, MessageBatch, rows_of_frames
 from bench.frame.refusal import Refusal, measured, why_none
 
 Pieces = dict[str, list[tuple[int, bytes]]]
@@ -19,7 +18,9 @@ Pieces = dict[str, list[tuple[int, bytes]]]
 class ReferenceDecoder(Decoder):
     """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``."""
 
-    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
+        self.counts.bytes += len(chunk)
+        stream = self._tail + chunk
         found: Pieces = {message.name: [] for message in self._layout.kinds}
         bad: list[int] = []
         at = 0
@@ -51,13 +52,12 @@ class ReferenceDecoder(Decoder):
 
     def _batch(self, found: Pieces, bad: list[int], stream: bytes, consumed: int) -> FrameBatch:
         numbers = [len(found[message.name]) for message in self._layout.kinds]
-        begin = self._decided(numbers, len(bad), stream, consumed)
         messages = {}
         for message in self._layout.told:
             frames = found[message.name]
-            offset = np.array([begin + at for at, _ in frames], np.int64)
+            offset = np.array([self._position + at for at, _ in frames], np.int64)
             rows, rest = rows_of_frames(message, (frame for _, frame in frames), self._layout.tail)
             batch = MessageBatch(message, offset, rows, rest)
             batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
-        return FrameBatch(messages, np.array(bad, np.int64), self._position)
+        return self._decided(messages, numbers, np.array(bad, np.int64), stream, consumed)

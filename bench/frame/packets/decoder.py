@@ -26,7 +26,9 @@ class PacketDecoder(ReferenceDecoder):
         self._next = search
         self._longest, self._end = longest, end
 
-    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
+        self.counts.bytes += len(chunk)
+        stream = self._tail + chunk
         found: Pieces = {message.name: [] for message in self._layout.kinds}
         ends: dict[str, list[int]] = {message.name: [] for message in self._layout.told}
         bad: list[int] = []
