@@ -12,7 +12,7 @@ from bench.model.ports import Parameter, action
 from bench.model.told import Figure, Tells, is_one
 from instruments.commands import Setting, either
 from instruments.scpi import ScpiInstrument
-from instruments.values import OVERLOAD_FROM, exponent_form, read_number
+from instruments.values import OVERLOAD_FROM, read_number
 
 _FREQUENCY_STEP_HZ = 1e-6
 _AMPLITUDE_STEP_V = 1e-3
@@ -48,12 +48,9 @@ class Agilent33250A(ScpiInstrument):
         self.set("OUTP:LOAD INF", either(self._load_is_infinite, True))
         self.set("OUTP:POL NORM", self.word("OUTP:POL?", "NORM"))
         self.set("FUNC:SQU:DCYC 50", self.number("FUNC:SQU:DCYC?", 50.0, _DUTY_STEP_PERCENT))
-        self.set(f"FREQ {exponent_form(frequency)}", self.number("FREQ?", frequency, _FREQUENCY_STEP_HZ))
+        of_frequency = self.put(Setting("FREQ?", frequency, _FREQUENCY_STEP_HZ, "Hz"))
         self.set("VOLT:UNIT VPP", self.word("VOLT:UNIT?", "VPP"))
-        self.set(f"VOLT {exponent_form(amplitude)}", self.number("VOLT?", amplitude, _AMPLITUDE_STEP_V))
-        self.keep(
-            Setting("FREQ?", frequency, _FREQUENCY_STEP_HZ, "Hz"), Setting("VOLT?", amplitude, _AMPLITUDE_STEP_V, "V")
-        )
+        self.keep(of_frequency, self.put(Setting("VOLT?", amplitude, _AMPLITUDE_STEP_V, "V")))
 
     @action(bus_s=0.2)
     def output_on(self) -> None:

@@ -116,8 +116,7 @@ class Agilent34970A(ScpiInstrument):
         junctions = ",".join(["INT"] * len(self.options["channels"]))
         self.ensure(f"TEMP:TRAN:TC:RJUN:TYPE? {channels}", junctions, f"TEMP:TRAN:TC:RJUN:TYPE INT,{channels}")
 
-    def _go_safe(self) -> None:
-        self.abort()
+    _go_safe = ScpiInstrument.abort
 
 
 DRIVER = Agilent34970A

@@ -55,8 +55,7 @@ class Agilent53230A(ScpiInstrument):
         self.set("*RST")  # the counter drives nothing, and every measurement sets up itself
         self.set("ROSC:SOUR EXT", either(lambda: self.ask("ROSC:SOUR?", read_text), "EXT"))
 
-    def _go_safe(self) -> None:
-        self.abort()
+    _go_safe = ScpiInstrument.abort
 
 
 DRIVER = Agilent53230A

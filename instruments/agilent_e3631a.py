@@ -15,7 +15,7 @@ from bench.model.ports import Effect, Parameter, action
 from bench.model.told import Tells, is_one
 from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
-from instruments.values import exponent_form, read_number
+from instruments.values import read_number
 
 # rail: lowest voltage (V), highest voltage (V), highest current (A)
 _RAILS = {1: (0.0, 6.18, 5.15), 2: (0.0, 25.75, 1.03), 3: (-25.75, 0.0, 1.03)}
@@ -53,9 +53,8 @@ class AgilentE3631A(ScpiSupply):
         with self.bus.lock:
             self._forget_rail(rail)
             self._select(rail)
-            self.set(f"CURR {exponent_form(limit)}", self.number("CURR?", limit, _CURRENT_STEP_A))
-            self.set(f"VOLT {exponent_form(voltage)}", self.number("VOLT?", voltage, _VOLTAGE_STEP_V))
-            self.keep(Setting("CURR?", limit, _CURRENT_STEP_A, "A"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"))
+            wanted = Setting("CURR?", limit, _CURRENT_STEP_A, "A"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V")
+            self.keep(*map(self.put, wanted))
         self.configured = MappingProxyType({**self.configured, rail: self.kept})
 
     @action(effect=Effect.POWER, bus_s=1.5)

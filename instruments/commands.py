@@ -14,7 +14,7 @@ from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action
 from instruments.bus import DOUBTFUL, BusSession
-from instruments.values import check_argument, read_integer, read_number, read_text
+from instruments.values import check_argument, exponent_form, read_integer, read_number, read_text
 
 T = TypeVar("T")
 
@@ -113,6 +113,12 @@ class Commands:
             lambda value: abs(value - wanted) <= tolerance,
             lambda value: isinstance(before, float) and abs(value - before) <= tolerance,
         )
+
+    def put(self, setting: Setting) -> Setting:
+        """Set a number by the command of its question, and return it. Raises: InstrumentError as ``set``."""
+        read_back = self.number(setting.query, setting.wanted, setting.tolerance)
+        self.set(f"{setting.query.removesuffix('?')} {exponent_form(setting.wanted)}", read_back)
+        return setting
 
     def word(self, query: str, wanted: str) -> ReadBack:
         """Return the read-back of a word, of which there may be many."""

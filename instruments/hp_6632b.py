@@ -15,7 +15,7 @@ from bench.model.ports import Effect, Parameter, action
 from bench.model.told import Figure, Tells, is_one
 from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
-from instruments.values import exponent_form, read_integer, read_number
+from instruments.values import read_integer, read_number
 
 _VOLTAGE_STEP_V = 0.01
 _CURRENT_STEP_A = 0.005
@@ -52,16 +52,11 @@ class Hp6632B(ScpiSupply):
             message = f"configure: over_voltage {trip!r} V is not above voltage {voltage!r} V; nothing was sent"
             raise self.error("B-INST-008", message)
         self.kept = ()
-        self.set(f"CURR {exponent_form(limit)}", self.number("CURR?", limit, _CURRENT_STEP_A))
+        of_current = self.put(Setting("CURR?", limit, _CURRENT_STEP_A, "A"))
         self.set("CURR:PROT:STAT ON", self.switch("CURR:PROT:STAT?", 1))
         self.set(f"OUTP:PROT:DEL {_DELAY_s:g}", self.number("OUTP:PROT:DEL?", _DELAY_s, _DELAY_STEP_s))
-        self.set(f"VOLT:PROT {exponent_form(trip)}", self.number("VOLT:PROT?", trip, _TRIP_STEP_V))
-        self.set(f"VOLT {exponent_form(voltage)}", self.number("VOLT?", voltage, _VOLTAGE_STEP_V))
-        self.keep(
-            Setting("CURR?", limit, _CURRENT_STEP_A, "A"),
-            Setting("VOLT:PROT?", trip, _TRIP_STEP_V, "V"),
-            Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"),
-        )
+        of_trip = self.put(Setting("VOLT:PROT?", trip, _TRIP_STEP_V, "V"))
+        self.keep(of_current, of_trip, self.put(Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V")))
 
     @action(effect=Effect.POWER, bus_s=0.5)
     def output_on(self) -> None:

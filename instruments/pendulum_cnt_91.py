@@ -28,9 +28,9 @@ from typing import Any, ClassVar
 from bench.model.clock import to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Parameter, action
-from instruments.commands import either
+from instruments.commands import Setting, either
 from instruments.scpi import ScpiInstrument
-from instruments.values import exponent_form, read_integer, read_text
+from instruments.values import read_integer, read_text
 
 CLOCKS_HZ = (10e6, 20e6, 50e6, 100e6)
 LONGEST_BLOCK = 24_032  # bytes: 6,000 events
@@ -88,9 +88,8 @@ class PendulumCnt91(ScpiInstrument):
             self.set(f"{name}:ATT 1", self.number(f"{name}:ATT?", 1.0, 0.0))
             for switch in ("FILT", "LEV:AUTO"):
                 self.set(f"{name}:{switch} OFF", self.switch(f"{name}:{switch}?", 0))
-            level = self.number(f"{name}:LEV?", threshold, _LEVEL_STEP_V)
-            self.set(f"{name}:LEV {exponent_form(threshold)}", level)
-        self.set(f"STR:CLOC {exponent_form(clock)}", self.number("STR:CLOC?", clock, 0.0))
+            self.put(Setting(f"{name}:LEV?", threshold, _LEVEL_STEP_V, "V"))
+        self.put(Setting("STR:CLOC?", clock, 0.0, "Hz"))
         self._confirm(clock, threshold)
         self.configured = (clock, threshold)
 

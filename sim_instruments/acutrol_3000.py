@@ -18,15 +18,15 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bench.model.clock import to_ns
-from sim_instruments.bus.live import LiveDevice
-from sim_instruments.faults.fault import Fault
+from sim_instruments.bus.live import CommandDevice, CommandError
+from sim_instruments.faults.fault import Fault, NamedFaults
 from sim_instruments.worlds.common.motion import AxisMotion
 
 INTERLOCK_EVENT, ERROR_EVENT, SERVICE = 1, 128, 64
@@ -47,10 +47,6 @@ _TEXTS = {str(number): text for number, text in (NOT_RECOGNIZED, BAD_ARGUMENT, L
 _QUEUE = 20
 _AXIS = ("AXIS", 1, len(ABSOLUTE))
 _UNIT = re.compile(r"(:?)([A-Z]+(?::[A-Z]+)*)(\??)(?:\s+(.*))?")
-
-
-class TableError(Exception):
-    """An error for the queue; ``args`` are its number and text."""
 
 
 @dataclass
@@ -93,7 +89,7 @@ class Axis:
         return math.remainder(angle_deg, self.range_deg)
 
 
-class Acutrol3000(LiveDevice):
+class Acutrol3000(CommandDevice):
     """The controller; ``axes`` are its three axes. A world with ``motion`` is moved, any other has none to see."""
 
     identity = "ACUTRONIC,ACUTROL3000,SIM3000,1.0"
@@ -115,13 +111,13 @@ class Acutrol3000(LiveDevice):
         self._binary = bool(draw.integers(2))
         for axis in self.axes:
             for what, mode in axis.limits:
-                axis.limits[what, mode] *= float(draw.uniform(0.01, 1.0))
-            axis.demands = {"POSITION": float(draw.uniform(-180.0, 180.0)), "RATE": float(draw.uniform(-3.0, 3.0))}
+                axis.limits[what, mode] *= draw.uniform(0.01, 1.0)
+            axis.demands = {"POSITION": draw.uniform(-180.0, 180.0), "RATE": draw.uniform(-3.0, 3.0)}
             axis.mode = str(draw.choice(["Off", "Position", "Rate"]))
             axis.interlock = str(draw.choice(["Open", "Open", "Closed", "Fault"]))
             axis.obey(self.now_ns)
         for _ in range(int(draw.integers(_QUEUE + 1))):
-            self._error(*NOT_RECOGNIZED)
+            self.error(*NOT_RECOGNIZED)
         super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
@@ -159,7 +155,7 @@ class Acutrol3000(LiveDevice):
                 self._events |= INTERLOCK_EVENT
                 axis.obey(self.now_ns)
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "table_stall": Fault(
             "table", (_AXIS,), "an axis of the turntable stops where it is and obeys nothing", stall, stall),
         "table_offset": Fault(
@@ -174,50 +170,39 @@ class Acutrol3000(LiveDevice):
     def execute(self, message: str) -> None:
         early, self._deaf_until_ns = self.now_ns < self._deaf_until_ns, self.now_ns + LEAST_NS
         if early:
-            self._error(*NOT_RECOGNIZED)
+            self.error(*NOT_RECOGNIZED)
             return
-        replies, parents = [], ""
-        for unit in message.upper().split(";"):
-            try:
-                answer, parents = self._carry_out(unit.strip(), parents)
-            except TableError as problem:
-                self._error(*problem.args)
-                continue
-            if answer is not None:
-                replies.append(answer)
-        if replies:
-            self.reply(";".join(replies))
+        self._parents = ""  # the words that a next command without a colon goes on from
+        super().execute(message.upper())
 
-    def _carry_out(self, unit: str, parents: str) -> tuple[str | None, str]:
-        """Return reply of one command, and the words that a next one without a colon goes on from."""
-        if unit in ("*IDN?", "*STB?"):
-            return (self._identity() if unit == "*IDN?" else self._status()), parents
-        match = _UNIT.fullmatch(unit)
+    def carry_out(self, command: str) -> str | None:
+        if command in ("*IDN?", "*STB?"):
+            return self.told_identity if command == "*IDN?" else self._status()
+        match = _UNIT.fullmatch(command)
         if match is None:
-            raise TableError(*NOT_RECOGNIZED)
+            raise CommandError(*NOT_RECOGNIZED)
         colon, header, query, text = match.groups()
-        words = (header if colon or not parents else f"{parents}:{header}").split(":")
-        count, command = _command(words, bool(query))
+        words = (header if colon or not self._parents else f"{self._parents}:{header}").split(":")
+        count, method = _command(words, bool(query))
         arguments = [part.strip() for part in text.split(",")] if text else []
         if len(arguments) != count:
-            raise TableError(*BAD_ARGUMENT)
-        return command(self, *arguments), ":".join(words[:-1])
-
-    def _identity(self) -> str:
-        return self.faults.identity or self.identity
+            raise CommandError(*BAD_ARGUMENT)
+        reply = method(self, *arguments)
+        self._parents = ":".join(words[:-1])
+        return reply
 
     def _status(self) -> str:
         told = self._events | (SERVICE if self._events else 0)
         self._events = 0
         return str(told)
 
-    def _error(self, number: int, text: str) -> None:
+    def error(self, number: int, text: str) -> None:
         self._errors.append((number, text))
         self._events |= ERROR_EVENT
 
     def _axis(self, text: str) -> Axis:
         if text not in ("1", "2", "3"):
-            raise TableError(*BAD_ARGUMENT)
+            raise CommandError(*BAD_ARGUMENT)
         return self.axes[int(text) - 1]
 
     # --- commands ----------------------------------------------------------------------------------------------
@@ -230,7 +215,7 @@ class Acutrol3000(LiveDevice):
     def _close(self, number: str) -> None:
         axis = self._axis(number)
         if axis.interlock == "Fault":
-            raise TableError(*INTERLOCK_FAULT)
+            raise CommandError(*INTERLOCK_FAULT)
         axis.interlock = "Closed"
         axis.obey(self.now_ns)
 
@@ -248,7 +233,7 @@ class Acutrol3000(LiveDevice):
     def _demand(self, what: str, number: str, text: str) -> None:
         axis, value = self._axis(number), _number(text)
         if what == "RATE" and abs(value) > axis.limits["RATE", "RATE"]:
-            raise TableError(*LIMIT_EXCEEDED)
+            raise CommandError(*LIMIT_EXCEEDED)
         axis.demands[what] = axis.rolled_over(value) if what == "POSITION" else value
         if axis.mode.upper() == what:
             axis.obey(self.now_ns)
@@ -256,7 +241,7 @@ class Acutrol3000(LiveDevice):
     def _choose_mode(self, number: str, word: str) -> None:
         mode = next((mode for mode in ("Off", "Position", "Rate") if word and mode.upper().startswith(word)), None)
         if mode is None:
-            raise TableError(*BAD_ARGUMENT)
+            raise CommandError(*BAD_ARGUMENT)
         self._set_mode(number, mode)
 
     def _absolute(self, number: str) -> str:
@@ -269,7 +254,7 @@ class Acutrol3000(LiveDevice):
     def _limit(self, what: str, mode: str, number: str, text: str) -> None:
         axis, value = self._axis(number), _number(text)
         if not 0.0 < value <= axis.absolute[0 if what == "RATE" else 1]:
-            raise TableError(*LIMIT_EXCEEDED)
+            raise CommandError(*LIMIT_EXCEEDED)
         axis.limits[what, _mode(mode)] = value
 
     def _limit_of(self, what: str, mode: str, number: str) -> str:
@@ -291,7 +276,7 @@ class Acutrol3000(LiveDevice):
 
     def _set_format(self, word: str) -> None:
         if not word or not ("BINARY".startswith(word) or "FLOAT".startswith(word)):
-            raise TableError(*BAD_ARGUMENT)
+            raise CommandError(*BAD_ARGUMENT)
         self._binary = word[0] == "B"
 
     def _scaling(self, number: str) -> str:
@@ -299,7 +284,7 @@ class Acutrol3000(LiveDevice):
 
     def _next_message(self, queue: str) -> str:
         if queue != "QERROR":
-            raise TableError(*BAD_ARGUMENT)
+            raise CommandError(*BAD_ARGUMENT)
         return ",".join(map(str, self._errors.popleft())) if self._errors else ""
 
 
@@ -340,13 +325,13 @@ def _command(words: list[str], query: bool) -> tuple[int, Callable[..., str | No
         whole = header.split(":")
         if asks == query and len(whole) == len(words) and all(map(str.startswith, whole, words)):
             return command
-    raise TableError(*NOT_RECOGNIZED)
+    raise CommandError(*NOT_RECOGNIZED)
 
 
 def _mode(text: str) -> str:
     mode = next((mode for mode in ("POSITION", "RATE") if text and mode.startswith(text)), None)
     if mode is None:
-        raise TableError(*BAD_ARGUMENT)
+        raise CommandError(*BAD_ARGUMENT)
     return mode
 
 
@@ -356,7 +341,7 @@ def _number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise TableError(*BAD_ARGUMENT)
+        raise CommandError(*BAD_ARGUMENT)
     return value
 
 

@@ -9,18 +9,24 @@ end each other; VRMS and DBM, which needs a load). The unit's input has a high i
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.bus.kept import Held, Kept, held_switch, held_word, number, switch, word
+from sim_instruments.bus.kept import (
+    HeldSettings,
+    Kept,
+    KeptSettings,
+    held_switch,
+    held_word,
+    word,
+)
 from sim_instruments.bus.scpi import (
     OUT_OF_RANGE,
     SETTINGS_CONFLICT,
     Answers,
-    Handler,
+    Handlers,
     ScpiDevice,
     ScpiError,
     command,
@@ -52,35 +58,35 @@ class Agilent33250A(ScpiDevice):
         "[:SOURce]:FUNCtion:SQUare:DCYCle?": lambda self: f"{self.duty_percent:+.13E}",
         ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
     }
-    held: ClassVar[Mapping[str, Held]] = {
+    held: ClassVar[HeldSettings] = {
         ":OUTPut:POLarity": held_word("polarity", "NORMal", "INVerted"),
         ":OUTPut[:STATe]": held_switch("on", applied=True),
     }
 
-    kept: ClassVar[Mapping[str, Kept]] = {
-        ":OUTPut:SYNC[:STATe]": switch(True),
-        ":OUTPut:TRIGger[:STATe]": switch(False),
+    kept: ClassVar[KeptSettings] = {
+        ":OUTPut:SYNC[:STATe]": Kept(True),
+        ":OUTPut:TRIGger[:STATe]": Kept(False),
         ":OUTPut:TRIGger:SLOPe": word("POSitive", "NEGative"),
         "[:SOURce]:BURSt:MODE": word("TRIGgered", "GATed"),
-        "[:SOURce]:BURSt:NCYCles": number(1.0, 1.0, 1e6, infinite=True),
-        "[:SOURce]:BURSt:INTernal:PERiod": number(0.01, 1e-6, 500.0, "S"),
-        "[:SOURce]:BURSt:PHASe": number(0.0, -360.0, 360.0),
+        "[:SOURce]:BURSt:NCYCles": Kept(1.0, 1.0, 1e6, infinite=True),
+        "[:SOURce]:BURSt:INTernal:PERiod": Kept(0.01, 1e-6, 500.0, "S"),
+        "[:SOURce]:BURSt:PHASe": Kept(0.0, -360.0, 360.0),
         "[:SOURce]:BURSt:GATE:POLarity": word("NORMal", "INVerted"),
-        "[:SOURce]:PHASe": number(0.0, -360.0, 360.0),
-        "[:SOURce]:FUNCtion:RAMP:SYMMetry": number(100.0, 0.0, 100.0),
-        ":PULSe:PERiod": number(1e-3, 20e-9, 2000.0, "S"),
-        ":PULSe:WIDTh": number(100e-6, 8e-9, 2000.0, "S"),
-        ":PULSe:TRANsition": number(5e-9, 5e-9, 1e-3, "S"),
+        "[:SOURce]:PHASe": Kept(0.0, -360.0, 360.0),
+        "[:SOURce]:FUNCtion:RAMP:SYMMetry": Kept(100.0, 0.0, 100.0),
+        ":PULSe:PERiod": Kept(1e-3, 20e-9, 2000.0, "S"),
+        ":PULSe:WIDTh": Kept(100e-6, 8e-9, 2000.0, "S"),
+        ":PULSe:TRANsition": Kept(5e-9, 5e-9, 1e-3, "S"),
         ":TRIGger:SOURce": word("IMMediate", "EXTernal", "BUS"),
         ":TRIGger:SLOPe": word("POSitive", "NEGative"),
-        ":TRIGger:DELay": number(0.0, 0.0, 85.0, "S"),
+        ":TRIGger:DELay": Kept(0.0, 0.0, 85.0, "S"),
     }
 
     def power_up(self) -> None:
         self.error_ppm = 0.0
         super().power_up()
         draw = self.rng("function generator frequency")
-        self.error_ppm = float(draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM))
+        self.error_ppm = draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM)
 
     def reset(self) -> None:
         self.function, self.frequency_Hz = "SIN", 1e3
@@ -92,13 +98,13 @@ class Agilent33250A(ScpiDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         self.mode = str(draw.choice(["", *_MODES]))
         self.function = str(draw.choice(["SIN", "SQU", "RAMP", "PULS"]))
-        self.frequency_Hz = float(round(10.0 ** draw.uniform(-3.0, 5.9), 6))
+        self.frequency_Hz = round(10.0 ** draw.uniform(-3.0, 5.9), 6)
         self.load_ohm = float(draw.choice([50.0, 75.0, 1e4, INFINITE_OHM]))
-        self.amplitude_V = float(draw.uniform(0.02, 0.5)) * self._largest_V()
+        self.amplitude_V = draw.uniform(0.02, 0.5) * self._largest_V()
         room_V = (self._largest_V() - self.amplitude_V) / 2.0
-        self.offset_V = float(draw.uniform(-room_V, room_V))
+        self.offset_V = draw.uniform(-room_V, room_V)
         self.amplitude_unit = str(draw.choice(["VPP", "VRMS"]))
-        self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), float(draw.uniform(20.0, 80.0))
+        self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), draw.uniform(20.0, 80.0)
         self.on = bool(draw.integers(2))
         super().left_by_another(draw)
         self._apply()
@@ -203,7 +209,7 @@ class Agilent33250A(ScpiDevice):
         off_50 = 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
         self.duty_percent = self.number(text, 50.0 - off_50, 50.0 + off_50)
 
-    def further(self) -> Mapping[str, Handler]:
+    def further(self) -> Handlers:
         switches = {f"[:SOURce]:{node}:STATe": partial(self._switch_mode, mode) for mode, node in _MODES.items()}
         asked = {f"[:SOURce]:{node}:STATe?": partial(self._is_mode, mode) for mode, node in _MODES.items()}
         return switches | asked

@@ -9,33 +9,35 @@ NPLCycles, ZERO:AUTO, overload reading 9.9E37; 512 readings are kept by INITiate
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from sim_instruments.agilent_e3631a import AgilentE3631A
-from sim_instruments.bus.kept import INFINITE, Held, Kept, held_count, held_word, number, switch
-from sim_instruments.bus.ohms import RESOLUTION, Ohmmeter, OhmsSetting
-from sim_instruments.bus.scpi import Answers, Handler, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.kept import (
+    INFINITE,
+    HeldSettings,
+    Kept,
+    KeptSettings,
+    held_count,
+    held_word,
+)
+from sim_instruments.bus.ohms import LINE_HZ, RESOLUTION, Ohmmeter, OhmsSetting
+from sim_instruments.bus.scpi import Answers, Handler, Handlers, ScpiDevice, ScpiError, command, words
 
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 OVERLOAD = 9.9e37
 GAIN_SIGMA, OFFSET_SIGMA_V = 1e-5, 2e-5
 TWO_WIRE_OHM = 0.2
-LINE_HZ = 50.0
-CYCLES = (0.02, 0.2, 1.0, 10.0, 100.0)
+CYCLES = tuple(RESOLUTION)
 OPEN_INPUT = ("CONT", "DIOD")  # overload without anything at the terminals
-_SPANS = {
-    "VOLT:AC": (0.0, 750.0), "VOLT:RAT": (0.0, 1000.0), "CURR": (0.0, 3.0), "CURR:AC": (0.0, 3.0),
-    "FREQ": (3.0, 3e5), "PER": (3.3e-6, 0.33), "CONT": (0.0, 0.0), "DIOD": (0.0, 0.0),
+_OTHERS = {  # functions by name: header, least and greatest value
+    "VOLT:AC": ("VOLTage:AC", 0.0, 750.0), "VOLT:RAT": ("VOLTage[:DC]:RATio", 0.0, 1000.0),
+    "CURR": ("CURRent[:DC]", 0.0, 3.0), "CURR:AC": ("CURRent:AC", 0.0, 3.0), "FREQ": ("FREQuency", 3.0, 3e5),
+    "PER": ("PERiod", 3.3e-6, 0.33), "CONT": ("CONTinuity", 0.0, 0.0), "DIOD": ("DIODe", 0.0, 0.0),
 }  # fmt: skip
-OTHERS = tuple(_SPANS)
-_HEADERS = {
-    "VOLT:AC": "VOLTage:AC", "VOLT:RAT": "VOLTage[:DC]:RATio", "CURR": "CURRent[:DC]", "CURR:AC": "CURRent:AC",
-    "FREQ": "FREQuency", "PER": "PERiod", "CONT": "CONTinuity", "DIOD": "DIODe",
-}  # fmt: skip
+OTHERS = tuple(_OTHERS)
 _FUNCTIONS = {"VOLT:DC": "VOLT", "CURR:DC": "CURR", "VOLT:DC:RAT": "VOLT:RAT"}  # other spellings
 _MEMORY = 512
 NOT_FOR_READ = (-214, "Trigger deadlock")
@@ -43,10 +45,15 @@ NOT_FOR_READ = (-214, "Trigger deadlock")
 
 def _ranged(header: str, low: float, high: float, unit: str) -> dict[str, Kept]:
     return {
-        f"[:SENSe]:{header}:RANGe": number(high / 10.0, low, high, unit),
-        f"[:SENSe]:{header}:RANGe:AUTO": switch(True),
-        f"[:SENSe]:{header}:RESolution": number(high * 1e-6, high * 1e-8, high, unit),
+        f"[:SENSe]:{header}:RANGe": Kept(high / 10.0, low, high, unit),
+        f"[:SENSe]:{header}:RANGe:AUTO": Kept(True),
+        f"[:SENSe]:{header}:RESolution": Kept(high * 1e-6, high * 1e-8, high, unit),
     }
+
+
+def _cycles_for(share: float) -> float:
+    """Return the lowest integration time, power-line cycles, whose resolution is at most a share of the range."""
+    return next((cycles for cycles, resolved in RESOLUTION.items() if resolved <= share), CYCLES[-1])
 
 
 class Agilent34401A(ScpiDevice):
@@ -80,34 +87,34 @@ class Agilent34401A(ScpiDevice):
         ":ROUTe:TERMinals?": lambda self: "FRON",
     }
 
-    held: ClassVar[Mapping[str, Held]] = {
+    held: ClassVar[HeldSettings] = {
         ":TRIGger:SOURce": held_word("source", "IMMediate", "BUS", "EXTernal"),
         ":SAMPle:COUNt": held_count("samples", 1, 50000, ""),
     }
 
-    kept: ClassVar[Mapping[str, Kept]] = {
+    kept: ClassVar[KeptSettings] = {
         **_ranged("VOLTage:AC", 0.1, 750.0, "V"),
         **_ranged("CURRent[:DC]", 0.01, 3.0, "A"),
         **_ranged("CURRent:AC", 1.0, 3.0, "A"),
         **_ranged("FREQuency:VOLTage", 0.1, 750.0, "V"),
         **_ranged("PERiod:VOLTage", 0.1, 750.0, "V"),
-        "[:SENSe]:CURRent[:DC]:NPLCycles": number(10.0, 0.02, 100.0),
-        "[:SENSe]:FREQuency:APERture": number(0.1, 0.01, 1.0, "S"),
-        "[:SENSe]:PERiod:APERture": number(0.1, 0.01, 1.0, "S"),
-        "[:SENSe]:DETector:BANDwidth": number(20.0, 3.0, 200.0),
-        ":INPut:IMPedance:AUTO": switch(False),
-        ":TRIGger:DELay": number(0.0, 0.0, 3600.0, "S"),
-        ":TRIGger:DELay:AUTO": switch(True),
-        ":DISPlay": switch(True),
+        "[:SENSe]:CURRent[:DC]:NPLCycles": Kept(10.0, 0.02, 100.0),
+        "[:SENSe]:FREQuency:APERture": Kept(0.1, 0.01, 1.0, "S"),
+        "[:SENSe]:PERiod:APERture": Kept(0.1, 0.01, 1.0, "S"),
+        "[:SENSe]:DETector:BANDwidth": Kept(20.0, 3.0, 200.0),
+        ":INPut:IMPedance:AUTO": Kept(False),
+        ":TRIGger:DELay": Kept(0.0, 0.0, 3600.0, "S"),
+        ":TRIGger:DELay:AUTO": Kept(True),
+        ":DISPlay": Kept(True),
         ":DISPlay:TEXT": Kept("", text=True),
-        ":SYSTem:BEEPer:STATe": switch(True),
+        ":SYSTem:BEEPer:STATe": Kept(True),
     }
 
     def power_up(self) -> None:
         super().power_up()
         self._ohmmeter = Ohmmeter(self, "34401A", TWO_WIRE_OHM)
-        self._gain = float(self.rng("34401A gain").normal(1.0, GAIN_SIGMA))
-        self._offset_V = float(self.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V))
+        self._gain = self.rng("34401A gain").normal(1.0, GAIN_SIGMA)
+        self._offset_V = self.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V)
         self._noise = self.rng("34401A noise")
 
     def reset(self) -> None:
@@ -123,19 +130,19 @@ class Agilent34401A(ScpiDevice):
         self.source, self.triggers, self.samples = "IMM", 1, 1
 
     def left_by_another(self, draw: np.random.Generator) -> None:
-        self.range_V = float(draw.choice([0.1, 1.0, 10.0, 100.0, 1000.0]))
-        self.power_line_cycles = float(draw.choice([0.02, 0.2, 1.0, 10.0, 100.0]))
+        self.range_V = float(draw.choice(RANGES_V))
+        self.power_line_cycles = float(draw.choice(CYCLES))
         self.autozero = bool(draw.integers(2))
         self.source, self.samples = str(draw.choice(["IMM", "BUS", "EXT"])), int(draw.integers(1, 5))
         self.triggers, self.other = int(draw.integers(1, 4)), str(draw.choice(["", *OTHERS]))
         super().left_by_another(draw)
 
-    def further(self) -> Mapping[str, Handler]:
+    def further(self) -> Handlers:
         configure: dict[str, Handler] = {
             "VOLTage[:DC]": self._configure,
             "FRESistance": partial(self._configure_ohms, 4),
             "RESistance": partial(self._configure_ohms, 2),
-            **{header: partial(self._configure_other, name) for name, header in _HEADERS.items()},
+            **{header: partial(self._configure_other, name) for name, (header, _, _) in _OTHERS.items()},
         }
         return {
             **{f":CONFigure:{header}": method for header, method in configure.items()},
@@ -167,8 +174,7 @@ class Agilent34401A(ScpiDevice):
     def _measure(self) -> str:
         self.reply_after(self.reading_s * self.samples * self.triggers)
         if self.other:
-            open_input = f"{OVERLOAD:+.8E}"
-            return self.reading(open_input if self.other in OPEN_INPUT else f"{0.0:+.8E}")
+            return self.reading(self.overload if self.other in OPEN_INPUT else f"{0.0:+.8E}")
         if self.ohms is not None:
             return self.reading(self._ohmmeter.reading(self.ohms, self.world.terminals.source(self.role)))
         true_V = self._true_V()
@@ -191,7 +197,7 @@ class Agilent34401A(ScpiDevice):
 
     def _configure_other(self, function: str, text: str) -> None:
         """Nothing is at the terminals for it: its range and resolution are checked and forgotten."""
-        low, high = _SPANS[function]
+        _, low, high = _OTHERS[function]
         parameters = [word for word in words(text) if word.upper() not in ("", "DEF", "AUTO")]
         for parameter, least in zip(parameters, (low, high * 1e-8), strict=False):
             self.number(parameter, least, high)
@@ -209,8 +215,7 @@ class Agilent34401A(ScpiDevice):
 
     @command("[:SENSe]:VOLTage[:DC]:NPLCycles")
     def _set_cycles(self, text: str) -> None:
-        cycles = self.number(text, 0.02, 100.0)
-        self.power_line_cycles = next(c for c in CYCLES if cycles <= c)
+        self.power_line_cycles = self._ohmmeter.cycles_of(text)
 
     @command("[:SENSe]:RESistance:NPLCycles")
     @command("[:SENSe]:FRESistance:NPLCycles")
@@ -231,7 +236,7 @@ class Agilent34401A(ScpiDevice):
             range_ohm = self.ohms.range_ohm or 100.0
             return f'"{self.ohms.name} {range_ohm:+.6E},{RESOLUTION[self.ohms.cycles] * range_ohm:+.6E}"'
         if self.other:
-            high = _SPANS[self.other][1]
+            high = _OTHERS[self.other][2]
             return f'"{self.other}"' if self.other in OPEN_INPUT else f'"{self.other} {high:+.6E},{high * 1e-6:+.6E}"'
         return f'"VOLT {self.range_V or 10.0:+.6E},+3.000000E-06"'
 
@@ -272,7 +277,7 @@ class Agilent34401A(ScpiDevice):
     @command("[:SENSe]:VOLTage[:DC]:RESolution")
     def _set_resolution(self, text: str) -> None:
         share = self.number(text, 1e-9, 1000.0, "V") / (self.range_V or 10.0)
-        self.power_line_cycles = next((cycles for cycles in CYCLES if RESOLUTION[cycles] <= share), CYCLES[-1])
+        self.power_line_cycles = _cycles_for(share)
 
     @command("[:SENSe]:RESistance:RANGe")
     @command("[:SENSe]:FRESistance:RANGe")
@@ -285,7 +290,7 @@ class Agilent34401A(ScpiDevice):
     def _set_ohms_resolution(self, text: str) -> None:
         share = self.number(text, 1e-9, 1e6, "OHM") / self.ohms_range_ohm
         if self.ohms is not None:
-            self.ohms.cycles = next((cycles for cycles in CYCLES if RESOLUTION[cycles] <= share), CYCLES[-1])
+            self.ohms.cycles = _cycles_for(share)
 
     @command("[:SENSe]:RESistance:RANGe:AUTO")
     @command("[:SENSe]:FRESistance:RANGe:AUTO")

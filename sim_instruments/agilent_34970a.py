@@ -15,19 +15,19 @@ channel that cannot have four wires; that ``CONFigure`` leaves the junction as i
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.bus.kept import Held, held_count, held_number, held_word
+from sim_instruments.bus.kept import Held, HeldSettings, held_count, held_number, held_word
 from sim_instruments.bus.ohms import Ohmmeter, OhmsSetting
 from sim_instruments.bus.scpi import (
     MISSING_PARAMETER,
     OUT_OF_RANGE,
     SETTINGS_CONFLICT,
     Handler,
+    Handlers,
     ScpiDevice,
     ScpiError,
     command,
@@ -57,7 +57,7 @@ class Agilent34970A(ScpiDevice):
     """Multiplexer with temperature and resistance measurement; each thermocouple has an offset drawn once."""
 
     identity = "HEWLETT-PACKARD,34970A,0,13-2-2"
-    held: ClassVar[Mapping[str, Held]] = {
+    held: ClassVar[HeldSettings] = {
         ":TRIGger:SOURce": held_word("source", "IMMediate", "BUS", "EXTernal", "TIMer", "ALARm1", form=None),
         ":TRIGger:COUNt": held_count("count", 1, 50000),
     }
@@ -81,10 +81,10 @@ class Agilent34970A(ScpiDevice):
         self.source, self.count = str(draw.choice(["IMM", "BUS", "EXT", "TIM"])), int(draw.integers(1, 6))
         self.told = {name: bool(draw.integers(2)) for name in _TOLD}
         self.scan_list = [int(channel) for channel in draw.choice(np.arange(101, 121), 3, replace=False)]
-        self.delays_s = dict.fromkeys(self.scan_list, float(draw.uniform(0.0, 2.0)))
+        self.delays_s = dict.fromkeys(self.scan_list, draw.uniform(0.0, 2.0))
         channels = range(101, 104)
         self.junctions = {channel: str(draw.choice(["INT", "EXT", "FIX"])) for channel in channels}
-        self.fixed_degC = {channel: float(draw.uniform(*FIXED_DEGC)) for channel in channels}
+        self.fixed_degC = {channel: draw.uniform(*FIXED_DEGC) for channel in channels}
         super().left_by_another(draw)
 
     def _listed_channels(self, text: str) -> list[int]:
@@ -170,7 +170,7 @@ class Agilent34970A(ScpiDevice):
             told.append(f'"{name if setting is None else f"{setting.name} {setting.range_ohm or 100.0:+.6E}"}"')
         return ",".join(told)
 
-    def further(self) -> Mapping[str, Handler]:
+    def further(self) -> Handlers:
         handlers: dict[str, Handler] = {
             ":CONFigure:FRESistance": partial(self._configure_ohms, 4),
             ":CONFigure:RESistance": partial(self._configure_ohms, 2),

@@ -6,15 +6,14 @@ bit 10 = reference). Placeholders: without a signal the measurement ends 1 s aft
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
 from sim_instruments.agilent_33250a import Agilent33250A
-from sim_instruments.bus.kept import Held, held_count, held_number, held_word
+from sim_instruments.bus.kept import HeldSettings, held_count, held_number, held_word
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command, words
-from sim_instruments.faults.fault import Fault, becomes
+from sim_instruments.faults.fault import Fault, NamedFaults, becomes
 
 NOT_A_NUMBER = 9.91e37
 REFERENCE_BIT = 1 << 10
@@ -27,7 +26,7 @@ _MOST_READINGS = 1000
 class Agilent53230A(ScpiDevice):
     """Frequency counter; its reading has the error of the reference in use and noise of its resolution."""
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "reference_lost": Fault(
             "counter", (), "the counters' external 10 MHz is gone",
             becomes(reference_lost=True), becomes(reference_lost=False)),
@@ -38,7 +37,7 @@ class Agilent53230A(ScpiDevice):
         "[:SENSe]:FUNCtion[:ON]?": lambda _: '"FREQ 1"',
         "[:SENSe]:ROSCillator:SOURce?": lambda self: self.reference,
     }
-    held: ClassVar[Mapping[str, Held]] = {
+    held: ClassVar[HeldSettings] = {
         "[:SENSe]:FREQuency:GATE:TIME": held_number("gate_s", 1e-6, 1000.0, "s", "+.15E"),
         "[:SENSe]:FREQuency:GATE:SOURce": held_word("gate_source", "TIME", "IMMediate", "EXTernal"),
         ":SAMPle:COUNt": held_count("samples", 1, 1_000_000, "+.14E"),
@@ -49,8 +48,8 @@ class Agilent53230A(ScpiDevice):
 
     def power_up(self) -> None:
         super().power_up()
-        self._external = float(self.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA))
-        self._internal = float(self.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA))
+        self._external = self.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA)
+        self._internal = self.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA)
         self._noise = self.rng("counter noise")
 
     def reset(self) -> None:
@@ -59,7 +58,7 @@ class Agilent53230A(ScpiDevice):
         self._event = 0
 
     def left_by_another(self, draw: np.random.Generator) -> None:
-        self.gate_s, self.gate_source = float(10.0 ** draw.uniform(-3.0, 1.0)), str(draw.choice(["TIME", "IMM", "EXT"]))
+        self.gate_s, self.gate_source = 10.0 ** draw.uniform(-3.0, 1.0), str(draw.choice(["TIME", "IMM", "EXT"]))
         self.samples, self.triggers = int(draw.integers(1, 1000)), int(draw.integers(1, 10))
         self.trigger_source = str(draw.choice(["IMM", "EXT", "BUS"]))
         self.impedance_ohm = float(draw.choice([50.0, 1e6]))

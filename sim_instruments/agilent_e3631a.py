@@ -8,13 +8,12 @@ Source: E3631A User's Guide (INSTrument, VOLTage, CURRent, APPLy, MEASure, OUTPu
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.bus.kept import Held, held_switch
+from sim_instruments.bus.kept import HeldSettings, held_switch
 from sim_instruments.bus.scpi import MISSING_PARAMETER, Answers, ScpiDevice, ScpiError, command, words
 
 _READ_S = 0.1
@@ -44,7 +43,7 @@ class AgilentE3631A(ScpiDevice):
         "[:SOURce]:VOLTage?": lambda self: f"{self.rails[self.selected].voltage_V:+.8E}",
         "[:SOURce]:CURRent?": lambda self: f"{self.rails[self.selected].current_A:+.8E}",
     }
-    held: ClassVar[Mapping[str, Held]] = {
+    held: ClassVar[HeldSettings] = {
         ":OUTPut[:STATe]": held_switch("on"),
         ":OUTPut:TRACk[:STATe]": held_switch("tracks"),
     }
@@ -65,8 +64,8 @@ class AgilentE3631A(ScpiDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         for rail in self.rails:
             rail.voltage_V, rail.current_A = (
-                float(draw.uniform(rail.low_V, rail.high_V)),
-                float(draw.uniform(0.01, 1.0)),
+                draw.uniform(rail.low_V, rail.high_V),
+                draw.uniform(0.01, 1.0),
             )
         self.selected, self.on, self.tracks = int(draw.integers(3)), bool(draw.integers(2)), bool(draw.integers(2))
         super().left_by_another(draw)

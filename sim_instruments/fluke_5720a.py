@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bench.model.clock import NS, to_ns
-from sim_instruments.bus.live import LiveDevice
-from sim_instruments.faults.fault import Fault
+from sim_instruments.bus.live import CommandDevice, CommandError
+from sim_instruments.faults.fault import Fault, NamedFaults
 from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
 OPERATING_BIT, OFFSET_BIT, SCALE_BIT, SETTLED_BIT = 1 << 0, 1 << 8, 1 << 9, 1 << 12
@@ -81,20 +81,16 @@ def _lowest_range(current_A: float) -> int | None:
     return next((i for i, r in enumerate(CURRENT_RANGES) if abs(current_A) <= r.full_scale_A * (1 + 1e-12)), None)
 
 
-class _Fault(Exception):
-    """``args[0]`` is the number that goes into the fault queue."""
-
-
 def parse_value(text: str) -> tuple[float, str]:
     """Return number and unit ("A", "V", "HZ", "OHM" or "") of one parameter, multiplier applied."""
     match = _VALUE.fullmatch(text.strip())
     if match is None:
-        raise _Fault(703)
+        raise CommandError(703)
     number, multiplier, unit = match.groups()
     return float(number) * _MULTIPLIER[(multiplier or "").upper()], (unit or "").upper()
 
 
-class Fluke5720A(LiveDevice):
+class Fluke5720A(CommandDevice):
     """DC current source; the direct-voltage function exists only so that sending it is the mistake it is."""
 
     identity = "FLUKE,5720A,SIM5720,1.4+B"
@@ -104,12 +100,10 @@ class Fluke5720A(LiveDevice):
         self.faults_queued: deque[int] = deque()
         self.event_status = 128
         self._began_ns = self.now_ns
-        self._answers: list[str] = []
-        self._answer_after_s = 0.0
         self._settled_ns = 0
         self._round = 0  # numbers the settling in progress; a newer one makes the older end without effect
         gain_on = self.world.options.get("calibrator_gain", True)
-        self.gain = float(self.world.rng("calibrator gain").normal(0.0, GAIN_SIGMA)) if gain_on else 0.0
+        self.gain = self.world.rng("calibrator gain").normal(0.0, GAIN_SIGMA) if gain_on else 0.0
         self.world.wiring.on_lost_path = self.trip
         self._power_on_state()
 
@@ -151,7 +145,7 @@ class Fluke5720A(LiveDevice):
     def trip(self, number: int = LOST_PATH) -> None:
         """Drop to standby and queue a fault, as the protection does; nothing happens in standby."""
         if self.operating:
-            self._fault(number)
+            self.error(number)
             self._standby()
 
     def drop(self) -> None:
@@ -159,7 +153,7 @@ class Fluke5720A(LiveDevice):
         self._standby()
         self.value = 0.0
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "trip": Fault("calibrator", (), "the calibrator trips to standby and queues a fault", trip),
         "calibrator_drops": Fault(
             "calibrator", (), "the calibrator's output goes off without a word; readback disagrees", drop),
@@ -168,22 +162,22 @@ class Fluke5720A(LiveDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         self.unit = str(draw.choice(["A", "V"]))
         self.range_index = int(draw.integers(len(CURRENT_RANGES)))
-        self.value = float(draw.uniform(0.0, 1.0)) * (
+        self.value = draw.uniform(0.0, 1.0) * (
             CURRENT_RANGES[self.range_index].full_scale_A if self.unit == "A" else 10.0
         )
         self.range_locked, self.external_guard = bool(draw.integers(2)), bool(draw.integers(2))
         self.post = str(draw.choice(["NORMAL", "AUX"]))
         if draw.integers(LEFT_ALTERED_IN) == 0:
-            self.offset_A = float(draw.uniform(-1e-3, 1e-3))
+            self.offset_A = draw.uniform(-1e-3, 1e-3)
         if draw.integers(LEFT_ALTERED_IN) == 0:
-            self.scale = float(draw.uniform(0.95, 1.05))
+            self.scale = draw.uniform(0.95, 1.05)
         if draw.integers(2):
-            self.limits["A"] = (-2.2, float(draw.uniform(1e-4, 2.2)))
+            self.limits["A"] = (-2.2, draw.uniform(1e-4, 2.2))
         if draw.integers(2):
             self.operating = True
             self._drive(range_changed=True)
         for _ in range(int(draw.integers(QUEUE_LENGTH + 1))):
-            self._fault(702)
+            self.error(702)
         super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
@@ -222,28 +216,14 @@ class Fluke5720A(LiveDevice):
 
     # --- messages ----------------------------------------------------------------------------------------------
 
-    def _say(self, text: str, after_s: float = 0.0) -> None:
-        self._answers.append(text)
-        self._answer_after_s = max(self._answer_after_s, after_s)
-
-    def execute(self, message: str) -> None:
-        self._answers, self._answer_after_s = [], 0.0
-        self._carry_out(message)
-        if self._answers:
-            self.reply(";".join(self._answers), after_s=self._answer_after_s)
-
-    def _carry_out(self, message: str) -> None:
-        for unit in message.split(";"):
-            word, _, parameters = unit.strip().partition(" ")
-            handler = _COMMANDS.get(word.upper())
-            if handler is None:
-                if word:
-                    self._fault(702)
-                continue
-            try:
-                handler(self, parameters.strip())
-            except _Fault as fault:
-                self._fault(fault.args[0])
+    def carry_out(self, command: str) -> str | None:
+        word, _, parameters = command.partition(" ")
+        handler = _COMMANDS.get(word.upper())
+        if handler is not None:
+            return handler(self, parameters.strip())
+        if word:
+            raise CommandError(702)
+        return None
 
     def on_interrupted(self) -> None:
         self.event_status |= 4
@@ -251,7 +231,7 @@ class Fluke5720A(LiveDevice):
     def status_byte(self) -> int:
         return super().status_byte() | (FAULT_AVAILABLE if self.faults_queued else 0)
 
-    def _fault(self, number: int) -> None:
+    def error(self, number: int) -> None:
         self.event_status |= 8
         if len(self.faults_queued) < QUEUE_LENGTH - 1:
             self.faults_queued.append(number)
@@ -264,18 +244,18 @@ class Fluke5720A(LiveDevice):
         unit = unit or self.unit
         frequency_Hz = parts[1][0] if len(parts) > 1 else 0.0
         if unit not in self.limits or len(parts) > 2:
-            raise _Fault(707)
+            raise CommandError(707)
         if frequency_Hz != 0:
-            raise _Fault(704)
+            raise CommandError(704)
         low, high = self.limits[unit]
         if not low <= value <= high:
-            raise _Fault(705)
+            raise CommandError(705)
         index = _lowest_range(value) if unit == "A" else self.range_index
         if index is None:
-            raise _Fault(704)
+            raise CommandError(704)
         if unit == "A" and self.range_locked and self.unit == "A":
             if index > self.range_index:
-                raise _Fault(706)
+                raise CommandError(706)
             index = self.range_index
         changed = index != self.range_index or unit != self.unit
         if unit != self.unit and self.operating:
@@ -292,7 +272,7 @@ class Fluke5720A(LiveDevice):
 
     def _oper(self, _: str) -> None:
         if self.unit == "V" and abs(self.value) >= 22 and self.faults_queued:
-            raise _Fault(708)
+            raise CommandError(708)
         if not self.operating:
             self.operating = True
             self._drive(range_changed=False)
@@ -301,7 +281,7 @@ class Fluke5720A(LiveDevice):
         pairs = [parse_value(part) for part in text.split(",")]
         unit = pairs[0][1] or self.unit
         if len(pairs) != 2 or unit not in self.limits or pairs[0][0] < 0 or pairs[1][0] > 0:
-            raise _Fault(704)
+            raise CommandError(704)
         self.limits[unit] = (pairs[1][0], pairs[0][0])
 
     def _lock(self, text: str) -> None:
@@ -318,31 +298,31 @@ class Fluke5720A(LiveDevice):
     @staticmethod
     def _choice(text: str, *allowed: str) -> str:
         if text.upper() not in allowed:
-            raise _Fault(701)
+            raise CommandError(701)
         return text.upper()
 
-    def _explain(self, text: str) -> None:
+    def _explain(self, text: str) -> str:
         try:
-            self._say(f'"{FAULTS[int(text)]}"')
+            return f'"{FAULTS[int(text)]}"'
         except (KeyError, ValueError):
-            raise _Fault(703) from None
+            raise CommandError(703) from None
 
-    def _ask_complete(self, _: str) -> None:
-        wait_ns = 0 if self.settled else self._settled_ns - self.now_ns
-        self._say("1", after_s=wait_ns / NS)
+    def _ask_complete(self, _: str) -> str:
+        self.reply_after(0.0 if self.settled else (self._settled_ns - self.now_ns) / NS)
+        return "1"
 
-    def _ask_status(self, _: str) -> None:
+    def _ask_status(self, _: str) -> str:
         bits = {
             OPERATING_BIT: self.operating,
             OFFSET_BIT: self.offset_A != 0.0,
             SCALE_BIT: self.scale != 1.0,
             SETTLED_BIT: self.settled,
         }
-        self._say(str(sum(bit for bit, is_set in bits.items() if is_set)))
+        return str(sum(bit for bit, is_set in bits.items() if is_set))
 
-    def _ask_event_status(self, _: str) -> None:
+    def _ask_event_status(self, _: str) -> str:
         value, self.event_status = self.event_status, 0
-        self._say(str(value))
+        return str(value)
 
     def _clear_status(self, _: str) -> None:
         self.faults_queued.clear()
@@ -353,30 +333,30 @@ class Fluke5720A(LiveDevice):
         self._power_on_state()
 
 
-_COMMANDS: dict[str, Callable[[Fluke5720A, str], None]] = {
-    "*IDN?": lambda self, _: self._say(self.faults.identity or self.identity),
+_COMMANDS: dict[str, Callable[[Fluke5720A, str], str | None]] = {
+    "*IDN?": lambda self, _: self.told_identity,
     "*RST": Fluke5720A._reset,
     "*CLS": Fluke5720A._clear_status,
     "*OPC?": Fluke5720A._ask_complete,
     "*ESR?": Fluke5720A._ask_event_status,
-    "*STB?": lambda self, _: self._say(str(self.status_byte())),
+    "*STB?": lambda self, _: str(self.status_byte()),
     "OUT": Fluke5720A._out,
-    "OUT?": lambda self, _: self._say(f"{self.value:.7E},{self.unit},0.00E+00"),
+    "OUT?": lambda self, _: f"{self.value:.7E},{self.unit},0.00E+00",
     "OPER": Fluke5720A._oper,
     "STBY": lambda self, _: self._standby(),
     "ISR?": Fluke5720A._ask_status,
-    "ONTIME?": lambda self, _: self._say(str(ON_MIN + (self.now_ns - self._began_ns) // (60 * NS))),
-    "CAL_DAYS?": lambda self, _: self._say(str(SINCE_CALIBRATION_DAYS)),
-    "FAULT?": lambda self, _: self._say(str(self.faults_queued.popleft() if self.faults_queued else 0)),
+    "ONTIME?": lambda self, _: str(ON_MIN + (self.now_ns - self._began_ns) // (60 * NS)),
+    "CAL_DAYS?": lambda self, _: str(SINCE_CALIBRATION_DAYS),
+    "FAULT?": lambda self, _: str(self.faults_queued.popleft() if self.faults_queued else 0),
     "EXPLAIN?": Fluke5720A._explain,
     "RANGELCK": Fluke5720A._lock,
-    "RANGELCK?": lambda self, _: self._say("ON" if self.range_locked else "OFF"),
+    "RANGELCK?": lambda self, _: "ON" if self.range_locked else "OFF",
     "CUR_POST": Fluke5720A._set_post,
-    "CUR_POST?": lambda self, _: self._say(self.post),
+    "CUR_POST?": lambda self, _: self.post,
     "EXTGUARD": Fluke5720A._set_guard,
-    "EXTGUARD?": lambda self, _: self._say("ON" if self.external_guard else "OFF"),
+    "EXTGUARD?": lambda self, _: "ON" if self.external_guard else "OFF",
     "LIMIT": Fluke5720A._limit,
-    "LIMIT?": lambda self, _: self._say(",".join(f"{v:.3E}" for v in reversed(self.limits.get(self.unit, (0, 0))))),
+    "LIMIT?": lambda self, _: ",".join(f"{v:.3E}" for v in reversed(self.limits.get(self.unit, (0, 0)))),
 }
 
 SIMULATOR = Fluke5720A

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bench.model.clock import to_ns
-from sim_instruments.bus.live import LiveDevice
+from sim_instruments.bus.live import CommandDevice, CommandError
 
 SYNTAX, UNDEFINED, RANGE = 103, 105, 106
 ERROR_TEXT = {SYNTAX: "SYNTAX ERROR", UNDEFINED: "UNDEFINED PARAMETER RECEIVED", RANGE: "PARAMETER OUT OF RANGE"}
@@ -37,11 +37,7 @@ LINEARITY_STEPS = 100  # inputs within a hundredth of the range share one linear
 NOISE_PER_ROOT_CYCLE = 1e-8  # of range, for one power-line cycle
 
 
-class _Rejected(Exception):
-    """``args[0]`` is the error number."""
-
-
-class Hp3458A(LiveDevice):
+class Hp3458A(CommandDevice):
     """DC current meter; the errors of its ranges are drawn once per run, its noise per reading.
 
     The world's option ``dmm_errors`` set to off leaves the noise alone.
@@ -122,18 +118,16 @@ class Hp3458A(LiveDevice):
 
     # --- messages ----------------------------------------------------------------------------------------------
 
-    def execute(self, message: str) -> None:
-        for unit in message.split(";"):
-            word, _, parameters = unit.strip().upper().partition(" ")
-            if not word:
-                continue
-            handler = _COMMANDS.get(word)
-            try:
-                if handler is None:
-                    raise _Rejected(SYNTAX)
-                handler(self, [part.strip() for part in parameters.split(",")])
-            except _Rejected as problem:
-                self.errors.append(problem.args[0])
+    def carry_out(self, command: str) -> None:
+        word, _, parameters = command.upper().partition(" ")
+        handler = _COMMANDS.get(word)
+        if handler is not None:
+            handler(self, [part.strip() for part in parameters.split(",")])
+        elif word:
+            raise CommandError(SYNTAX)
+
+    def error(self, number: int) -> None:
+        self.errors.append(number)
 
     def status_byte(self) -> int:
         status = READY_BIT | (ERROR_BIT if self.errors else 0)
@@ -149,14 +143,14 @@ class Hp3458A(LiveDevice):
         try:
             value = float(text)
         except ValueError:
-            raise _Rejected(UNDEFINED) from None
+            raise CommandError(UNDEFINED) from None
         if not low <= value <= high:
-            raise _Rejected(RANGE)
+            raise CommandError(RANGE)
         return value
 
     def _word(self, text: str, *allowed: str) -> str:
         if text not in allowed:
-            raise _Rejected(UNDEFINED)
+            raise CommandError(UNDEFINED)
         return text
 
     def _select(self, function: str, words: list[str]) -> None:
@@ -219,7 +213,7 @@ class Hp3458A(LiveDevice):
 
 
 _COMMANDS: dict[str, Callable[[Hp3458A, list[str]], None]] = {
-    "ID?": lambda self, _: self._answer(self.faults.identity or self.identity),
+    "ID?": lambda self, _: self._answer(self.told_identity),
     "RESET": Hp3458A._reset,
     "PRESET": Hp3458A._preset,
     "END": Hp3458A._end,

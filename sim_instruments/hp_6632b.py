@@ -10,14 +10,20 @@ over-voltage trip acts at once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.bus.kept import Held, Kept, held_number, held_switch, number, switch, word
+from sim_instruments.bus.kept import (
+    HeldSettings,
+    Kept,
+    KeptSettings,
+    held_number,
+    held_switch,
+    word,
+)
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import Fault, NamedFaults
 
 HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
 RESTART_S = 0.3  # the unit's supply is away
@@ -35,7 +41,7 @@ class Hp6632B(ScpiDevice):
         ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
     }
 
-    held: ClassVar[Mapping[str, Held]] = {
+    held: ClassVar[HeldSettings] = {
         "[:SOURce]:VOLTage[:LEVel]": held_number("voltage_V", 0.0, HIGHEST_V, "V", ".5E", applied=True),
         "[:SOURce]:CURRent[:LEVel]": held_number("current_A", 0.0, HIGHEST_A, "A", ".5E", applied=True),
         "[:SOURce]:VOLTage:PROTection[:LEVel]": held_number("trip_V", 0.0, HIGHEST_TRIP_V, "V", ".5E", applied=True),
@@ -46,19 +52,19 @@ class Hp6632B(ScpiDevice):
         ":OUTPut:PROTection:DELay": held_number("delay_s", 0.0, 2147483.647, "s", ".5E"),
     }
 
-    kept: ClassVar[Mapping[str, Kept]] = {
-        ":SENSe:CURRent[:DC]:RANGe[:UPPer]": number(HIGHEST_A, 0.0, HIGHEST_A, "A"),
-        "[:SOURce]:VOLTage:ALC:BANDwidth": number(15000.0, 15000.0, 60000.0),
-        "[:SOURce]:DIGital:DATA": number(0, 0.0, 7.0),
+    kept: ClassVar[KeptSettings] = {
+        ":SENSe:CURRent[:DC]:RANGe[:UPPer]": Kept(HIGHEST_A, 0.0, HIGHEST_A, "A"),
+        "[:SOURce]:VOLTage:ALC:BANDwidth": Kept(15000.0, 15000.0, 60000.0),
+        "[:SOURce]:DIGital:DATA": Kept(0, 0.0, 7.0),
         "[:SOURce]:DIGital:FUNCtion": word("RIDFi", "DIGio"),
         ":DISPlay:MODE": word("NORMal", "TEXT"),
         ":DISPlay:TEXT[:DATA]": Kept("", text=True),
-        ":INITiate:CONTinuous:SEQuence1": switch(False),
-        ":OUTPut:DFI[:STATe]": switch(False),
+        ":INITiate:CONTinuous:SEQuence1": Kept(False),
+        ":OUTPut:DFI[:STATe]": Kept(False),
         ":OUTPut:DFI:SOURce": word("OFF", "QUEStionable", "OPERation", "ESB", "RQS"),
         ":OUTPut:RI:MODE": word("OFF", "LATChing", "LIVE"),
-        ":SENSe:SWEep:TINTerval": number(15.6e-6, 15.6e-6, 31200.0, "S"),
-        ":SENSe:SWEep:POINts": number(2048, 1.0, 4096.0),
+        ":SENSe:SWEep:TINTerval": Kept(15.6e-6, 15.6e-6, 31200.0, "S"),
+        ":SENSe:SWEep:POINts": Kept(2048, 1.0, 4096.0),
         ":SENSe:WINDow[:TYPE]": word("HANNing", "RECTangular"),
     }
 
@@ -76,11 +82,11 @@ class Hp6632B(ScpiDevice):
         self._apply()
 
     def left_by_another(self, draw: np.random.Generator) -> None:
-        self.voltage_V, self.trip_V = float(draw.uniform(0.0, HIGHEST_V)), float(draw.uniform(1.0, HIGHEST_TRIP_V))
-        self.current_A, self.delay_s = float(draw.uniform(0.0, HIGHEST_A)), float(draw.uniform(0.0, 30.0))
+        self.voltage_V, self.trip_V = draw.uniform(0.0, HIGHEST_V), draw.uniform(1.0, HIGHEST_TRIP_V)
+        self.current_A, self.delay_s = draw.uniform(0.0, HIGHEST_A), draw.uniform(0.0, 30.0)
         self.over_current_trip, self.on = bool(draw.integers(2)), bool(draw.integers(2))
         self.tripped = str(draw.choice(["", "OV", "OC"], p=[0.8, 0.1, 0.1]))
-        self.armed, self.next_V = bool(draw.integers(2)), float(draw.uniform(0.0, HIGHEST_V))
+        self.armed, self.next_V = bool(draw.integers(2)), draw.uniform(0.0, HIGHEST_V)
         super().left_by_another(draw)
         self._apply()
 
@@ -133,7 +139,7 @@ class Hp6632B(ScpiDevice):
         if self.supplied_V > 0.0:
             self.world.fed_by(self.role).set_power(True, self.now_ns, self.supplied_V)
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "unit_restart": Fault(
             "supply", (), f"the unit loses its supply for {RESTART_S:g} s; its counter starts anew", restart_unit),
     }  # fmt: skip

@@ -11,12 +11,11 @@ waits 15 ms for them; reply of ``:CLOS:STAT?`` as a list of single crosspoints i
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.bus.kept import Held, held_switch
+from sim_instruments.bus.kept import HeldSettings, held_switch
 from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
 
 ROWS, COLUMNS = 4, 10
@@ -36,7 +35,7 @@ class Keithley7002(ScpiDevice):
     no_error = '0,"No error"'
     error_format = '{0},"{1}"'
     queue_length = 10
-    held: ClassVar[Mapping[str, Held]] = {":INITiate:CONTinuous": held_switch("_continuous", None)}
+    held: ClassVar[HeldSettings] = {":INITiate:CONTinuous": held_switch("_continuous", None)}
 
     def power_up(self) -> None:
         self._closed: set[Point] = set()

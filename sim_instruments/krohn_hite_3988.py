@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
+from bench.model.arrays import Floats
 from sim_instruments.bus.live import LiveDevice
 
 SAMPLES_HZ = 1000.0
@@ -42,12 +42,12 @@ class Channel:
         """Gain of both amplifiers, as a factor."""
         return float(10.0 ** ((self.input_gain_dB + self.output_gain_dB) / 20.0))
 
-    def sections(self) -> NDArray[np.float64] | None:
+    def sections(self) -> Floats | None:
         """Return second-order sections at 1000 samples a second; None for a way straight through."""
         if self.kind == "BY" or not self.cutoff_Hz < SAMPLES_HZ / 2:
             return None
         kind = "highpass" if self.kind == "HP" else "lowpass"
-        sections: NDArray[np.float64] = butter(POLES, self.cutoff_Hz, kind, fs=SAMPLES_HZ, output="sos")
+        sections: Floats = butter(POLES, self.cutoff_Hz, kind, fs=SAMPLES_HZ, output="sos")
         return sections
 
 
@@ -60,10 +60,10 @@ class BandPass:
     def __init__(self, history: list[tuple[int, tuple[Channel, Channel]]]) -> None:
         self._history = history
         self._at = -1  # place in the history
-        self._stages: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._stages: list[tuple[Floats, Floats]] = []
         self._gain = 1.0
 
-    def filtered(self, first: int, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+    def filtered(self, first: int, volts: Floats) -> Floats:
         """Return the samples from ``first`` on behind the filter, volt (n,); to be called piece by piece."""
         output = np.array(volts)
         done = 0
@@ -111,7 +111,7 @@ class KrohnHite3988(LiveDevice):
 
     def execute(self, message: str) -> None:
         if message.strip().upper() == "V":
-            self.reply(self.faults.identity or self.identity)
+            self.reply(self.told_identity)
             return
         for unit in re.split(r"[;:/\\]", message.upper()):
             if match := _COMMAND.fullmatch(unit.strip()):

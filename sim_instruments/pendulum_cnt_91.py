@@ -7,13 +7,12 @@ no limit of edges per second but 6,000 in 10 ms, settings that can be changed on
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Integers, Octets
 from bench.model.clock import NS
 from sim_instruments.bus import kept as of_no_effect
 from sim_instruments.bus.scpi import (
@@ -21,6 +20,7 @@ from sim_instruments.bus.scpi import (
     SETTINGS_CONFLICT,
     Answers,
     Handler,
+    Handlers,
     ScpiDevice,
     ScpiError,
     command,
@@ -41,7 +41,7 @@ _LEVEL_STEP_V = 0.0025
 _SLICE_NS = NS  # events are asked for in such pieces, so that a long silence needs no more memory than a short one
 _MOST_BYTES = 10_000_000
 
-Events = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]
+Events = tuple[Integers, Octets, Octets, Octets]
 
 
 @runtime_checkable
@@ -72,12 +72,12 @@ class PendulumCnt91(ScpiDevice):
         ":INPut2:LEVel?": lambda self: f"{self.level_V[2]:+.8E}",
     }
 
-    kept: ClassVar[Mapping[str, of_no_effect.Kept]] = {
+    kept: ClassVar[of_no_effect.KeptSettings] = {
         ":FORMat": of_no_effect.word("ASCii", "REAL", "PACKed"),
         ":ARM:SLOPe": of_no_effect.word("POSitive", "NEGative"),
         ":ARM:SOURce": of_no_effect.word("IMMediate", "EXT1", "EXT2", "EXT4"),
-        ":CALibration:INTerpolator:AUTO": of_no_effect.switch(True),
-        "[:SENSe]:ACQuisition:APERture": of_no_effect.number(0.01, 20e-9, 1000.0, "S"),
+        ":CALibration:INTerpolator:AUTO": of_no_effect.Kept(True),
+        "[:SENSe]:ACQuisition:APERture": of_no_effect.Kept(0.01, 20e-9, 1000.0, "S"),
     }
 
     def power_up(self) -> None:
@@ -94,7 +94,7 @@ class PendulumCnt91(ScpiDevice):
 
     def left_by_another(self, draw: np.random.Generator) -> None:
         for number in (1, 2):
-            self.level_V[number] = round(float(draw.uniform(-5.0, 5.0)) / _LEVEL_STEP_V) * _LEVEL_STEP_V
+            self.level_V[number] = round(draw.uniform(-5.0, 5.0) / _LEVEL_STEP_V) * _LEVEL_STEP_V
             self.inputs[number] = {node: str(draw.choice(words)) for node, words in _INPUT_WORDS.items()}
         self.clock_Hz, self.continuous = int(draw.choice(CLOCKS_HZ)), bool(draw.integers(2))
         super().left_by_another(draw)
@@ -124,7 +124,7 @@ class PendulumCnt91(ScpiDevice):
                 self.blocks.add(self._ticks(t_ps), flags)
             self.blocks.close_until(self._tick_now(self._seen_ns))
 
-    def _stamped(self, t_ps: NDArray[np.int64], channel: NDArray[np.uint8], *levels: NDArray[np.uint8]) -> Events:
+    def _stamped(self, t_ps: Integers, channel: Octets, *levels: Octets) -> Events:
         """Return what the inputs make of the edges of comparators that switch between 0 and 5 V.
 
         A level that they do not cross, a divider by ten, a coupling without dc and a load of 50 ohm lose them all; the
@@ -145,7 +145,7 @@ class PendulumCnt91(ScpiDevice):
     def _source(self) -> EdgeSource | None:
         return self.world if isinstance(self.world, EdgeSource) else None
 
-    def _ticks(self, t_ps: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _ticks(self, t_ps: Integers) -> Integers:
         own_ps = t_ps + np.floor(t_ps * self._clock_error).astype(np.int64) if self._clock_error else t_ps
         return own_ps // (_PS // self.clock_Hz)
 
@@ -198,7 +198,7 @@ class PendulumCnt91(ScpiDevice):
         self._catch_up()
         return str(self.blocks.dropped)
 
-    def further(self) -> Mapping[str, Handler]:
+    def further(self) -> Handlers:
         handlers: dict[str, Handler] = {}
         for number in (1, 2):
             handlers[f":INPut{number}:LEVel"] = partial(self._set_level, number)

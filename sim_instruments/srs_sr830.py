@@ -17,8 +17,8 @@ import re
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.krohn_hite_3988 import BandPass, KrohnHite3988
 from sim_instruments.synchronous_detection import SAMPLE_NS, LockIn
@@ -87,8 +87,8 @@ class SrsSr830(LiveDevice):
 
     # --- signals -----------------------------------------------------------------------------------------------
 
-    def _signal(self, first: int, last: int) -> NDArray[np.float64]:
-        waveform: Callable[[int, int], NDArray[np.float64]] | None = getattr(self.world, "waveform", None)
+    def _signal(self, first: int, last: int) -> Floats:
+        waveform: Callable[[int, int], Floats] | None = getattr(self.world, "waveform", None)
         if waveform is None or self._set["ISRC"] != 0:
             return np.zeros(last - first)
         volts = np.asarray(waveform(first, last), dtype=np.float64)
@@ -102,8 +102,8 @@ class SrsSr830(LiveDevice):
         wired: KrohnHite3988 = self.world.instrument(KrohnHite3988)
         return wired
 
-    def _pulses(self, t0_ns: int, t1_ns: int) -> NDArray[np.int64]:
-        pulses: Callable[[str, int, int], NDArray[np.int64]] | None = getattr(self.world, "pulses", None)
+    def _pulses(self, t0_ns: int, t1_ns: int) -> Integers:
+        pulses: Callable[[str, int, int], Integers] | None = getattr(self.world, "pulses", None)
         external = self._set["FMOD"] == 0 and self._set["RSLP"] == 1
         if pulses is None or not external:
             return np.zeros(0, np.int64)
@@ -157,8 +157,8 @@ class SrsSr830(LiveDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         self._set |= {name: int(draw.integers(1 if name == "HARM" else 0, most + 1)) for name, most in _MOST.items()}
         self._set["OUTX"] = 1
-        self._phase_deg = float(draw.uniform(-180.0, 180.0))
-        self._offsets = {place: (float(draw.uniform(-_MOST_OFFSET, _MOST_OFFSET)), 2) for place in (1, 2, 3)}
+        self._phase_deg = draw.uniform(-180.0, 180.0)
+        self._offsets = {place: (draw.uniform(-_MOST_OFFSET, _MOST_OFFSET), 2) for place in (1, 2, 3)}
         self._events |= _EXECUTION_ERROR | _COMMAND_ERROR
         super().left_by_another(draw)
         self._apply()
@@ -171,7 +171,7 @@ class SrsSr830(LiveDevice):
 
     def _ask(self, head: str, arguments: list[str]) -> str:
         asked: dict[str, Callable[[], str]] = {
-            "*IDN": lambda: self.faults.identity or self.identity,
+            "*IDN": lambda: self.told_identity,
             "*ESR": self._take_events,
             "ERRS": lambda: "0",
             "LIAS": self._take_status,

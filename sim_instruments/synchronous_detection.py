@@ -14,10 +14,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-Samples = NDArray[np.float64]
+from bench.model.arrays import Flags, Floats, Integers
+
+Samples = Floats
 SAMPLE_NS = 1_000_000
 TOLERANCE = 0.01  # of one period against the one before
 LATE = 1.5  # periods without a pulse end the lock
@@ -57,7 +58,7 @@ class ReferenceLoop:
         period_ns = self._rows[-1][1]
         return 0.0 if np.isnan(period_ns) else 1e9 / period_ns
 
-    def take(self, pulses_ns: NDArray[np.int64]) -> None:
+    def take(self, pulses_ns: Integers) -> None:
         """Go on with further pulses, in order."""
         for pulse_ns in pulses_ns.tolist():
             last_ns, period_ns, _ = self._rows[-1]
@@ -70,7 +71,7 @@ class ReferenceLoop:
             self._starts.append(pulse_ns)
             self._rows.append((pulse_ns, np.nan if lost else interval_ns, locked))
 
-    def follow(self, t_ns: NDArray[np.int64]) -> tuple[Samples, Samples, NDArray[np.bool_]]:
+    def follow(self, t_ns: Integers) -> tuple[Samples, Samples, Flags]:
         """At times in order: phase in turns since the last pulse (NaN before two), period (ns), whether locked."""
         place = np.searchsorted(np.array(self._starts), t_ns, side="right") - 1
         pulse_ns, period_ns, locked = (np.array(column)[place] for column in zip(*self._rows, strict=True))
@@ -93,7 +94,7 @@ class LockIn:
     def __init__(
         self,
         signal: Callable[[int, int], Samples],
-        pulses: Callable[[int, int], NDArray[np.int64]],
+        pulses: Callable[[int, int], Integers],
         first: int = 0,
     ) -> None:
         self.settings = Settings()
@@ -154,7 +155,7 @@ class LockIn:
         products: Samples = volts * np.where(np.isnan(reference), 0.0, reference)
         return products
 
-    def _averaged(self, products: Samples, period: Samples, locked: NDArray[np.bool_]) -> Samples:
+    def _averaged(self, products: Samples, period: Samples, locked: Flags) -> Samples:
         """Return mean over the period (in samples) that ends with each sample, where the synchronous filter works."""
         held = self._integral.shape[1] - 1  # samples before the first of these
         integral = np.concatenate((self._integral, self._integral[:, -1:] + np.cumsum(products, axis=1)), axis=1)

@@ -11,14 +11,14 @@ set-point range, deviation band of the alarm, the speed without a ramp.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bench.model.clock import NS
 from sim_instruments.bus.live import LiveDevice
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import Fault, NamedFaults, plain_number
 
 PAUSE_NS = NS
 LOW_DEGC, HIGH_DEGC = -70.0, 180.0
@@ -42,11 +42,11 @@ class Thermotron3800(LiveDevice):
         self._deaf_until_ns = -1
         self._runaway_degC_min = self._shortfall_degC = 0.0
         rng = self.world.rng("chamber sensor offset")
-        self._offset_degC = float(rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC))
+        self._offset_degC = rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC)
 
     def left_by_another(self, draw: np.random.Generator) -> None:
-        self.setpoint_degC = round(float(draw.uniform(LOW_DEGC, HIGH_DEGC)), 1)
-        self.rate_degC_min = round(float(draw.uniform(0.0, 20.0)), 1)
+        self.setpoint_degC = round(draw.uniform(LOW_DEGC, HIGH_DEGC), 1)
+        self.rate_degC_min = round(draw.uniform(0.0, 20.0), 1)
         self.mode = int(draw.choice([EDIT_STOP, MANUAL_RUN, MANUAL_RUN | EDIT_HOLD, PROGRAM_RUN]))
         if self.mode in (MANUAL_RUN, PROGRAM_RUN):
             self._apply()
@@ -69,7 +69,7 @@ class Thermotron3800(LiveDevice):
 
     def _query(self, word: str, channel: str) -> None:
         answers = {
-            ("IDEN", ""): lambda: self.faults.identity or self.identity,
+            ("IDEN", ""): lambda: self.told_identity,
             ("PVAR", "1"): lambda: self.reading(f"{self._air_degC():.1f}"),
             ("SETP", "1"): lambda: f"{self.setpoint_degC:.1f}",
             ("MRMP", "1"): lambda: f"{self.rate_degC_min:.1f}",
@@ -99,7 +99,7 @@ class Thermotron3800(LiveDevice):
         self._shortfall_degC = shortfall_degC
         self._fault_changed()
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "chamber_runaway": Fault(
             "chamber", (("RATE", -20.0, 20.0),),
             "a running chamber leaves its set-point, degC/min; only STOP ends it", run_away, run_away),
@@ -130,20 +130,11 @@ class Thermotron3800(LiveDevice):
         short_degC = self._shortfall_degC if self.setpoint_degC > start_degC else -self._shortfall_degC
         thermal.ramp(self.setpoint_degC - short_degC, rate_degC_min, now_ns)
 
-    def _set_point(self, channel: str, text: str) -> int:
-        value = _number(text)
-        if channel != "1" or value is None or not LOW_DEGC <= value <= HIGH_DEGC:
+    def _set(self, attribute: str, low: float, high: float, channel: str, text: str) -> int:
+        value = plain_number(text)
+        if channel != "1" or not low <= value <= high:
             return BAD_VALUE
-        self.setpoint_degC = round(value, 1)
-        if self.mode == MANUAL_RUN:
-            self._apply()
-        return DONE
-
-    def _set_rate(self, channel: str, text: str) -> int:
-        value = _number(text)
-        if channel != "1" or value is None or not 0.0 <= value <= 20.0:
-            return BAD_VALUE
-        self.rate_degC_min = round(value, 1)
+        setattr(self, attribute, round(value, 1))
         if self.mode == MANUAL_RUN:
             self._apply()
         return DONE
@@ -174,16 +165,9 @@ class Thermotron3800(LiveDevice):
         return DONE
 
 
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
-
-
 _OPERATIONS: dict[str, Callable[[Thermotron3800, str, str], int]] = {
-    "SETP": Thermotron3800._set_point,
-    "MRMP": Thermotron3800._set_rate,
+    "SETP": lambda self, *given: self._set("setpoint_degC", LOW_DEGC, HIGH_DEGC, *given),
+    "MRMP": lambda self, *given: self._set("rate_degC_min", 0.0, 20.0, *given),
     "RUNM": Thermotron3800._run,
     "RESM": Thermotron3800._resume,
     "HOLD": Thermotron3800._hold,

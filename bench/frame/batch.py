@@ -11,10 +11,10 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.layout import Field, Layout, Message
 from bench.frame.parts import unpacked
+from bench.model.arrays import Array, Flags, Floats, Integers, Octets
 from bench.model.errors import InputError
 
 
@@ -33,23 +33,21 @@ class MessageBatch:
 
     __slots__ = ("_columns", "counter", "ends", "message", "offset", "rest", "rows", "suspect", "t_ns")
 
-    def __init__(
-        self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None
-    ) -> None:
+    def __init__(self, message: Message, offset: Integers, rows: Octets, rest: list[bytes] | None) -> None:
         self.message = message
         self.offset = offset
         self.rows = rows
         self.rest = rest
         self.ends = offset
-        self.t_ns: NDArray[np.int64] | None = None
-        self.counter: NDArray[np.int64] | None = None
-        self._columns: dict[str, NDArray[Any]] = {}
+        self.t_ns: Integers | None = None
+        self.counter: Integers | None = None
+        self._columns: dict[str, Array] = {}
         self.suspect = self._constants_differ()
 
     def __len__(self) -> int:
         return len(self.offset)
 
-    def raw(self, name: str) -> NDArray[Any]:
+    def raw(self, name: str) -> Array:
         """Raw values of a field, or of a bit range as "field.bits": (n,) or (n, count).
 
         Integers keep the smallest native type that holds them (u24 -> uint32): widen before subtracting. Bytes of
@@ -61,7 +59,7 @@ class MessageBatch:
             column = self._columns[name] = self._cut(name)
         return column
 
-    def scaled(self, name: str) -> NDArray[np.float64]:
+    def scaled(self, name: str) -> Floats:
         """Return values in the field's unit (raw * scale + offset) as float64, (n,) or (n, count); NaN if not there."""
         item = self._field(name)
         with np.errstate(all="ignore"):  # what a frame holds may be any number
@@ -73,7 +71,7 @@ class MessageBatch:
             values[missing] = np.nan
         return values
 
-    def missing(self, name: str) -> NDArray[np.bool_] | None:
+    def missing(self, name: str) -> Flags | None:
         """Return where a frame does not hold a value of a group or of an optional part, shaped as the values are.
 
         None for a field that every frame holds.
@@ -82,10 +80,10 @@ class MessageBatch:
         if there is None:
             return None
         number = np.arange(item.count or 1) if item.step else np.zeros(item.count or 1)
-        missing: NDArray[np.bool_] = number >= there[:, None]
+        missing: Flags = number >= there[:, None]
         return missing[:, 0] if item.count is None else missing
 
-    def there(self, name: str) -> NDArray[Any] | None:
+    def there(self, name: str) -> Array | None:
         """Return how many elements of a field of a group are there, of an optional one whether; (n,), None: always."""
         item = self._field(name)
         return self.raw(item.given) if item.given else None
@@ -118,7 +116,7 @@ class MessageBatch:
             )
         return fields[base]
 
-    def _cut(self, name: str) -> NDArray[Any]:
+    def _cut(self, name: str) -> Array:
         item = self._field(name)
         if item.rest:
             column = np.empty(len(self), object)
@@ -131,11 +129,11 @@ class MessageBatch:
         kind = whole.dtype.type
         return np.asarray((whole >> kind(low)) & kind((1 << width) - 1))
 
-    def _constants_differ(self) -> NDArray[np.bool_]:
+    def _constants_differ(self) -> Flags:
         different = np.zeros(len(self.offset), np.bool_)
         for item in self.message.constants:
             expected = np.frombuffer(item.constant or b"", np.uint8)
-            different |= (self.rows[:, item.offset : item.offset + item.length] != expected).any(axis=1)
+            different |= (self.rows[:, item.span] != expected).any(axis=1)
         return different
 
 
@@ -167,7 +165,7 @@ class JoinedBatch(MessageBatch):
             return self.rest
         raise AttributeError(name)
 
-    def _cut(self, name: str) -> NDArray[Any]:
+    def _cut(self, name: str) -> Array:
         columns = [part.raw(name) for part in self._parts]
         for part in self._parts:
             part._columns.pop(name, None)  # not to be kept twice
@@ -182,7 +180,7 @@ class FrameBatch(NamedTuple):
     """
 
     messages: Mapping[str, MessageBatch]
-    bad_offset: NDArray[np.int64]
+    bad_offset: Integers
     position: int
 
 
@@ -197,34 +195,72 @@ class FrameCounts:
     other: int = 0
 
 
-def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
+class Decoder:
+    """What all engines have in common; they give the same results on any input and any chunking.
+
+    ``_tail``: the bytes from stream offset ``_position`` on, which are not decided yet.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._tail = b""
+        self._position = 0
+        self.counts = FrameCounts()
+
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
+        """Decode what can be decided of the tail and these bytes; the rest waits for the next feed.
+
+        ``final``: nothing will follow.   ``before``: stream offset up to which nothing waits.
+        """
+        raise NotImplementedError
+
+    def finish(self) -> FrameBatch:
+        """End of the stream: candidates whose bytes never came are no frames."""
+        return self.feed(b"", final=True)
+
+    def give_up(self, before: int) -> FrameBatch:
+        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
+        return self.feed(b"", before=before)
+
+    def _decided(
+        self, messages: Mapping[str, MessageBatch], numbers: Sequence[int], bad: Integers, stream: bytes, consumed: int
+    ) -> FrameBatch:
+        """Count frames by kind and rejected candidates (stream offsets); keep the bytes behind ``consumed``."""
+        listed = len(self._layout.messages)
+        self.counts.frames += sum(numbers[:listed])
+        self.counts.other += sum(numbers[listed:])
+        self.counts.bad += len(bad)
+        self._tail = stream[consumed:]
+        self._position += consumed
+        return FrameBatch(messages, bad, self._position)
+
+
+def extract_column(rows: Octets, item: Field) -> Array:
     """Raw values of a field: (n,) or (n, count), native byte order; bytes give (n, count) uint8.
 
     Args: rows: (n, body) uint8, any strides between rows; at least one byte stands before the field (the sync).
     """
     if item.kind == "b":
-        return rows[:, item.offset : item.offset + item.length].copy()
-    elements = 1 if item.count is None else item.count
+        return rows[:, item.span].copy()
     if item.packed or item.step:
-        column = _scattered(rows, item, elements)
+        column = _scattered(rows, item)
     elif item.size == np.dtype(item.dtype).itemsize:
-        column = _natural(rows, item, elements)
-    elif elements == 1 and item.offset + item.size - np.dtype(item.dtype).itemsize >= 0 and item.big:
+        column = _natural(rows, item)
+    elif item.elements == 1 and item.offset + item.size - np.dtype(item.dtype).itemsize >= 0 and item.big:
         column = _overlapped(rows, item)
     else:
-        column = _padded(rows, item, elements)
+        column = _padded(rows, item)
     return column.reshape(len(rows)) if item.count is None else column
 
 
-def store_column(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> None:
+def store_column(rows: Octets, item: Field, values: Array) -> None:
     """Write values of a field that fit it: (n, count), (1, count), or (n, 1) or (1, 1) where all elements are alike."""
-    elements = 1 if item.count is None else item.count
-    if values.shape[1] != elements:
-        values = np.broadcast_to(values, (len(values), elements))
+    if values.shape[1] != item.elements:
+        values = np.broadcast_to(values, (len(values), item.elements))
     if item.packed or item.step:
         _store_bits(rows, item, values)
         return
-    target = rows[:, item.offset : item.offset + item.length]
+    target = rows[:, item.span]
     wire = np.ascontiguousarray(values, _wire(item))
     width = wire.itemsize
     if item.size == width:  # all elements in one piece
@@ -239,14 +275,14 @@ def _wire(item: Field) -> np.dtype[Any]:
     return np.dtype(item.dtype).newbyteorder(">" if item.big else "<")
 
 
-def _natural(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
-    place, wire = rows[:, item.offset : item.offset + item.length], _wire(item)
-    if elements > 1:
+def _natural(rows: Octets, item: Field) -> Array:
+    place, wire = rows[:, item.span], _wire(item)
+    if item.elements > 1:
         place = np.ascontiguousarray(place.view(f"V{item.length}"))
-    return place.view(wire).astype(item.dtype).reshape(len(rows), elements)
+    return place.view(wire).astype(item.dtype).reshape(len(rows), item.elements)
 
 
-def _overlapped(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
+def _overlapped(rows: Octets, item: Field) -> Array:
     """A big-endian u24/u40.. read as a wider integer that begins in the byte before it; the surplus is masked off."""
     width = np.dtype(item.dtype).itemsize
     wide = rows[:, item.offset + item.size - width : item.offset + item.size].view(f">u{width}").astype(f"u{width}")
@@ -255,10 +291,10 @@ def _overlapped(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
     return _sign(wide, item.size, width)
 
 
-def _scattered(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
+def _scattered(rows: Octets, item: Field) -> Array:
     """Elements that are no whole bytes or lie apart: the bytes that hold one, shifted to its lowest bit."""
-    column = np.empty((len(rows), elements), np.uint64)
-    at, odd = np.array([item.place(element) for element in range(elements)]).T
+    column = np.empty((len(rows), item.elements), np.uint64)
+    at, odd = np.array([item.place(element) for element in range(item.elements)]).T
     for begin in np.unique(odd).tolist():
         alike = np.flatnonzero(odd == begin)
         size = -(-(begin + item.width) // 8)
@@ -274,22 +310,22 @@ def _scattered(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[A
     return (signed >> signed.dtype.type(unused)).astype(item.dtype)
 
 
-def _padded(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
+def _padded(rows: Octets, item: Field) -> Array:
     width = np.dtype(item.dtype).itemsize
-    block = rows[:, item.offset : item.offset + item.length].reshape(len(rows), elements, item.size)
-    wide = np.zeros((len(rows), elements, width), np.uint8)
+    block = rows[:, item.span].reshape(len(rows), item.elements, item.size)
+    wide = np.zeros((len(rows), item.elements, width), np.uint8)
     wide[:, :, : item.size] = block[:, :, ::-1] if item.big else block
-    values = wide.view(f"<u{width}").astype(f"u{width}", copy=False).reshape(len(rows), elements)
+    values = wide.view(f"<u{width}").astype(f"u{width}", copy=False).reshape(len(rows), item.elements)
     return _sign(values, item.size, width) if item.kind == "i" else values
 
 
-def _sign(values: NDArray[Any], size: int, width: int) -> NDArray[Any]:
+def _sign(values: Array, size: int, width: int) -> Array:
     """Return two's complement of ``size`` bytes in a wider word: shift up, back down with the sign."""
     shift = 8 * (width - size)
     return np.asarray((values << values.dtype.type(shift)).view(f"i{width}") >> shift)
 
 
-def _store_bits(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> None:
+def _store_bits(rows: Octets, item: Field, values: Array) -> None:
     """Set the bits of elements that are no whole bytes or lie apart; those of their neighbours stay."""
     values = np.ascontiguousarray(values, item.dtype)
     if item.kind == "f":
@@ -304,9 +340,7 @@ def _store_bits(rows: NDArray[np.uint8], item: Field, values: NDArray[Any]) -> N
             rows[:, at + index] |= (value >> np.uint64(shift) & np.uint64(255)).astype(np.uint8)
 
 
-def rows_of_frames(
-    message: Message, frames: Iterable[bytes], tail: int
-) -> tuple[NDArray[np.uint8], list[bytes] | None]:
+def rows_of_frames(message: Message, frames: Iterable[bytes], tail: int) -> tuple[Octets, list[bytes] | None]:
     """Return rows (n, body) uint8 of frames that fit, and their bytes of variable length if the message has any."""
     if message.parts:
         found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
@@ -317,7 +351,7 @@ def rows_of_frames(
     return rows, None if message.rest is None else [rest for _, rest in contents]
 
 
-def are_right(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def are_right(layout: Layout, message: Message, rows: Octets) -> Flags:
     """Return for each frame (n, length) whether its check and its trailer are right, (n,)."""
     right = extract_column(rows, _stored(layout, rows.shape[1])) == _computed(layout, message, rows)
     if layout.trailer:
@@ -325,7 +359,7 @@ def are_right(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDAr
     return np.asarray(right)
 
 
-def seal(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> None:
+def seal(layout: Layout, message: Message, rows: Octets) -> None:
     """Write the check and the trailer of frames (n, length) whose fields are there."""
     if layout.trailer:
         rows[:, -len(layout.trailer) :] = np.frombuffer(layout.trailer, np.uint8)
@@ -344,7 +378,7 @@ def _check_at(size: int, at: int, big: bool) -> Field:
     return Field("check", "u", size, None, at, big)
 
 
-def _computed(layout: Layout, message: Message, rows: NDArray[np.uint8]) -> NDArray[Any]:
+def _computed(layout: Layout, message: Message, rows: Octets) -> Array:
     length = rows.shape[1]
     stop = length - layout.tail if message.cover_stop is None else message.cover_stop
     covered = rows[:, message.cover_start : stop]

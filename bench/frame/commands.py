@@ -6,11 +6,11 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from bench.frame.compiling.fields import Fail, place_fields
 from bench.frame.layout import Field, Message, field_content, read_element
-from bench.frame.spec import CommandSpec, FieldSpec, FrameSpec
+from bench.frame.spec import CommandSpec, Endian, FieldSpec, FrameSpec
 from bench.model.errors import InputError
 from bench.model.units import read_quantity
 from bench.model.yamlio import Path_
@@ -85,11 +85,11 @@ class PayloadLayout:
         raw = (number - item.shift) / item.scale if item.scaled else number
         try:
             if item.kind == "f":
-                return struct.pack(_float_code(item), raw)
+                return struct.pack(item.float_code, raw)
             whole: int = round(raw)
             if not item.scaled and whole != raw:
                 raise self._wrong(f"{item.name!r}: {value!r} is no whole number")
-            return whole.to_bytes(item.size, _order(item), signed=item.kind == "i")
+            return whole.to_bytes(item.size, item.order, signed=item.kind == "i")
         except OverflowError:
             low, high = _limits(item)
             text = f"{item.name!r}: {value!r} is outside {low:g} to {high:g} {item.unit}".rstrip()
@@ -144,31 +144,16 @@ def canonical_commands(commands: Sequence[CommandLayout]) -> dict[str, Any]:
     }
 
 
-def _order(item: Field) -> Literal["big", "little"]:
-    return "big" if item.big else "little"
-
-
-def _float_code(item: Field) -> str:
-    return (">" if item.big else "<") + ("f" if item.size == 4 else "d")
-
-
 def _limits(item: Field) -> tuple[float, float]:
     """Least and greatest value that fits, in the unit of the field."""
-    bits = 8 * item.size
-    low: float
-    high: float
-    if item.kind == "f":
-        low, high = -_MOST_F32, _MOST_F32
-    else:
-        low, high = (0, (1 << bits) - 1) if item.kind == "u" else (-(1 << (bits - 1)), (1 << (bits - 1)) - 1)
-    first, last = sorted((low * item.scale + item.shift, high * item.scale + item.shift))
+    ends = (-_MOST_F32, _MOST_F32) if item.kind == "f" else item.bounds
+    first, last = sorted(end * item.scale + item.shift for end in ends)
     return first, last
 
 
 def _value_of(payload: bytes, item: Field) -> Any:
     if item.kind == "b":
-        stop = len(payload) if item.rest else item.offset + item.length
-        return payload[item.offset : stop].hex()
+        return payload[item.offset : len(payload) if item.rest else item.end].hex()
     raw = [read_element(payload, item, element) for element in range(item.count or 1)]
     values = [value * item.scale + item.shift if item.scaled else value for value in raw]
     return values[0] if item.count is None else values
@@ -188,7 +173,7 @@ def compile_commands(spec: FrameSpec, messages: Sequence[Message], fail: Fail) -
     return found
 
 
-def _layout(name: str, part: CommandSpec, path: Path_, endian: str, fail: Fail) -> CommandLayout:
+def _layout(name: str, part: CommandSpec, path: Path_, endian: Endian, fail: Fail) -> CommandLayout:
     def payload(key: str, fields: tuple[FieldSpec, ...]) -> PayloadLayout:
         where = (*path, key)
         for index, field in enumerate(fields):

@@ -13,13 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import crcmod.crcmod
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.catalogue import CrcModel
+from bench.model.arrays import Array, Integers, Octets
 from bench.model.errors import InputError
 
 _BLOCK_ROWS = 4096  # words of a block stay in the second-level cache
@@ -33,18 +32,18 @@ class Checksum:
 
     name: str
     size: int
-    _rows: Callable[[NDArray[np.uint8]], NDArray[Any]]
+    _rows: Callable[[Octets], Array]
 
     def of(self, message: bytes) -> int:
         """Return the value over a message."""
         return int(self._rows(np.frombuffer(message, np.uint8)[np.newaxis])[0])
 
-    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+    def of_rows(self, rows: Octets) -> Array:
         """Return values over the rows of a (n, length) uint8 matrix, (n,) uint64."""
         return self._rows(rows).astype(np.uint64)
 
 
-def _words(rows: NDArray[np.uint8], word: int, order: str = "<") -> NDArray[np.int64]:
+def _words(rows: Octets, word: int, order: str = "<") -> Integers:
     """Return the words of rows, the last one filled up with zeros."""
     padded = np.zeros((len(rows), rows.shape[1] + -rows.shape[1] % word), np.uint8)
     padded[:, : rows.shape[1]] = rows
@@ -52,7 +51,7 @@ def _words(rows: NDArray[np.uint8], word: int, order: str = "<") -> NDArray[np.i
 
 
 def _fletcher_check(name: str, word: int, modulus: int) -> Checksum:
-    def of_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
+    def of_rows(rows: Octets) -> Array:
         wide = _words(rows, word)
         weights = np.arange(wide.shape[1], 0, -1, dtype=np.int64)
         return np.asarray((wide @ weights) % modulus << 8 * word | wide.sum(axis=1) % modulus)
@@ -60,7 +59,7 @@ def _fletcher_check(name: str, word: int, modulus: int) -> Checksum:
     return Checksum(name, 2 * word, of_rows)
 
 
-def _adler_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
+def _adler_rows(rows: Octets) -> Array:
     wide, length = rows.astype(np.int64), rows.shape[1]
     low = (1 + wide.sum(axis=1)) % _ADLER
     high = (length + wide @ np.arange(length, 0, -1, dtype=np.int64)) % _ADLER
@@ -74,7 +73,7 @@ def _sum_check(bits: int, turned: str = "", order: str = "") -> Checksum:
     """
     sign, added = _TURNED[turned]
 
-    def of_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
+    def of_rows(rows: Octets) -> Array:
         summed = (_words(rows, 2, order) if order else rows).sum(axis=1, dtype=np.int64)
         return np.asarray((sign * summed + added) & (1 << bits) - 1)
 
@@ -143,7 +142,7 @@ class Crc:
         self._zeros: dict[int, int] = {}
         self.of = self._single()
 
-    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+    def of_rows(self, rows: Octets) -> Array:
         """CRC of every row of a (n, length) uint8 matrix, (n,) unsigned of 2, 4 or 8 bytes."""
         count, length = rows.shape
         out = np.empty(count, self._dtype)
@@ -156,7 +155,7 @@ class Crc:
             out[start : start + _BLOCK_ROWS] = self._linear(rows[start : start + _BLOCK_ROWS])
         return np.asarray(self._finish(out) ^ self._dtype.type(self._of_zeros(length)))
 
-    def _linear(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+    def _linear(self, rows: Octets) -> Array:
         odd, table = rows.shape[1] % 2, self._table16
         words = rows[:, odd:].view("<u2").T.copy()  # a copy of one row too: it is written to
         state = np.zeros(len(rows), self._dtype)
@@ -172,7 +171,7 @@ class Crc:
             state = (state >> 16) ^ table.take(word, mode="clip")
         return state
 
-    def _finish(self, state: NDArray[Any]) -> NDArray[Any]:
+    def _finish(self, state: Array) -> Array:
         model = self.model
         if not model.refin:
             state = state.byteswap() >> self._dtype.type(self._register - model.width)
@@ -186,7 +185,7 @@ class Crc:
         return state
 
     @cached_property
-    def _table16(self) -> NDArray[Any]:
+    def _table16(self) -> Array:
         bytewise = np.array(self._table8, self._dtype)
         low, high = np.arange(65536) & 0xFF, np.arange(65536) >> 8
         state = bytewise[low]

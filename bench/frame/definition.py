@@ -9,12 +9,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import floor, log10
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from bench.frame.batch import FrameBatch, FrameCounts
+from bench.frame.batch import Decoder
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import require_fast_crc
@@ -24,27 +21,13 @@ from bench.frame.layout import Layout, Message
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import one_by_one
 from bench.frame.spec import FrameSpec
+from bench.model.arrays import Octets
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 from bench.model.yamlio import Document, load_yaml, parse_yaml
 
 Engine = Literal["numpy", "reference"]
 _STREAM_BYTES = 1 << 16
-
-
-class Decoder(Protocol):
-    """The face of both engines; they give the same results on any input and any chunking."""
-
-    counts: FrameCounts
-
-    def feed(self, chunk: bytes) -> FrameBatch:
-        """Decode what can be decided; the undecided tail waits for the next feed."""
-
-    def give_up(self, before: int) -> FrameBatch:
-        """Reject what was begun before the stream offset ``before`` and is not whole yet; the search goes on behind."""
-
-    def finish(self) -> FrameBatch:
-        """End of the stream: decide the tail."""
 
 
 class FrameDefinition:
@@ -87,7 +70,7 @@ class FrameDefinition:
         by_packets = not self.layout.pattern or self.layout.escape or self.layout.lines or engine == "reference"
         return one_by_one(self.layout) if by_packets else NumpyDecoder(self.layout)
 
-    def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
+    def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> Octets:
         """Return frames of a message of fixed length, check included.
 
         Args:

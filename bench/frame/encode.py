@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.batch import seal, store_column
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.packets import ESCAPES
 from bench.frame.parts import packed
+from bench.model.arrays import Array, Octets
 from bench.model.errors import InputError
 
 
@@ -24,7 +24,7 @@ def _missing(item: Field) -> InputError:
     return _wrong("B-FRAME-020", f"no value for the field {item.name!r}", advice)
 
 
-def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> NDArray[np.uint8]:
+def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> Octets:
     """Return frames (count, length) uint8, check included; see FrameDefinition.encode."""
     if message.length == 0 or layout.escape:
         text = f"the message {message.name!r} has no fixed length"
@@ -53,7 +53,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
     return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
 
 
-def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: Octets) -> Octets:
     """Return frames with their length, check and trailer, which depend on the rest."""
     if layout.length_field is not None:
         _put(rows, layout.length_field, with_automatic(layout, message, columns, rows.shape[1]), len(rows))
@@ -61,7 +61,7 @@ def _sealed(layout: Layout, message: Message, columns: Mapping[str, Any], rows: 
     return rows
 
 
-def _filled(layout: Layout, message: Message, columns: Mapping[str, Any], count: int, width: int) -> NDArray[np.uint8]:
+def _filled(layout: Layout, message: Message, columns: Mapping[str, Any], count: int, width: int) -> Octets:
     """Return rows (count, width) with sync bytes and fields; the length is left out."""
     rows = np.zeros((count, width), np.uint8)
     rows[:, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
@@ -135,7 +135,7 @@ def _state(given: dict[str, Any], item: Field, bits: Span | None, value: int | N
         given.setdefault(f"{item.name}.{part}" if part else item.name, value)
 
 
-def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
+def values_of(item: Field, given: Mapping[str, Any]) -> Array | bytes:
     """Return the values of a field, or its bytes where the definition says them.
 
     Raises: InputError B-FRAME-020 if there are none, 021 if a bit range does not fit.
@@ -152,24 +152,23 @@ def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
     raise _missing(item)
 
 
-def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: int) -> None:
+def _put(rows: Octets, item: Field, given: Mapping[str, Any], count: int) -> None:
     values = values_of(item, given)
     if isinstance(values, bytes):
-        rows[:, item.offset : item.offset + item.length] = np.frombuffer(values, np.uint8)
+        rows[:, item.span] = np.frombuffer(values, np.uint8)
         return
-    elements = 1 if item.count is None else item.count
     shaped = values if item.count is not None else values[..., np.newaxis]
     shaped = shaped.reshape((1,) * (2 - shaped.ndim) + shaped.shape)
-    if shaped.ndim != 2 or shaped.shape[0] not in (1, count) or shaped.shape[1] not in (1, elements):
-        text = f"{item.name!r} has the shape {values.shape}, due is {(count, elements)}"
+    if shaped.ndim != 2 or shaped.shape[0] not in (1, count) or shaped.shape[1] not in (1, item.elements):
+        text = f"{item.name!r} has the shape {values.shape}, due is {(count, item.elements)}"
         raise _wrong("B-FRAME-020", text)
     _check_values(values, item)
     store_column(rows, item, shaped)
 
 
-def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
+def _join_bits(item: Field, given: Mapping[str, Any]) -> Array:
     """Return a whole field from its named bits; those that are not given are as in its default, or 0."""
-    whole: NDArray[Any] = np.array(int.from_bytes(item.default or b"", "big" if item.big else "little"), item.dtype)
+    whole: Array = np.array(int.from_bytes(item.default or b"", item.order), item.dtype)
     for part, (low, width) in item.bits.items():
         if f"{item.name}.{part}" not in given:
             continue
@@ -181,19 +180,18 @@ def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
     return whole
 
 
-def _check_values(values: NDArray[Any], item: Field) -> None:
+def _check_values(values: Array, item: Field) -> None:
     """Refuse values that a field would wrap or clip."""
     if item.kind == "f":
         return
-    bits = item.width
-    low, high = (0, (1 << bits) - 1) if item.kind in "ub" else (-(1 << (bits - 1)), (1 << (bits - 1)) - 1)
+    low, high = item.bounds
     if values.dtype.kind == "f" and values.size and (values != np.rint(values)).any():
         raise _wrong("B-FRAME-021", f"{item.name!r} holds numbers that are not whole")
-    fits = np.can_cast(values.dtype, item.dtype) and 8 * np.dtype(item.dtype).itemsize == bits
+    fits = np.can_cast(values.dtype, item.dtype) and 8 * np.dtype(item.dtype).itemsize == item.width
     if not fits and values.size and (values.min() < low or values.max() > high):
         raise _out_of_range(item.name, values, low, high)
 
 
-def _out_of_range(name: str, values: NDArray[Any], low: int, high: int) -> InputError:
+def _out_of_range(name: str, values: Array, low: int, high: int) -> InputError:
     text = f"{name!r} reaches from {values.min()} to {values.max()}, the limits are {low} and {high}"
     return _wrong("B-FRAME-021", text)

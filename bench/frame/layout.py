@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from bench.frame.crc import Check
-from bench.frame.spec import LinesSpec
+from bench.frame.spec import Endian, LinesSpec
 
 _INTEGER_WIDTHS = (1, 2, 4, 8)
 
@@ -56,12 +56,43 @@ class Field:
     given: str = ""
 
     @cached_property
+    def elements(self) -> int:
+        """Elements, of a single value one; 0 for "rest"."""
+        return 1 if self.count is None else self.count
+
+    @cached_property
     def length(self) -> int:
         """Bytes on the wire, those that it shares with its neighbours included; 0 for "rest"."""
-        elements = 1 if self.count is None else self.count
+        first, width = self.packed or (0, self.width)
         if self.step:
-            return (elements - 1) * self.step + -(-((self.packed or (0, 0))[0] + self.width) // 8)
-        return self.size * elements if self.packed is None else -(-(self.packed[0] + self.packed[1] * elements) // 8)
+            return (self.elements - 1) * self.step + -(-(first + width) // 8)
+        return -(-(first + width * self.elements) // 8)
+
+    @cached_property
+    def end(self) -> int:
+        """The byte behind it."""
+        return self.offset + self.length
+
+    @cached_property
+    def span(self) -> slice:
+        """Its bytes in a frame."""
+        return slice(self.offset, self.end)
+
+    @cached_property
+    def order(self) -> Endian:
+        """Order of the bytes of an element."""
+        return "big" if self.big else "little"
+
+    @cached_property
+    def float_code(self) -> str:
+        """How ``struct`` writes an element that is a float."""
+        return (">" if self.big else "<") + ("f" if self.size == 4 else "d")
+
+    @cached_property
+    def bounds(self) -> tuple[int, int]:
+        """Least and greatest raw value of an element that is no float."""
+        most = (1 << self.width) - 1
+        return (-(most >> 1) - 1, most >> 1) if self.kind == "i" else (0, most)
 
     @cached_property
     def width(self) -> int:
@@ -70,7 +101,7 @@ class Field:
 
     def place(self, element: int) -> tuple[int, int]:
         """Return where an element begins: bytes from the beginning of the frame, bits from there."""
-        first, width = self.packed or (0, 8 * self.size)
+        first, width = self.packed or (0, self.width)
         if self.step:
             return self.offset + element * self.step, first
         at, odd = divmod(first + element * width, 8)
@@ -132,7 +163,7 @@ class Part:
     items: tuple[Item, ...] = ()
     id_size: int = 0
     length_size: int = 0
-    big: bool = False
+    order: Endian = "little"
     length_first: bool = False
     plus: int = 0
 
@@ -305,7 +336,7 @@ def _part_content(part: Part) -> list[Any]:
     items = [[item.name, item.number, item.at, item.size, item.required] for item in part.items]
     by = None if part.by is None else part.by.name
     later = [part.length_first, part.plus] if part.length_first or part.plus else []
-    size = [part.id_size, part.length_size, part.big, *later]
+    size = [part.id_size, part.length_size, part.order == "big", *later]
     return [part.kind, part.at, part.size, part.most, by, part.bits, items, *size]
 
 
@@ -325,20 +356,23 @@ def field_content(item: Field) -> list[Any]:
 
 def read_element(frame: bytes | bytearray, item: Field, element: int = 0) -> Any:
     """Return the raw value of one element of a field: a whole number or a float."""
-    order: Any = "big" if item.big else "little"
     at, odd = item.place(element)
     size = -(-(odd + item.width) // 8)
     raw = frame[at : at + size]
     if item.kind == "f":
-        return struct.unpack((">" if item.big else "<") + ("f" if item.size == 4 else "d"), raw)[0]
+        return struct.unpack(item.float_code, raw)[0]
     if item.packed is None:
-        return int.from_bytes(raw, order, signed=item.kind == "i")
+        return int.from_bytes(raw, item.order, signed=item.kind == "i")
     low = 8 * size - odd - item.width if item.big else odd
-    value = int.from_bytes(raw, order) >> low & (1 << item.width) - 1
+    value = int.from_bytes(raw, item.order) >> low & (1 << item.width) - 1
     return value - (1 << item.width) if item.kind == "i" and value >> item.width - 1 else value
 
 
 def read_part(frame: bytes | bytearray, item: Field, bits: Span | None) -> int:
     """Return the whole number of a field, or of some bits of it."""
-    value = int(read_element(frame, item))
+    return int(part_of(read_element(frame, item), bits))
+
+
+def part_of(value: Any, bits: Span | None) -> Any:
+    """Return some bits of whole numbers, or the numbers."""
     return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1

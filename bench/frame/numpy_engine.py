@@ -7,15 +7,15 @@ come first served).
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, are_right, extract_column, rows_of_frames
-from bench.frame.layout import Layout, Message, Span
+from bench.frame.batch import Decoder, FrameBatch, MessageBatch, are_right, extract_column, rows_of_frames
+from bench.frame.layout import Layout, Message, part_of
 from bench.frame.parts import unpacked, wire_length
+from bench.model.arrays import Flags, Integers, Octets
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
 _WRONG = 0  # length or type makes no sense
@@ -27,10 +27,10 @@ _GATHERED_BYTES = 1 << 24  # of candidates that are checked at once
 class Found(NamedTuple):
     """Accepted frames in order, rejected candidates, first undecided byte. All in buffer offsets."""
 
-    start: NDArray[np.int64]
-    length: NDArray[np.int64]
-    message: NDArray[np.int64]
-    bad: NDArray[np.int64]
+    start: Integers
+    length: Integers
+    message: Integers
+    bad: Integers
     position: int
 
 
@@ -52,7 +52,7 @@ class Scanner:
         self._layout = layout
         self._sync_end = layout.sync_at + len(layout.pattern)
 
-    def scan(self, buffer: NDArray[np.uint8], at: int, stop: int, final: bool, before: int = 0) -> Found:
+    def scan(self, buffer: Octets, at: int, stop: int, final: bool, before: int = 0) -> Found:
         """Decode buffer[at:stop] as the reference engine would; ``final``: nothing will follow.
 
         What begins among the first ``before`` bytes and is not whole is rejected: a tail, shorter than a frame, is due.
@@ -73,18 +73,18 @@ class Scanner:
         rejected = _outside(rejected[rejected < position], accepted, length[taken])
         return Found(accepted + at, length[taken], message[taken], rejected + at, at + position)
 
-    def alike(self, buffer: NDArray[np.uint8], found: Found) -> Alike | None:
+    def alike(self, buffer: Octets, found: Found) -> Alike | None:
         """Return what frames have in common if those of a scan are of one message and length; None if they are not."""
         layout, start, length, message = self._layout, found.start, found.length, found.message
         if (length != length[0]).any() or (message != message[0]).any() or layout.kinds[message[0]].parts:
             return None
         places = list(range(layout.sync_at, self._sync_end))
         for item in (layout.length_field, layout.type_field):
-            places += [] if item is None else range(item.offset, item.offset + item.length)
+            places += [] if item is None else range(item.offset, item.end)
         first = int(start[0])
         return Alike(int(message[0]), int(length[0]), {place: int(buffer[first + place]) for place in places})
 
-    def _measure(self, window: NDArray[np.uint8], at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _measure(self, window: Octets, at: Integers) -> tuple[Integers, Integers]:
         layout = self._layout
         length = np.full(len(at), layout.messages[0].length, np.int64)
         message = np.zeros(len(at), np.int64)
@@ -123,13 +123,13 @@ class Scanner:
         fields = wire_length(self._layout.messages[0], head)
         return fields + self._layout.tail if fields else _WRONG
 
-    def _check(self, window: NDArray[np.uint8], at: NDArray[np.int64], length: NDArray[np.int64],
-               chosen: NDArray[np.bool_], message: Message, valid: NDArray[np.bool_]) -> None:  # fmt: skip
-        """Set ``valid`` for the chosen candidates whose check passes; one pass per length that occurs."""
-        for total in np.unique(length[chosen]).tolist() if message.length == 0 else [message.length]:
-            which = np.flatnonzero(chosen & (length == total))
-            if not len(which):
-                continue
+    def _check(self, window: Octets, at: Integers, length: Integers,
+               chosen: Flags, message: Message, valid: Flags) -> None:  # fmt: skip
+        """Set ``valid`` for the chosen candidates whose check passes; those of one length are checked together."""
+        places = np.flatnonzero(chosen)
+        places = places[np.argsort(length[places], kind="stable")]
+        for which in np.split(places, np.flatnonzero(np.diff(length[places])) + 1) if len(places) else ():
+            total = int(length[which[0]])
             frames, step = sliding_window_view(window, total), max(1, _GATHERED_BYTES // total)
             parts = [at[which[low : low + step]] for low in range(0, len(which), step)]
             right = np.concatenate([are_right(self._layout, message, frames[begins]) for begins in parts])
@@ -140,7 +140,7 @@ class Scanner:
             valid[which] = right
 
 
-def _find(window: NDArray[np.uint8], pattern: bytes) -> NDArray[np.int64]:
+def _find(window: Octets, pattern: bytes) -> Integers:
     """Return offsets of the whole pattern, ascending."""
     ends = len(window) - len(pattern) + 1
     if ends <= 0:
@@ -151,13 +151,8 @@ def _find(window: NDArray[np.uint8], pattern: bytes) -> NDArray[np.int64]:
     return at.astype(np.int64, copy=False)
 
 
-def part_of(value: Any, bits: Span | None) -> Any:
-    """Return some bits of whole numbers, or the numbers."""
-    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
-
-
-def _serve(at: NDArray[np.int64], length: NDArray[np.int64], waiting: NDArray[np.bool_], events: NDArray[np.int64],
-           last: int) -> tuple[NDArray[np.int64], int]:  # fmt: skip
+def _serve(at: Integers, length: Integers, waiting: Flags, events: Integers,
+           last: int) -> tuple[Integers, int]:  # fmt: skip
     """First come, first served: accepted candidates, and the position where the search must wait for more bytes.
 
     ``events`` are the candidates that are valid or must wait. Without overlap and waiting nothing is decided in order.
@@ -179,7 +174,7 @@ def _serve(at: NDArray[np.int64], length: NDArray[np.int64], waiting: NDArray[np
     return np.array(taken, np.int64), max(free, last)
 
 
-def _outside(at: NDArray[np.int64], start: NDArray[np.int64], length: NDArray[np.int64]) -> NDArray[np.int64]:
+def _outside(at: Integers, start: Integers, length: Integers) -> Integers:
     """Those of ``at`` that lie in none of the intervals [start, start + length), which are sorted."""
     if not len(start) or not len(at):
         return at
@@ -188,37 +183,24 @@ def _outside(at: NDArray[np.int64], start: NDArray[np.int64], length: NDArray[np
     return at[~inside]
 
 
-class NumpyDecoder:
+class NumpyDecoder(Decoder):
     """Vectorised decoder; feed it blocks of up to a few megabytes."""
 
     def __init__(self, layout: Layout) -> None:
-        self._layout = layout
+        super().__init__(layout)
         self._scanner = Scanner(layout)
         self._alike: Alike | None = None  # while nothing is damaged
         if layout.fixed:
             self._alike = Alike(0, layout.messages[0].length, dict(enumerate(layout.pattern, layout.sync_at)))
-        self._tail = b""
-        self._position = 0
-        self.counts = FrameCounts()
         self._none = [
             MessageBatch(message, _NONE, np.empty((0, message.body), np.uint8), None if message.rest is None else [])
             for message in layout.told
         ]  # fmt: skip
 
-    def feed(self, chunk: bytes) -> FrameBatch:
-        """Decode what can be decided; the undecided tail waits for the next feed."""
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
         self.counts.bytes += len(chunk)
-        return self._run(self._tail + chunk if self._tail else chunk, final=False)
-
-    def finish(self) -> FrameBatch:
-        """End of the stream: candidates whose bytes never came are no frames."""
-        return self._run(self._tail, final=True)
-
-    def give_up(self, before: int) -> FrameBatch:
-        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
-        return self._run(self._tail, final=False, before=before - self._position)
-
-    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+        stream = self._tail + chunk
+        before -= self._position
         buffer = np.frombuffer(stream, np.uint8)
         window = max(_WINDOW_BYTES, 4 * self._layout.max_length)
         found: list[Found] = []
@@ -243,7 +225,7 @@ class NumpyDecoder:
             at = part.position
         return self._batch(stream, buffer, found, at)
 
-    def _lattice(self, buffer: NDArray[np.uint8], at: int, alike: Alike) -> tuple[Found, int]:
+    def _lattice(self, buffer: Octets, at: int, alike: Alike) -> tuple[Found, int]:
         """Return the good rows from ``at`` on before the first bad one, and number of rows looked at."""
         number, length, head = alike
         rows = min((len(buffer) - at) // length, _BLOCK_ROWS)
@@ -257,13 +239,14 @@ class NumpyDecoder:
         starts = np.arange(at, stop, length)
         return Found(starts, np.full(count, length), np.full(count, number), _NONE, stop), rows
 
-    def _begins(self, rest: NDArray[np.uint8], alike: Alike) -> bool:
+    def _begins(self, rest: Octets, alike: Alike) -> bool:
         """Return whether the bytes may be the beginning of one more frame of the same kind."""
         return all(rest[place] == byte for place, byte in alike.head.items() if place < len(rest))
 
-    def _batch(self, stream: bytes, buffer: NDArray[np.uint8], found: list[Found], consumed: int) -> FrameBatch:
+    def _batch(self, stream: bytes, buffer: Octets, found: list[Found], consumed: int) -> FrameBatch:
         start, length, kind, bad, _ = found[0] if len(found) == 1 else _joined(found)
         numbers = np.bincount(kind, minlength=len(self._layout.kinds)).tolist()
+        self.counts.skipped_bytes += consumed - int(length.sum())
         messages = {}
         for index, message in enumerate(self._layout.told):
             number = numbers[index]
@@ -275,18 +258,10 @@ class NumpyDecoder:
             rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest)
             messages[message.name].ends = starts + lengths + self._position
-        listed = len(self._layout.messages)
-        self.counts.frames += sum(numbers[:listed])
-        self.counts.other += sum(numbers[listed:])
-        self.counts.bad += len(bad)
-        self.counts.skipped_bytes += consumed - int(length.sum())
-        bad = bad + self._position
-        self._tail = stream[consumed:]
-        self._position += consumed
-        return FrameBatch(messages, bad, self._position)
+        return self._decided(messages, numbers, bad + self._position, stream, consumed)
 
-    def _rows(self, stream: bytes, buffer: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64],
-              message: Message) -> tuple[NDArray[np.uint8], list[bytes] | None]:  # fmt: skip
+    def _rows(self, stream: bytes, buffer: Octets, starts: Integers, lengths: Integers,
+              message: Message) -> tuple[Octets, list[bytes] | None]:  # fmt: skip
         tail = self._layout.tail
         if not message.parts and message.rest is None:
             return rows_of(buffer, starts, message), None
@@ -300,13 +275,13 @@ def _joined(found: list[Found]) -> Found:
     return Found._make([*map(np.concatenate, columns), positions[-1]])
 
 
-def _leading(good: NDArray[np.bool_]) -> int:
+def _leading(good: Flags) -> int:
     """Return number of True before the first False."""
     first = int(good.argmin()) if len(good) else 0
     return len(good) if not len(good) or good[first] else first
 
 
-def rows_of(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
+def rows_of(buffer: Octets, starts: Integers, message: Message) -> Octets:
     """Return frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
     first = int(starts[0])
     if message.length and starts[-1] - first == (len(starts) - 1) * message.length:

@@ -31,12 +31,10 @@ def unpacked(message: Message, frame: bytes, stop: int) -> Contents | str:
             problem = _take_items(part, frame[at : at + size], row)
             if problem:
                 return problem
-        elif part.kind == "cut":
-            size = min(size, part.size)
-            row[part.at : part.at + size] = frame[at : at + size]
         elif part.kind == "rest":
             rest = frame[at : at + size]
         else:
+            size = min(size, part.size) if part.kind == "cut" else size
             row[part.at : part.at + size] = frame[at : at + size]
         at += size
     return (bytes(row), rest) if at == stop else f"holds {stop - at} bytes behind its last field"
@@ -99,13 +97,12 @@ def _held(part: Part, row: bytes | bytearray) -> int:
 def _take_items(part: Part, body: bytes, row: bytearray) -> str:
     """Put the items that are listed where their row has them; gives why they do not fit, "" if they do."""
     listed = {item.number: item for item in part.items}
-    order = "big" if part.big else "little"
     at, head = 0, part.id_size + part.length_size
     while at < len(body):
         if at + head > len(body):
             return f"ends within the head of an item of {part.name!r}"
         first = part.length_size if part.length_first else part.id_size
-        pair = [int.from_bytes(body[low:high], order) for low, high in ((at, at + first), (at + first, at + head))]  # type: ignore[arg-type]
+        pair = [int.from_bytes(body[low:high], part.order) for low, high in ((at, at + first), (at + first, at + head))]
         size, number = pair if part.length_first else reversed(pair)
         size += part.plus
         at += head
@@ -124,9 +121,8 @@ def _take_items(part: Part, body: bytes, row: bytearray) -> str:
 
 
 def _written(part: Part, item: Item, row: bytes) -> bytes:
-    order = "big" if part.big else "little"
-    number = item.number.to_bytes(part.id_size, order)  # type: ignore[arg-type]
-    length = (item.size - part.plus).to_bytes(part.length_size, order)  # type: ignore[arg-type]
+    number = item.number.to_bytes(part.id_size, part.order)
+    length = (item.size - part.plus).to_bytes(part.length_size, part.order)
     return (length + number if part.length_first else number + length) + row[item.at + 1 : item.at + 1 + item.size]
 
 
@@ -135,7 +131,7 @@ def blank_row(message: Message) -> bytes:
     row = bytearray(message.body)
     for field in message.fields:
         if field.given and field.kind == "f":
-            nan = struct.pack((">" if field.big else "<") + ("f" if field.size == 4 else "d"), np.nan)
+            nan = struct.pack(field.float_code, np.nan)
             for element in range(field.count or 1):
                 at, _ = field.place(element)
                 row[at : at + field.size] = nan

@@ -8,35 +8,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, rows_of_frames
-from bench.frame.layout import Layout
+from bench.frame.batch import Decoder, FrameBatch, MessageBatch, rows_of_frames
 from bench.frame.refusal import Refusal, measured, why_none
 
+Pieces = dict[str, list[tuple[int, bytes]]]
+"""By message the frames of a stream, each with its offset there."""
 
-class ReferenceDecoder:
+
+class ReferenceDecoder(Decoder):
     """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``."""
 
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
-        self._tail = b""
-        self._position = 0
-        self.counts = FrameCounts()
-
-    def feed(self, chunk: bytes) -> FrameBatch:
-        """Decode what can be decided; the undecided tail waits for the next feed."""
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
         self.counts.bytes += len(chunk)
-        return self._run(self._tail + chunk, final=False)
-
-    def finish(self) -> FrameBatch:
-        """End of the stream: candidates whose bytes never came are no frames."""
-        return self._run(self._tail, final=True)
-
-    def give_up(self, before: int) -> FrameBatch:
-        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
-        return self._run(self._tail, final=False, before=before)
-
-    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
-        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.kinds}
+        stream = self._tail + chunk
+        found: Pieces = {message.name: [] for message in self._layout.kinds}
         bad: list[int] = []
         at = 0
         pattern = self._layout.pattern
@@ -63,11 +48,10 @@ class ReferenceDecoder:
                 bad.append(self._position + at)
             at += 1
             self.counts.skipped_bytes += 1
-        batch = self._batch(found, bad, at)
-        self._tail = stream[at:]
-        return batch
+        return self._batch(found, bad, stream, at)
 
-    def _batch(self, found: dict[str, list[tuple[int, bytes]]], bad: list[int], consumed: int) -> FrameBatch:
+    def _batch(self, found: Pieces, bad: list[int], stream: bytes, consumed: int) -> FrameBatch:
+        numbers = [len(found[message.name]) for message in self._layout.kinds]
         messages = {}
         for message in self._layout.told:
             frames = found[message.name]
@@ -76,10 +60,4 @@ class ReferenceDecoder:
             batch = MessageBatch(message, offset, rows, rest)
             batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
-        numbers = [len(found[message.name]) for message in self._layout.kinds]
-        listed = len(self._layout.messages)
-        self.counts.frames += sum(numbers[:listed])
-        self.counts.other += sum(numbers[listed:])
-        self.counts.bad += len(bad)
-        self._position += consumed
-        return FrameBatch(messages, np.array(bad, np.int64), self._position)
+        return self._decided(messages, numbers, np.array(bad, np.int64), stream, consumed)

@@ -10,14 +10,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.batch import MessageBatch
 from bench.frame.definition import FrameDefinition
 from bench.frame.layout import Field, Message
+from bench.model.arrays import Array, Column, Floats, Indices, Integers
 from bench.model.clock import NS
 from bench.model.errors import InputError
 
@@ -29,7 +29,6 @@ _FLOAT_DECIMALS = 4
 _MOST_DECIMALS = 9
 _NAME = re.compile(r"([a-z0-9_]+)\.([a-z0-9_]+)(?:-([a-z0-9_]+))?(?:\[(\d{1,4})(?:\.\.(\d{1,4}))?\])?(/s)?")
 RATE = "/s"  # behind the name of a count: its rate
-Array = NDArray[np.float64]
 MEAN_S = 1.0  # a mean that lacks half of its frames or more is NaN: a gap
 _LEAST_FRAMES = 10  # in MEAN_S: of fewer a mean says no more than the frames themselves
 
@@ -112,7 +111,7 @@ def of_message(signals: Iterable[Signal], link: str, message: str) -> tuple[Sign
     return tuple(signal for signal in signals if signal.link == link and signal.message == message)
 
 
-def columns(signals: Iterable[Signal], link: str, batch: MessageBatch) -> NDArray[np.float64]:
+def columns(signals: Iterable[Signal], link: str, batch: MessageBatch) -> Floats:
     """Return values of the signals of one message of a link, (n, k) in the unit of each field, in the order given.
 
     Of a rate the value of each frame alone, as if a whole second were like it.
@@ -124,17 +123,17 @@ def columns(signals: Iterable[Signal], link: str, batch: MessageBatch) -> NDArra
     return found
 
 
-def means(sums: Array, counts: NDArray[np.intp], rate_Hz: Array | float) -> Array:
+def means(sums: Floats, counts: Indices, rate_Hz: Floats | float) -> Floats:
     """Return sums over ``MEAN_S`` as means, (m, k); NaN where not more than half of the frames came.
 
     Args: sums: (m, k).   counts: of the frames in each sum, (m, k) or (m, 1).   rate_Hz: of the frames, (k,) or one.
     """
     enough = counts * 2 > np.asarray(rate_Hz) * MEAN_S
-    found: Array = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=enough)
+    found: Floats = np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=enough)
     return found
 
 
-def trailing_means(t_ns: NDArray[np.int64], signals: Sequence[Signal], values: Array) -> Array:
+def trailing_means(t_ns: Integers, signals: Sequence[Signal], values: Floats) -> Floats:
     """Return values of frames with those of rates replaced by their mean over ``MEAN_S`` up to each frame, (n, k).
 
     Args: t_ns: of the frames, (n,), never falling.   signals: (k,).   values: as ``columns`` gives them, (n, k).
@@ -150,12 +149,12 @@ def trailing_means(t_ns: NDArray[np.int64], signals: Sequence[Signal], values: A
     return found
 
 
-def rates_among(signals: Sequence[Signal]) -> NDArray[np.intp]:
+def rates_among(signals: Sequence[Signal]) -> Indices:
     """Return places of the rates among signals."""
     return np.flatnonzero(rates_Hz(signals))
 
 
-def rates_Hz(signals: Sequence[Signal]) -> Array:
+def rates_Hz(signals: Sequence[Signal]) -> Floats:
     """Return ``rate_Hz`` of each signal, (k,)."""
     return np.array([signal.rate_Hz for signal in signals], np.float64)
 
@@ -163,7 +162,7 @@ def rates_Hz(signals: Sequence[Signal]) -> Array:
 class Columns(Protocol):
     """Frames of one message, cut into fields."""
 
-    def raw(self, name: str) -> NDArray[Any]:
+    def raw(self, name: str) -> Array:
         """Raw values of a field, (n,) or (n, count)."""
 
 
@@ -176,20 +175,20 @@ class Block:
 
     field: str
     minus: str
-    places: NDArray[np.intp]
-    elements: NDArray[np.intp]
+    places: Indices
+    elements: Indices
     rate_Hz: float = 0.0
 
-    def values(self, batch: Columns) -> NDArray[np.generic]:
+    def values(self, batch: Columns) -> Column:
         """Raw values, (n, k); a difference in a type that holds it."""
         values = _chosen(batch.raw(self.field), self.elements)
         if not self.minus:
             return values
         less = _chosen(batch.raw(self.minus), self.elements)
-        difference: NDArray[np.generic] = np.subtract(values, less, dtype=_wide(values, less), casting="unsafe")
+        difference: Column = np.subtract(values, less, dtype=_wide(values, less), casting="unsafe")
         return difference
 
-    def in_unit(self, values: NDArray[np.generic], message: Message) -> NDArray[np.float64]:
+    def in_unit(self, values: Column, message: Message) -> Floats:
         """Raw values in the unit of the field."""
         item = message.by_name[self.field]
         shift = 0.0 if self.minus else item.shift
@@ -207,14 +206,14 @@ def blocks(signals: Sequence[Signal]) -> tuple[Block, ...]:
     )
 
 
-def _chosen(values: NDArray[np.generic], elements: NDArray[np.intp]) -> NDArray[np.generic]:
+def _chosen(values: Column, elements: Indices) -> Column:
     rows = values[:, None] if values.ndim == 1 else values
     if len(elements) == rows.shape[1] and (elements == np.arange(rows.shape[1])).all():
         return rows
     return rows[:, elements]
 
 
-def _wide(one: NDArray[np.generic], other: NDArray[np.generic]) -> type[np.generic]:
+def _wide(one: Column, other: Column) -> type[np.generic]:
     """The smallest type that holds every difference of these values; small is fast."""
     if one.dtype.kind not in "iu" or max(one.dtype.itemsize, other.dtype.itemsize) == np.dtype(np.int64).itemsize:
         return np.float64

@@ -15,11 +15,11 @@ from operator import add
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.definition import Engine, FrameDefinition
 from bench.frame.layout import Field
+from bench.model.arrays import Flags, Floats, Integers
 from bench.model.clock import NS
 
 _Chunk = tuple[int, bytes]  # receive stamp in ns, bytes
@@ -63,8 +63,8 @@ class LinkBatch(NamedTuple):
     """Frames of one flush by message name, the rejected candidates (m,) with stream offset and receive stamp."""
 
     messages: Mapping[str, MessageBatch]
-    bad_offset: NDArray[np.int64]
-    bad_t_ns: NDArray[np.int64]
+    bad_offset: Integers
+    bad_t_ns: Integers
 
 
 class LinkDecoder:
@@ -173,7 +173,7 @@ class LinkDecoder:
         del self._ends[:decided], self._stamps[:decided]
         return LinkBatch(messages, bad_offset, bad_t_ns)
 
-    def _stamps_of(self, batch: MessageBatch) -> NDArray[np.int64]:
+    def _stamps_of(self, batch: MessageBatch) -> Integers:
         """Stamp of the chunk with the last byte of each frame; few chunks, many frames: count frames per chunk."""
         if not len(batch.offset):
             return np.empty(0, np.int64)
@@ -228,7 +228,7 @@ class LinkDecoder:
             at += len(batch.offset)
 
 
-def _counted(batch: MessageBatch, field: Field) -> NDArray[np.int64]:
+def _counted(batch: MessageBatch, field: Field) -> Integers:
     """Return the counters of a batch as sent, without bits of the field that do not count."""
     raw = batch.raw(field.name).astype(np.int64)
     return raw & (field.wrap - 1) if field.wrap and field.bits else raw
@@ -256,8 +256,8 @@ def _joined(parts: list[LinkBatch]) -> LinkBatch:
 class Unwrapped(NamedTuple):
     """Counters (n,) int64 without wrap, suspect marks (n,) bool; numbers of lost, repeated, suspect frames, jumps."""
 
-    counter: NDArray[np.int64]
-    suspect: NDArray[np.bool_]
+    counter: Integers
+    suspect: Flags
     lost: int
     duplicate: int
     doubtful: int = 0
@@ -289,7 +289,7 @@ class CounterUnwrapper:
         self._rejected: int | None = None  # counter as sent of a suspect frame, if that was the last one
         self._missed = 0.0  # frames that time has predicted since the last trusted one
 
-    def feed(self, raw: NDArray[np.int64], t_ns: NDArray[np.int64], contents: Contents) -> Unwrapped:
+    def feed(self, raw: Integers, t_ns: Integers, contents: Contents) -> Unwrapped:
         """Unwrap the counters of the next frames.
 
         Args:
@@ -325,8 +325,8 @@ class CounterUnwrapper:
         self._highest = self._last
         return Unwrapped(counter, np.zeros(count, np.bool_), 0, 0)
 
-    def _resolved(self, raw: NDArray[np.int64], step: NDArray[np.int64], expected: NDArray[np.float64] | float,
-                  t_ns: NDArray[np.int64], before_ns: int, contents: Contents) -> Unwrapped:  # fmt: skip
+    def _resolved(self, raw: Integers, step: Integers, expected: Floats | float,
+                  t_ns: Integers, before_ns: int, contents: Contents) -> Unwrapped:  # fmt: skip
         step += self._wrap * np.rint((expected - step) / self._wrap).astype(np.int64)
         counter = self._last + np.cumsum(step)
         odd = (step < -self._reach) | (step - expected > self._ahead)
@@ -335,7 +335,7 @@ class CounterUnwrapper:
         self._raw, self._last = int(raw[-1]), int(counter[-1])
         return self._account(counter, np.zeros(len(raw), np.bool_), [])
 
-    def _differs(self, counter: NDArray[np.int64], contents: Contents) -> bool:
+    def _differs(self, counter: Integers, contents: Contents) -> bool:
         """Return whether frames with the same counter differ."""
         if counter[0] > self._highest and (counter[1:] > counter[:-1]).all():
             return False
@@ -354,7 +354,7 @@ class CounterUnwrapper:
         if next(iter(self._recent), oldest) <= oldest:
             self._recent = {value: content for value, content in self._recent.items() if value > oldest}
 
-    def _expected(self, count: int, t_ns: NDArray[np.int64]) -> NDArray[np.float64] | float:
+    def _expected(self, count: int, t_ns: Integers) -> Floats | float:
         """Predicted step of each frame: 1 inside a chunk; at its start the time since the last one, less its frames.
 
         A plain 1.0 means 1 for all.
@@ -381,9 +381,9 @@ class CounterUnwrapper:
         expected[first] = np.where(late < 1.5, 1.0, late)  # the same for a chunk whatever else is in the batch
         return expected
 
-    def _one_by_one(self, raw: NDArray[np.int64], expected: NDArray[np.float64] | float,
-                    t_ns: NDArray[np.int64], before_ns: int,
-                    contents: Contents) -> tuple[NDArray[np.int64], NDArray[np.bool_], list[int]]:  # fmt: skip
+    def _one_by_one(self, raw: Integers, expected: Floats | float,
+                    t_ns: Integers, before_ns: int,
+                    contents: Contents) -> tuple[Integers, Flags, list[int]]:  # fmt: skip
         """Return counters, suspect marks, and the frames that are the first ones behind a jump."""
         counter = np.empty(len(raw), np.int64)
         suspect = np.zeros(len(raw), np.bool_)
@@ -421,7 +421,7 @@ class CounterUnwrapper:
             recent.setdefault(self._last, frames[index])
         return counter, suspect, jumps
 
-    def _account(self, counter: NDArray[np.int64], suspect: NDArray[np.bool_], jumps: list[int]) -> Unwrapped:
+    def _account(self, counter: Integers, suspect: Flags, jumps: list[int]) -> Unwrapped:
         highest = np.maximum.accumulate(np.concatenate(([self._highest], np.where(suspect, self._highest, counter))))
         steps = highest[1:] - highest[:-1]
         self._highest = int(highest[-1])

@@ -12,11 +12,11 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.batch import MessageBatch
 from bench.frame.definition import FrameDefinition
 from bench.frame.layout import OFFSET, Field
+from bench.model.arrays import Array
 from bench.model.errors import InputError
 
 _ROWS_AT_ONCE = 20_000
@@ -32,7 +32,7 @@ def columns_of(item: Field) -> Iterator[tuple[str, str, list[str]]]:
         yield name, unit, [f"{name}{number}" for number in numbers]
 
 
-def cells_of(batch: MessageBatch, item: Field, part: slice = slice(None)) -> Iterator[tuple[str, str, NDArray[Any]]]:
+def cells_of(batch: MessageBatch, item: Field, part: slice = slice(None)) -> Iterator[tuple[str, str, Array]]:
     """Yield name, unit and values of each column of a field, (n,), in native byte order.
 
     Integers are wide and signed where they fit, so that they can be subtracted. Text and bytes are objects; what is
@@ -153,14 +153,14 @@ class Tables:
 
         return write
 
-    def _columns(self, batch: MessageBatch, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
+    def _columns(self, batch: MessageBatch, part: slice) -> Iterator[tuple[str, Array]]:
         """Yield title and values of each column; text and bytes are objects; what is not there is masked."""
         yield OFFSET, batch.offset[part]
         for item in batch.message.fields:
             if item.constant is None:
                 yield from self._of_field(batch, item, part)
 
-    def _of_field(self, batch: MessageBatch, item: Field, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
+    def _of_field(self, batch: MessageBatch, item: Field, part: slice) -> Iterator[tuple[str, Array]]:
         for name, unit, values in cells_of(batch, item, part):
             empty = self._lines and values.dtype.kind == "f" and not np.ma.isMaskedArray(values)
             title = f"{name} [{unit}]" if unit else name
@@ -179,7 +179,7 @@ def _unwritten(error: OSError, path: Path) -> InputError:
     return InputError("B-FRAME-032", f"cannot be written: {error.strerror or error}", where=str(path))
 
 
-def _whole(raw: NDArray[Any], is_text: bool) -> NDArray[Any]:
+def _whole(raw: Array, is_text: bool) -> Array:
     """Return the bytes of each frame as one object; text without the zeros behind it."""
     values = np.empty(len(raw), object)
     whole = map(bytes, raw)
@@ -193,14 +193,14 @@ def _text(raw: bytes) -> str:
     return "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
 
 
-def _texts(values: NDArray[Any]) -> list[Any]:
+def _texts(values: Array) -> list[Any]:
     """Return values as CSV has them; floats in the fewest digits that give the same number back, bytes as hex."""
     if values.dtype == object:
         return [value.hex() if isinstance(value, bytes) else value for value in values.tolist()]
     return list((values.astype(str) if values.dtype == np.float32 else values).tolist())
 
 
-def _arrow(pyarrow: Any, values: NDArray[Any], kind: Any) -> Any:
+def _arrow(pyarrow: Any, values: Array, kind: Any) -> Any:
     if values.dtype == object:
         return pyarrow.array(values.tolist(), kind)
     return pyarrow.array(np.ma.getdata(values), kind, mask=np.ma.getmaskarray(values))

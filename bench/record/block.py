@@ -11,12 +11,12 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from bench.model.arrays import Array, Flags, Indices, Integers
 from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.layout import Message
@@ -53,8 +53,8 @@ class Block:
     channel: NDArray[np.uint16]
     sequence: NDArray[np.uint64]
     t_ns: NDArray[np.uint64]
-    begin: NDArray[np.int64]
-    stop: NDArray[np.int64]
+    begin: Integers
+    stop: Integers
 
     def __len__(self) -> int:
         return len(self.channel)
@@ -75,7 +75,7 @@ class Block:
             stop,
         )
 
-    def among(self, topics: frozenset[str] | None) -> NDArray[np.intp]:
+    def among(self, topics: frozenset[str] | None) -> Indices:
         """Return places of the messages of some topics, None: of all."""
         if topics is None:
             return np.arange(len(self))
@@ -95,7 +95,7 @@ class Block:
         ):
             yield place, Message(self.topics[number], sequence, t_ns, self.records[begin:stop])
 
-    def payloads(self, at: NDArray[np.intp]) -> list[tuple[int, bytes]]:
+    def payloads(self, at: Indices) -> list[tuple[int, bytes]]:
         """Return time and payload of the messages at some places."""
         records = self.records
         places = zip(self.t_ns[at].tolist(), self.begin[at].tolist(), self.stop[at].tolist(), strict=True)
@@ -103,7 +103,7 @@ class Block:
 
 
 @lru_cache(maxsize=64)
-def _chosen(names: tuple[tuple[int, str], ...], topics: frozenset[str]) -> NDArray[np.bool_]:
+def _chosen(names: tuple[tuple[int, str], ...], topics: frozenset[str]) -> Flags:
     """Return by channel number whether it is one of some topics."""
     chosen = np.zeros(1 + max((number for number, _ in names), default=0), np.bool_)
     chosen[[number for number, name in names if layout.matches(name, topics)]] = True
@@ -160,7 +160,7 @@ def _chunks(content: Content) -> Iterator[tuple[int, tuple[int, int, int, int]]]
         at = end
 
 
-def unpacked(content: Content, stretch: Stretch) -> tuple[bytes, NDArray[np.int64]] | None:
+def unpacked(content: Content, stretch: Stretch) -> tuple[bytes, Integers] | None:
     """Return the records of all chunks and where those of each one end; None if one is not as it was written."""
     view, crc32 = memoryview(content), zlib.crc32
     parts = []
@@ -179,13 +179,13 @@ def unpacked(content: Content, stretch: Stretch) -> tuple[bytes, NDArray[np.int6
 class Records:
     """Heads of the messages of a block, where each begins and ends, and channels that begin: place, number, topic."""
 
-    heads: NDArray[Any]
-    at: NDArray[np.int64]
-    end: NDArray[np.int64]
+    heads: Array
+    at: Integers
+    end: Integers
     channels: list[tuple[int, int, str]]
 
 
-def taken_apart(records: bytes, ends: NDArray[np.int64]) -> Records | None:
+def taken_apart(records: bytes, ends: Integers) -> Records | None:
     """Return the records of chunks that end at ``ends``; None if there is one that is no message and no channel."""
     unpack, size = mcap.RECORD.unpack_from, len(records)
     starts, channels, at = [], [], 0
@@ -212,7 +212,7 @@ def taken_apart(records: bytes, ends: NDArray[np.int64]) -> Records | None:
     return Records(heads, place, end_at, channels) if whole else None
 
 
-def proved(records: bytes, found: Records, seeds: NDArray[np.int64]) -> bool:
+def proved(records: bytes, found: Records, seeds: Integers) -> bool:
     """Return whether every message is long enough and its envelope's CRC is right; ``seeds``: (n,), by its topic."""
     if (found.end - found.at < mcap.RECORD.size + _SHORTEST).any():
         return False

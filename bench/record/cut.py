@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition, LinkBatch, MessageBatch, Signal
+from bench.model.arrays import Flags, Integers
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
@@ -125,7 +125,7 @@ class RecordCutter:
     def _take(self, frames: MessageBatch) -> None:
         assert frames.counter is not None
         counter = frames.counter
-        fresh: NDArray[np.int64] | None = None
+        fresh: Integers | None = None
         rises = counter[0] > self._highest and (counter[1:] > counter[:-1]).all()
         if frames.suspect.any() or not rises:
             trusted = np.where(frames.suspect, -1, counter)
@@ -144,9 +144,7 @@ class RecordCutter:
         last = -1 if fresh is None else int(fresh[-1])
         self._previous = (int(kept[-1]), int(frames.offset[last]))
 
-    def _take_into(
-        self, item: OpenWindow, frames: MessageBatch, kept: NDArray[np.int64], fresh: NDArray[np.int64] | None
-    ) -> None:
+    def _take_into(self, item: OpenWindow, frames: MessageBatch, kept: Integers, fresh: Integers | None) -> None:
         assert frames.t_ns is not None
         first, stop = (int(value) for value in np.searchsorted(kept, (item.first, item.stop)))
         given_up = False
@@ -176,9 +174,7 @@ class RecordCutter:
         channel: Any = window.conditions.get("channel")
         return bool(bits >> (channel - 1) & 1) if isinstance(channel, int) and channel > 0 else bits != 0
 
-    def _take_duplicates(
-        self, counter: NDArray[np.int64], before: NDArray[np.int64], repeated: NDArray[np.bool_]
-    ) -> None:
+    def _take_duplicates(self, counter: Integers, before: Integers, repeated: Flags) -> None:
         if not repeated.any():
             return
         counters, highest = counter[repeated], before[repeated]

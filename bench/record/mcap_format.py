@@ -15,6 +15,7 @@ import lz4.frame
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.arrays import Integers
 from bench.record.mapped import Content
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -214,7 +215,7 @@ def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> li
     return list(zip(heads["offset"][holds].tolist(), heads["length"][holds].tolist(), strict=True))
 
 
-def _at(content: bytes, begins: NDArray[np.int64], kind: np.dtype[np.void]) -> NDArray[np.void]:
+def _at(content: bytes, begins: Integers, kind: np.dtype[np.void]) -> NDArray[np.void]:
     """Return what stands at some places. Raises: ValueError if a place lies outside."""
     room = len(content) - kind.itemsize + 1
     if room <= 0 or int(begins.max(initial=0)) >= room:

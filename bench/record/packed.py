@@ -11,9 +11,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import IO, Any, Generic, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from bench.model.arrays import Column
 from bench.model.posix import read_at, write_at
 from bench.record.samples import Samples
 from bench.record.window import RecordRow
@@ -24,7 +22,6 @@ BLOCK = 64
 _LEVEL = 6
 _DICTIONARY_BYTES = 1 << 15  # as far back as the compression looks
 LARGE_BYTES = 1_000_000  # of a column; smaller ones stay in memory
-Column = NDArray[np.generic]
 
 
 class PackedRows(MutableMapping[int, RecordRow]):

@@ -10,12 +10,12 @@ the frames, without keeping the frames.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Columns = Mapping[str, NDArray[Any]]
+from bench.model.arrays import Array, Flags, Integers
+
+Columns = Mapping[str, Array]
 STEADY = ("master_count", "af_clock")
 CLOCK = "af_clock"
 PULSES = ("npp", "ppp")
@@ -25,7 +25,7 @@ TIMED = ("npp", "ppp")
 _EXACT = 1 << 53  # float64 holds every whole number below
 
 
-def implausible(pieces: Sequence[Columns]) -> NDArray[np.bool_] | None:
+def implausible(pieces: Sequence[Columns]) -> Flags | None:
     """Return which frames of a record cannot be true; None if all can.
 
     Args: pieces: consecutive parts of the record, each with its count fields by name, (n,) or (n, channels).
@@ -67,7 +67,7 @@ def _has_clock(pieces: Sequence[Columns]) -> bool:
     return all(name in pieces[0] for name in (CLOCK, *PULSES))
 
 
-def pulse_timing(pieces: Sequence[Mapping[str, NDArray[Any]]], first_counter: int) -> dict[str, NDArray[np.int64]]:
+def pulse_timing(pieces: Sequence[Mapping[str, Array]], first_counter: int) -> dict[str, Integers]:
     """Moments of the pulses of a record in which no frame is missing, and its first and last frame with a pulse.
 
     Args: pieces: consecutive parts of the record, each with its count fields by name, (n,) or (n, channels).
@@ -77,7 +77,7 @@ def pulse_timing(pieces: Sequence[Mapping[str, NDArray[Any]]], first_counter: in
         last frame with a pulse (-1: there is none), "at_first" and "at_last" = pulses in that frame (0: none).
         Fields that a frame format does not have are left out.
     """
-    timing: dict[str, NDArray[np.int64]] = {}
+    timing: dict[str, Integers] = {}
     for name in (name for name in TIMED if pieces and name in pieces[0]):
         counts = np.concatenate([piece[name] for piece in pieces])
         counts = counts[:, None] if counts.ndim == 1 else counts
@@ -86,7 +86,7 @@ def pulse_timing(pieces: Sequence[Mapping[str, NDArray[Any]]], first_counter: in
     return timing
 
 
-def _moments(counts: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
+def _moments(counts: Array) -> dict[str, Integers]:
     """Exact weighted sums of (n, channels): in float64, three times as fast, as long as that holds every digit."""
     place = np.arange(1, len(counts) + 1, dtype=np.int64)
     weights = np.stack((place, place * place))
@@ -97,7 +97,7 @@ def _moments(counts: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
     return {"moment1": sums[0], "moment2": sums[1]}
 
 
-def _ends(counts: NDArray[Any], first_counter: int) -> dict[str, NDArray[np.int64]]:
+def _ends(counts: Array, first_counter: int) -> dict[str, Integers]:
     """Return first and last frame with a pulse, by channel."""
     channels = np.ascontiguousarray(counts.T)
     pulsed = channels != 0

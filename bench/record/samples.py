@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition, Message, MessageBatch, Signal, columns, of_message
+from bench.model.arrays import Column, Floats, Integers
 
 PER_SAMPLE = "sample"
 Scale = tuple[float, float, str]
@@ -26,15 +26,15 @@ class Samples:
     raw * scale + shift in unit.
     """
 
-    columns: Mapping[str, NDArray[np.generic]]
-    counter: NDArray[np.int64]
-    t_ns: NDArray[np.int64]
+    columns: Mapping[str, Column]
+    counter: Integers
+    t_ns: Integers
     scales: Mapping[str, Scale]
 
     def __len__(self) -> int:
         return len(self.counter)
 
-    def scaled(self, name: str) -> NDArray[np.float64]:
+    def scaled(self, name: str) -> Floats:
         """Values of one field in its unit, (n,) or (n, elements). Raises: KeyError for a field that is not there."""
         scale, shift, _ = self.scales[name]
         return self.columns[name].astype(np.float64) * scale + shift
@@ -68,11 +68,9 @@ class SampleKeeper:
 
     def __init__(self, scales: Mapping[str, Scale]) -> None:
         self._scales = scales
-        self._pieces: list[tuple[NDArray[np.int64], NDArray[np.int64], dict[str, NDArray[np.generic]]]] = []
+        self._pieces: list[tuple[Integers, Integers, dict[str, Column]]] = []
 
-    def add(
-        self, counter: NDArray[np.int64], t_ns: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
-    ) -> None:
+    def add(self, counter: Integers, t_ns: Integers, columns: Mapping[str, Column]) -> None:
         """Take frames behind those before."""
         self._pieces.append((counter.copy(), t_ns.copy(), {name: columns[name].copy() for name in self._scales}))
 
@@ -113,7 +111,7 @@ class BesideKeeper:
         return {link: samples for link, samples in kept.items() if len(samples)}
 
 
-def _joined(parts: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
+def _joined(parts: Sequence[Column]) -> Column:
     return np.concatenate(parts) if parts else np.empty(0, np.int64)
 
 
@@ -121,8 +119,8 @@ def _joined(parts: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
 class SignalValues:
     """One signal over a record: receive stamps ``t_ns`` and ``values`` in the unit of the field, both (n,)."""
 
-    t_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    t_ns: Integers
+    values: Floats
 
 
 class SignalKeeper:
@@ -138,7 +136,7 @@ class SignalKeeper:
             inside = (frames.t_ns > self._begin_ns) & (frames.t_ns <= self._end_ns)
             self.add(link, frames, np.flatnonzero(inside & ~frames.suspect))
 
-    def add(self, link: str, frames: MessageBatch, rows: slice | NDArray[np.int64]) -> None:
+    def add(self, link: str, frames: MessageBatch, rows: slice | Integers) -> None:
         """Take some of the frames of a message of a link."""
         chosen = of_message(self._signals, link, frames.message.name)
         if not chosen or frames.t_ns is None or not len(frames.t_ns[rows]):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import Signal
+from bench.model.arrays import Floats
 from bench.model.errors import InputError
 from bench.record.trend_rows import (
     FOLDER,
@@ -35,7 +36,7 @@ class TrendWindow:
     ``low``, ``high``: (m, k), least and greatest value in the bucket, in the unit of each signal.
     """
 
-    t_utc_s: NDArray[np.float64]
+    t_utc_s: Floats
     low: NDArray[np.float32]
     high: NDArray[np.float32]
     bucket_s: float

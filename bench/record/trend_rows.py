@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import BENCH, Block, FrameDefinition, LinkBatch, MessageBatch, Signal, blocks, means
+from bench.model.arrays import Array, Column, Indices, Integers
 from bench.model.clock import NS
 
 VERSION = 2  # 1 had no rates
@@ -96,12 +97,12 @@ def _source(content: Mapping[str, Any]) -> TrendSource:
     return TrendSource(str(content["name"]), signals, float(content["period_s"]))
 
 
-def seconds_of(t_utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+def seconds_of(t_utc_ns: Integers) -> Integers:
     """Bucket of 1 s of each time, by its start; a time on the border belongs to the bucket that ends there.
 
     Under the virtual clock a link is read on the second: what came before it belongs together.
     """
-    seconds: NDArray[np.int64] = (t_utc_ns - 1) // NS
+    seconds: Integers = (t_utc_ns - 1) // NS
     return seconds
 
 
@@ -109,7 +110,7 @@ def seconds_of(t_utc_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 class TrendRows:
     """``start_s``: starts of the buckets, UTC, (m,), never falling; ``low``, ``high``: (m, k), NaN: nothing came."""
 
-    start_s: NDArray[np.int64]
+    start_s: Integers
     low: NDArray[np.float32]
     high: NDArray[np.float32]
 
@@ -146,14 +147,14 @@ def concatenated(parts: Sequence[TrendRows]) -> TrendRows:
     return TrendRows(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("start_s", "low", "high")))
 
 
-def _changes(values: NDArray[np.int64]) -> NDArray[np.intp]:
+def _changes(values: Integers) -> Indices:
     """Return where a value differs from the one before it; 0 is always among them."""
     first = np.flatnonzero(values[1:] != values[:-1])
     first += 1
     return np.concatenate((np.zeros(1, np.intp), first))
 
 
-def spread_ns(stamps_ns: NDArray[np.int64], period_ns: int, before_ns: int) -> NDArray[np.int64]:
+def spread_ns(stamps_ns: Integers, period_ns: int, before_ns: int) -> Integers:
     """Return times of frames from the receive stamps of the chunks they came in, (n,) ns.
 
     Frames of one chunk carry one stamp; they are laid back from it by the frame period, or closer where they would
@@ -167,7 +168,7 @@ def spread_ns(stamps_ns: NDArray[np.int64], period_ns: int, before_ns: int) -> N
     room_ns = np.diff(last_ns, prepend=min(before_ns, int(last_ns[0])))
     step_ns = np.minimum(period_ns, room_ns // count)
     start_ns = last_ns - step_ns * (first + count - 1)  # as if frame 0 were of this chunk
-    spread: NDArray[np.int64] = np.arange(len(stamps_ns)) * np.repeat(step_ns, count)
+    spread: Integers = np.arange(len(stamps_ns)) * np.repeat(step_ns, count)
     spread += np.repeat(start_ns, count)
     return spread
 
@@ -179,7 +180,7 @@ class FrameTimes:
         self._period_ns = round(NS / (definition.rate_Hz or 1.0))
         self._before_ns: dict[str, int] = {}
 
-    def of(self, name: str, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    def of(self, name: str, t_ns: Integers) -> Integers:
         """Monotonic times of the next frames of a message, (n,) ns, from their receive stamps."""
         stamps_ns = np.maximum.accumulate(t_ns)
         times_ns = spread_ns(stamps_ns, self._period_ns, self._before_ns.get(name, int(stamps_ns[0]) - 3600 * NS))
@@ -192,12 +193,12 @@ class _Together:
 
     def __init__(self, parts: Sequence[MessageBatch]) -> None:
         self._parts = parts
-        self._columns: dict[str, NDArray[Any]] = {}
-        self._values: dict[tuple[str, str, bytes], NDArray[np.generic]] = {}
+        self._columns: dict[str, Array] = {}
+        self._values: dict[tuple[str, str, bytes], Column] = {}
         self.message = parts[0].message
         self.t_ns = np.concatenate([part.t_ns for part in parts if part.t_ns is not None])
 
-    def raw(self, name: str) -> NDArray[Any]:
+    def raw(self, name: str) -> Array:
         """Raw values of a field."""
         if name not in self._columns:
             parts = [part.raw(name) for part in self._parts]
@@ -205,7 +206,7 @@ class _Together:
             self._columns[name] = np.concatenate(parts, out=column)
         return self._columns[name]
 
-    def of(self, block: Block) -> NDArray[np.generic]:
+    def of(self, block: Block) -> Column:
         """Raw values of a block; a count and its rate have the same."""
         key = block.field, block.minus, block.elements.tobytes()
         if key not in self._values:
@@ -221,7 +222,7 @@ class LinkReduction:
         self._width = len(source.signals)
         self._waiting: dict[str, list[MessageBatch]] = {}
         self.frames = 0  # waiting
-        self._messages: Mapping[str, tuple[NDArray[np.intp], tuple[Block, ...]]] = {
+        self._messages: Mapping[str, tuple[Indices, tuple[Block, ...]]] = {
             message: _blocks_of(source, message) for message in {signal.message: None for signal in source.signals}
         }
 
@@ -243,9 +244,7 @@ class LinkReduction:
         order = np.argsort(both.start_s, kind="stable")
         return TrendRows(both.start_s[order], both.low[order], both.high[order]).merged(1)
 
-    def _reduced(
-        self, frames: _Together, places: NDArray[np.intp], parts: tuple[Block, ...], offset_ns: int
-    ) -> TrendRows:
+    def _reduced(self, frames: _Together, places: Indices, parts: tuple[Block, ...], offset_ns: int) -> TrendRows:
         seconds = seconds_of(self._times.of(frames.message.name, frames.t_ns) + offset_ns)
         first = _changes(seconds)
         low = np.full((len(first), self._width), np.nan, np.float32)
@@ -264,6 +263,6 @@ class LinkReduction:
         return TrendRows(seconds[first], low, high)
 
 
-def _blocks_of(source: TrendSource, message: str) -> tuple[NDArray[np.intp], tuple[Block, ...]]:
+def _blocks_of(source: TrendSource, message: str) -> tuple[Indices, tuple[Block, ...]]:
     places = [place for place, signal in enumerate(source.signals) if signal.message == message]
     return np.array(places), blocks([source.signals[place] for place in places])

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Array, Floats, Integers
 from bench.model.clock import NS
 from bench.model.events import Event, Reading
 from bench.model.ports import RecordWindow
@@ -20,7 +20,7 @@ from bench.model.quality import Quality
 from bench.record.pulses import implausible, pulse_timing
 from bench.record.samples import BesideKeeper, SampleKeeper, Samples, SignalKeeper, SignalValues
 
-Rows = slice | NDArray[np.int64]
+Rows = slice | Integers
 UNIT_TEMPERATURE = "unit_temperature_degC"
 _TARGET, _BAND = "temperature_degC", "settle_band_degC"
 _FOLD = 100
@@ -44,7 +44,7 @@ def is_off_target(conditions: Mapping[str, Any], unit_degC: float) -> bool:
     return not abs(unit_degC - target_degC) <= band_degC
 
 
-def column_sums(column: NDArray[Any]) -> NDArray[np.int64]:
+def column_sums(column: Array) -> Integers:
     """Exact int64 sums over the first axis of (n,) or (n, channels).
 
     numpy adds narrow rows one by one; a hundred frames side by side make it eight times faster.
@@ -86,7 +86,7 @@ class RecordRow:
     """
 
     window: RecordWindow
-    sums: Mapping[str, NDArray[np.int64]]
+    sums: Mapping[str, Integers]
     frames: int
     lost: int
     bad: int
@@ -94,8 +94,8 @@ class RecordRow:
     context: Mapping[str, float] = field(default_factory=dict)
     duplicate: int = 0
     suspect: int = 0
-    timing: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
-    first_half: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    timing: Mapping[str, Integers] = field(default_factory=dict)
+    first_half: Mapping[str, Integers] = field(default_factory=dict)
     samples: Samples | None = None
     beside: Mapping[str, Samples] = field(default_factory=dict)
     signals: Mapping[str, SignalValues] = field(default_factory=dict)
@@ -125,13 +125,13 @@ class OpenWindow:
     first_stamp_ns: int = -1
     last_stamp_ns: int = -1
     bad_counters: set[int] = field(default_factory=set)
-    _pieces: list[Mapping[str, NDArray[Any]]] = field(default_factory=list)
+    _pieces: list[Mapping[str, Array]] = field(default_factory=list)
     _counts: list[int] = field(default_factory=list)  # frames of each piece
-    _context: list[tuple[NDArray[np.int64], Mapping[str, NDArray[np.float64]]]] = field(default_factory=list)
+    _context: list[tuple[Integers, Mapping[str, Floats]]] = field(default_factory=list)
     _early: int = 0  # frames of the first half
-    _sums: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    _first_half: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-    _timing: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    _sums: dict[str, Integers] = field(default_factory=dict)
+    _first_half: dict[str, Integers] = field(default_factory=dict)
+    _timing: dict[str, Integers] = field(default_factory=dict)
     _frames: int = 0
     _suspect: int = 0
 
@@ -150,9 +150,7 @@ class OpenWindow:
         """First counter of the second half of the record."""
         return self.first + self.window.frames // 2
 
-    def add(
-        self, columns: Mapping[str, NDArray[Any]], rows: Rows, t_ns: NDArray[np.int64], early: int, over_range: bool
-    ) -> None:
+    def add(self, columns: Mapping[str, Array], rows: Rows, t_ns: Integers, early: int, over_range: bool) -> None:
         """Take the frames ``rows`` of a batch, all inside the window, none of them twice; ``early``: how many of them
         are of the first half.
         """
@@ -165,7 +163,7 @@ class OpenWindow:
         self.last_stamp_ns = int(t_ns[rows][-1])
         self.over_range = self.over_range or over_range
 
-    def add_context(self, t_ns: NDArray[np.int64], values: Mapping[str, NDArray[np.float64]]) -> None:
+    def add_context(self, t_ns: Integers, values: Mapping[str, Floats]) -> None:
         """Keep the housekeeping that was received during the window."""
         first = int(np.searchsorted(t_ns, self.window.t_start_ns, side="left"))
         stop = int(np.searchsorted(t_ns, self.window.t_end_ns, side="right"))

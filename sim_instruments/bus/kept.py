@@ -5,7 +5,7 @@ What changes nothing is kept within its limits, and told again.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,19 +50,12 @@ class Kept:
         return f"{value:+.13E}"
 
 
-def number(default: float, low: float, high: float, unit: str = "", *, infinite: bool = False) -> Kept:
-    """Return a setting that is a number. Source: definition."""
-    return Kept(default, low, high, unit, infinite=infinite)
-
-
 def word(*choices: str) -> Kept:
     """Return a setting that is one of some words, the first after ``*RST``. Source: definition."""
     return Kept("".join(letter for letter in choices[0] if not letter.islower()), choices=choices)
 
 
-def switch(on: bool) -> Kept:
-    """Return a setting that is on or off. Source: definition."""
-    return Kept(on)
+KeptSettings = Mapping[str, Kept]  # by header
 
 
 @dataclass(frozen=True)
@@ -77,6 +70,9 @@ class Held:
     read: Callable[[Any, str], Any]
     form: str | None
     applied: bool
+
+
+HeldSettings = Mapping[str, Held]  # by header
 
 
 def held_number(

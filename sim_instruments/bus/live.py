@@ -15,7 +15,7 @@ import numpy as np
 from pyvisa_sim.devices import Device
 
 from bench.model.clock import to_ns
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import NamedFaults
 from sim_instruments.worlds.common.world import World
 
 MESSAGE_AVAILABLE = 16
@@ -45,7 +45,7 @@ class LiveDevice(Device):
         options: the station's options of this instrument.
     """
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {}  # what can go wrong with this model only
+    named_faults: ClassVar[NamedFaults] = {}  # what can go wrong with this model only
     identity = ""
     latency_s = 0.002  # one bus operation: addressing, handshake, parsing
     not_a_number = "+9.91000000E+37"  # SCPI-99 vol. 1, 7.2.1.5
@@ -124,6 +124,11 @@ class LiveDevice(Device):
         return self.faults.take_reading(text, self.not_a_number, self.overload)
 
     @property
+    def told_identity(self) -> str:
+        """What it says it is, by a fault another."""
+        return self.faults.identity or self.identity
+
+    @property
     def now_ns(self) -> int:
         """Bench time, nanoseconds."""
         return self.world.clock.now_ns()
@@ -193,3 +198,36 @@ class LiveDevice(Device):
         if len(stale) < len(self._replies):
             self.on_interrupted()
         self._replies = deque(stale)
+
+
+class CommandError(Exception):
+    """A command that is refused; ``args`` are those of ``CommandDevice.error``."""
+
+
+class CommandDevice(LiveDevice):
+    """An instrument whose messages are commands, separated by semicolons; the replies to one message go out as one."""
+
+    _reply_after_s = 0.0
+
+    def carry_out(self, command: str) -> str | None:
+        """Carry out one command, which may be empty; returns its reply, if it has one. Raises: CommandError."""
+        raise NotImplementedError
+
+    def error(self, *args: Any, **kwargs: Any) -> None:
+        """Note what was wrong with a command."""
+        raise NotImplementedError
+
+    def reply_after(self, seconds: float) -> None:
+        """Make the reply of the command being carried out ready that much later (gate time, measurement)."""
+        self._reply_after_s = max(self._reply_after_s, seconds)
+
+    def execute(self, message: str) -> None:
+        self._reply_after_s = 0.0
+        replies = []
+        for command in message.split(";"):
+            try:
+                replies.append(self.carry_out(command.strip()))
+            except CommandError as problem:
+                self.error(*problem.args)
+        if told := [reply for reply in replies if reply is not None]:
+            self.reply(";".join(told), after_s=self._reply_after_s)

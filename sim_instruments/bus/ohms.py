@@ -51,7 +51,7 @@ class Ohmmeter:
     def __init__(self, device: ScpiDevice, model: str, two_wire_ohm: float) -> None:
         self._device, self._model = device, model
         self._noise = device.rng(f"{model} ohms noise")
-        self._path_ohm = abs(float(device.rng(f"{model} two-wire path").normal(0.0, two_wire_ohm / 2)))
+        self._path_ohm = abs(device.rng(f"{model} two-wire path").normal(0.0, two_wire_ohm / 2))
 
     def configured(self, wires: int, parameters: Sequence[str], cycles: float) -> OhmsSetting:
         """Return the setting of ``CONFigure`` with the parameters range and resolution, both of them optional."""

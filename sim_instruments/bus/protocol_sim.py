@@ -31,7 +31,7 @@ class Serial(SerialBase):
 
     _unit: Any = None
     _world: Any = None
-    _name = ""
+    _name = _port_of_unit = ""
     _plug = 0  # which appearance of the port this is: one that was unplugged never comes back
 
     def open(self) -> None:
@@ -41,14 +41,15 @@ class Serial(SerialBase):
         parts = urlsplit(str(self._port))
         self._world = live_world(parts.netloc)
         self._name = parts.path.strip("/")
-        if self._world is None or not self._world.unit.has_port(self._name):
+        place = None if self._world is None else self._world.unit.port_at(self._name)
+        if place is None:
             raise SimulatedPortError(
                 "B-NGU-002",
                 "no simulated bench is open that has this port",
                 where=str(self._port),
                 next_step="take the URL from the world: world.link_url('port_a') or world.link_url('port_b')",
             )
-        self._unit = self._world.unit
+        self._unit, self._port_of_unit = place
         if self._world.faults.link(self._name).unplugged:
             raise SerialException(f"{self._port}: no such port, it is unplugged")
         self._plug = self._world.faults.link(self._name).plugs
@@ -60,13 +61,13 @@ class Serial(SerialBase):
         if self.is_open:
             self.is_open = False
             if self._world.faults.link(self._name).plugs == self._plug:  # else another one may listen there now
-                self._unit.disconnect(self._name)
+                self._unit.disconnect(self._port_of_unit)
 
     @property
     def in_waiting(self) -> int:
         """Bytes that can be read at once."""
         self._require_open()
-        return int(self._unit.waiting(self._name))
+        return int(self._unit.waiting(self._port_of_unit))
 
     def arrivals(self, turns_ns: Sequence[int]) -> Sequence[int]:
         """Return bytes that can be read at each of the coming times if nobody reads or does anything else before.
@@ -74,13 +75,13 @@ class Serial(SerialBase):
         Only as far as the unit knows them now: the answer may be shorter.
         """
         self._require_open()
-        coming: Sequence[int] = self._unit.arrivals(self._name, np.asarray(turns_ns, np.int64)).tolist()
+        coming: Sequence[int] = self._unit.arrivals(self._port_of_unit, np.asarray(turns_ns, np.int64)).tolist()
         return coming
 
     def read(self, size: int = 1) -> bytes:
         """Return up to ``size`` bytes; waits for them as long as ``timeout`` says (None: until all are there)."""
         self._require_open()
-        received = self._unit.read(self._name, size)
+        received = self._unit.read(self._port_of_unit, size)
         if len(received) == size or self._timeout == 0:
             return bytes(received)
         clock = self._world.clock
@@ -91,7 +92,7 @@ class Serial(SerialBase):
             wake_ns = clock.now_ns() + _POLL_NS
             clock.sleep_until_ns(wake_ns if deadline_ns is None else min(wake_ns, deadline_ns))
             self._require_open()
-            parts.append(self._unit.read(self._name, missing))
+            parts.append(self._unit.read(self._port_of_unit, missing))
             missing -= len(parts[-1])
         return b"".join(parts)
 
@@ -99,7 +100,7 @@ class Serial(SerialBase):
         """Send bytes to the unit at once; returns how many."""
         self._require_open()
         sent = to_bytes(data)
-        self._unit.write(self._name, bytes(sent))
+        self._unit.write(self._port_of_unit, bytes(sent))
         return len(sent)
 
     def flush(self) -> None:
@@ -109,7 +110,7 @@ class Serial(SerialBase):
     def reset_input_buffer(self) -> None:
         """Lose what has arrived."""
         self._require_open()
-        self._unit.discard(self._name)
+        self._unit.discard(self._port_of_unit)
 
     def reset_output_buffer(self) -> None:
         """Nothing waits to be sent."""
@@ -122,7 +123,7 @@ class Serial(SerialBase):
         return 0
 
     def _reconfigure_port(self) -> None:
-        self._unit.connect(self._name, self._baudrate, self._world.faults.link(self._name))
+        self._unit.connect(self._port_of_unit, self._baudrate, self._world.faults.link(self._name))
 
     def _require_open(self) -> None:
         if not self.is_open:

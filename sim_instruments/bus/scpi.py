@@ -12,8 +12,8 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from bench.model.clock import NS
-from sim_instruments.bus.kept import Held, Kept, held_count
-from sim_instruments.bus.live import LiveDevice
+from sim_instruments.bus.kept import Held, HeldSettings, Kept, KeptSettings, held_count
+from sim_instruments.bus.live import CommandDevice, CommandError
 
 UNDEFINED_HEADER = (-113, "Undefined header")
 MISSING_PARAMETER = (-109, "Missing parameter")
@@ -38,9 +38,10 @@ _MULTIPLIERS = {"": 1.0, "G": 1e9, "MA": 1e6, "K": 1e3, "M": 1e-3, "U": 1e-6, "N
 Method = TypeVar("Method", bound=Callable[..., Any])
 Answers = Mapping[str, Callable[[Any], str]]
 Handler = Callable[[str], str | None]
+Handlers = Mapping[str, Handler]
 
 
-class ScpiError(Exception):
+class ScpiError(CommandError):
     """An error that goes into the instrument's queue; ``args`` are its number and text."""
 
 
@@ -98,7 +99,7 @@ def _multiplier(suffix: str, unit: str) -> float:
     return 1e6 if prefix == "M" and unit in ("HZ", "OHM") else _MULTIPLIERS[prefix]
 
 
-class ScpiDevice(LiveDevice):
+class ScpiDevice(CommandDevice):
     """A SCPI instrument: one reply per message, real error queue, ``*OPC?`` waits for what is pending.
 
     ``answers`` are those that its state alone gives, by the header of the question; ``held`` are settings that need no
@@ -106,8 +107,8 @@ class ScpiDevice(LiveDevice):
     """
 
     answers: ClassVar[Answers] = {}
-    held: ClassVar[Mapping[str, Held]] = {}
-    kept: ClassVar[Mapping[str, Kept]] = {}  # settings without effect, by header
+    held: ClassVar[HeldSettings] = {}
+    kept: ClassVar[KeptSettings] = {}  # settings without effect, by header
     no_error = '+0,"No error"'
     scpi_version = "1999.0"
     error_format = '{0:+d},"{1}"'
@@ -123,7 +124,6 @@ class ScpiDevice(LiveDevice):
         self._settings = {header: setting.told for header, setting in self.kept.items()}
         self._handlers = self._declared()
         self._known: dict[str, Handler | None] = {}
-        self._reply_after_s = 0.0
         self.reset()
 
     def left_by_another(self, draw: np.random.Generator) -> None:
@@ -180,10 +180,6 @@ class ScpiDevice(LiveDevice):
             return round(float(text)) != 0
         return self.word(text, "ON", "OFF") == "ON"
 
-    def reply_after(self, seconds: float) -> None:
-        """Make the reply of the command being carried out ready that much later (gate time, measurement)."""
-        self._reply_after_s = max(self._reply_after_s, seconds)
-
     def busy(self, seconds: float) -> None:
         """Let something overlapped go on for that long; ``*OPC?`` waits for it."""
         self.busy_until_ns = max(self.busy_until_ns, self.now_ns + round(seconds * NS))
@@ -191,30 +187,17 @@ class ScpiDevice(LiveDevice):
     # --- messages ----------------------------------------------------------------------------------------------
 
     def execute(self, message: str) -> None:
-        """Carry out the commands of one message; the replies of its queries go out as one, joined by semicolons."""
-        self._reply_after_s = 0.0
-        replies = []
-        path = ""
-        for unit in message.split(";") if ";" in message else (message,):
-            header, _, parameters = unit.strip().partition(" ")
-            if not header:
-                continue
-            handler, path = self._find(header, path)
-            answer = self._carry_out(handler, parameters)
-            if answer is not None:
-                replies.append(answer)
-        if replies:
-            self.reply(";".join(replies), after_s=self._reply_after_s)
+        self._path = ""
+        super().execute(message)
 
-    def _carry_out(self, handler: Handler | None, parameters: str) -> str | None:
+    def carry_out(self, command: str) -> str | None:
+        header, _, parameters = command.partition(" ")
+        if not header:
+            return None
+        handler, self._path = self._find(header, self._path)
         if handler is None:
-            self.error(*UNDEFINED_HEADER)
-            return None
-        try:
-            return handler(parameters.strip())
-        except ScpiError as problem:
-            self.error(*problem.args)
-            return None
+            raise ScpiError(*UNDEFINED_HEADER)
+        return handler(parameters.strip())
 
     def _find(self, header: str, path: str) -> tuple[Handler | None, str]:
         """Return the handler of a header and the node path the next header of the same message continues from."""
@@ -235,7 +218,7 @@ class ScpiDevice(LiveDevice):
             self._known[name] = handler
             return handler
 
-    def further(self) -> Mapping[str, Handler]:
+    def further(self) -> Handlers:
         """Return handlers of headers that are alike, which no method declares one by one."""
         return {}
 
@@ -351,7 +334,7 @@ class ScpiDevice(LiveDevice):
 
 
 _ANSWERS: Answers = {  # of every model
-    "*IDN?": lambda self: self.faults.identity or self.identity,
+    "*IDN?": lambda self: self.told_identity,
     "*STB?": lambda self: str(self.status_byte()),
     "*TST?": lambda _: "0",
     "*OPT?": lambda _: "0",

@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.arrays import Int64
+from bench.model.arrays import Integers
 
 SYNC = b"\xa5\x5a\xc3\x3c"
 MOST_EVENTS = 6000  # of a block
@@ -37,7 +37,7 @@ class TagBlocks:
         self._counter = 0
         self._memory: deque[bytes] = deque()
         self._clock_Hz = self._tick = self._length = 0
-        self._ticks: Int64 = np.empty(0, np.int64)  # of events in the block that is not complete
+        self._ticks: Integers = np.empty(0, np.int64)  # of events in the block that is not complete
         self._words: Words = np.empty(0, np.uint32)
 
     def clear(self) -> None:
@@ -50,7 +50,7 @@ class TagBlocks:
         self._ticks, self._words = self._ticks[:0], self._words[:0]
         self.dropped = 0
 
-    def add(self, ticks: Int64, flags: Words) -> None:
+    def add(self, ticks: Integers, flags: Words) -> None:
         """Events in order of time, not before those added already: ticks of the clock, bits 0 to 2 of the event."""
         self._ticks = np.concatenate([self._ticks, ticks])
         self._words = np.concatenate([self._words, flags])

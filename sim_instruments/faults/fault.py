@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,6 +65,9 @@ class Fault:
         return tuple(_value(name, what, value) for what, value in zip(self.values, given, strict=True))
 
 
+NamedFaults = Mapping[str, Fault]
+
+
 def takes(*attributes: str) -> Switch:
     """Return a switch that sets these attributes to the values, in their order."""
 
@@ -96,15 +99,16 @@ def _value(name: str, what: tuple[str, float, float], value: Value) -> Any:
             return bytes.fromhex(match[1])
         due = "1 to 16 hexadecimal bytes are due"
     else:
-        number = _number(value)
+        number = plain_number(value)
         if low <= number <= high and (word not in _WHOLE or number == int(number)):
             return int(number) if word in _WHOLE else number
         due = f"a {'whole ' if word in _WHOLE else ''}number from {low:g} to {high:g} is due"
     raise InputError("B-SIM-012", f"{word} of {name} is {value!r}", where=name, next_step=due)
 
 
-def _number(value: Value) -> float:
+def plain_number(value: Any) -> float:
+    """Return a value as a number, nan if it is none."""
     try:
         return float(value)
-    except ValueError:
+    except (TypeError, ValueError):
         return math.nan

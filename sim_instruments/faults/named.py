@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
 
 from bench.model.errors import InputError
-from sim_instruments.faults.fault import LINK, ROLE, Fault, Value
+from sim_instruments.faults.fault import LINK, ROLE, Fault, NamedFaults, Value
 from sim_instruments.faults.switchboard import Faults, InstrumentFaults, LinkFaults
 
 OFF = "off"
@@ -20,7 +20,7 @@ OFF = "off"
 class Faulty(Protocol):
     """A simulated instrument, as far as its own faults go."""
 
-    named_faults: Mapping[str, Fault]
+    named_faults: NamedFaults
 
 
 class FaultyBench(Protocol):
@@ -115,7 +115,7 @@ def every_fault(instruments: Iterable[Faulty | type[Faulty]]) -> dict[str, Fault
     return {**LinkFaults.named_faults, **InstrumentFaults.named_faults, **dict(ordered)}
 
 
-def listing(faults: Mapping[str, Fault]) -> list[str]:
+def listing(faults: NamedFaults) -> list[str]:
     """Return one line for each fault."""
     rows = [(f"{name} {fault.usage}".strip(), fault.does) for name, fault in faults.items()]
     width = max(len(first) for first, _ in rows)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
-from sim_instruments.faults.fault import LINK, ROLE, Fault, becomes, takes
+from sim_instruments.faults.fault import LINK, ROLE, Fault, NamedFaults, becomes, takes
 from sim_instruments.seeds import generator
 
 _RATE = ("RATE", 0.0, 1.0)
@@ -37,7 +37,7 @@ class LinkFaults:
     _masks: dict[tuple[int, int, float], np.ndarray] = field(default_factory=dict, repr=False)
     _drawn: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "bit_errors": Fault(
             LINK, (("RATE", 0.0, 0.1),), "bits turned over, per bit",
             takes("bit_error_rate"), becomes(bit_error_rate=0.0)),
@@ -146,7 +146,7 @@ class InstrumentFaults:
     hang: bool = False
     _rng: np.random.Generator | None = field(default=None, repr=False)
 
-    named_faults: ClassVar[Mapping[str, Fault]] = {
+    named_faults: ClassVar[NamedFaults] = {
         "mute": Fault(ROLE, (), "takes commands and answers no query", becomes(mute=True), becomes(mute=False)),
         "late": Fault(
             ROLE, (("SECONDS", 0.0, 3600.0), _COUNT), "the next COUNT replies come so much later",

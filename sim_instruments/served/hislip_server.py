@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import selectors
 import socket
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -24,16 +23,15 @@ from sim_instruments.served.hislip_wire import (
     Message,
     Type,
     receive_now,
+    say,
     say_fatal,
-    send_all,
-    shut,
 )
+from sim_instruments.served.socket_server import LoopbackServer
 
 MOST_SESSIONS = 64
 MOST_WAITING = 64  # connections that are not a session yet; the oldest gives way
 _VERSION = 0x0100  # 1.0: what both sides of every version understand
 _VENDOR = int.from_bytes(b"IB", "big")
-_JOIN_LIMIT_S = 5.0
 
 
 @dataclass(eq=False)
@@ -46,7 +44,7 @@ class _Caller:
     session_id: int = 0
 
 
-class HislipServer:
+class HislipServer(LoopbackServer):
     """Serves the instruments until ``close``.
 
     Args: instruments: number n is reached as hislip<n>.   host: a loopback address.   port: 0 takes a free one.
@@ -59,25 +57,10 @@ class HislipServer:
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
         self._waiting: dict[socket.socket, _Caller] = {}
-        self._sessions: dict[HislipSession, threading.Thread] = {}
         self._last_id = 0
-        self._closing = False
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
-        self._thread = threading.Thread(target=self._run, name="hislip server", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """End every session and the server; idempotent. No thread, port or connection is left."""
-        if self._closing:
-            return
-        self._closing = True
-        shut(self._listener)
-        self._thread.join(_JOIN_LIMIT_S)
-        for session, thread in self._sessions.items():
-            session.stop()
-            thread.join(_JOIN_LIMIT_S)
-        self._sessions.clear()
+        super().__init__("hislip server", [self._listener])
 
     # --- connections -------------------------------------------------------------------------------------------
 
@@ -150,13 +133,12 @@ class HislipServer:
         if instrument is None:
             known = f"hislip0 to hislip{len(self._instruments) - 1}"
             raise FatalProtocolError(Fatal.BAD_INITIALIZATION, f"no instrument at {name[:40]!r}; there are {known}")
-        self._sessions = {session: thread for session, thread in self._sessions.items() if thread.is_alive()}
-        if len(self._sessions) >= MOST_SESSIONS:
+        if self._alive() >= MOST_SESSIONS:
             raise FatalProtocolError(Fatal.TOO_MANY_CLIENTS, f"{MOST_SESSIONS} sessions are open")
         self._last_id = self._last_id % 0xFFFF + 1
         caller.instrument, caller.session_id = instrument, self._last_id
         version = min(_VERSION, message.parameter >> 16)
-        send_all(caller.sock, Message(Type.INITIALIZE_RESPONSE, 0, version << 16 | self._last_id).packed())
+        say(caller.sock, Type.INITIALIZE_RESPONSE, 0, version << 16 | self._last_id)
 
     def _pair(self, caller: _Caller, session_id: int) -> None:
         waiting = self._waiting.values()
@@ -164,10 +146,8 @@ class HislipServer:
         first = next(halves, None)
         if first is None or first.instrument is None:
             raise FatalProtocolError(Fatal.BAD_INITIALIZATION, f"no session {session_id} waits for its second channel")
-        send_all(caller.sock, Message(Type.ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR).packed())
+        say(caller.sock, Type.ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR)
         self._release(first)
         self._release(caller)
         session = HislipSession(first.instrument, first.sock, caller.sock)
-        name = f"hislip session {first.instrument.device.role}"
-        self._sessions[session] = threading.Thread(target=session.run, name=name, daemon=True)
-        self._sessions[session].start()
+        self._serve(session, f"hislip session {first.instrument.device.role}")

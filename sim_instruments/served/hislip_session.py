@@ -31,8 +31,8 @@ from sim_instruments.served.hislip_wire import (
     RefusedMessage,
     Type,
     receive_now,
+    say,
     say_fatal,
-    send_all,
     shut,
 )
 
@@ -159,7 +159,7 @@ class HislipSession:
                     handle(message)
             except RefusedMessage as error:
                 mistake, text = error.args
-                send_all(sock, Message(Type.ERROR, mistake, 0, text.encode()).packed())
+                say(sock, Type.ERROR, mistake, 0, text.encode())
         return True
 
     def _send_due(self) -> None:
@@ -169,11 +169,7 @@ class HislipSession:
             pieces = [reply.payload[at : at + size] for at in range(0, len(reply.payload), size)]
             for number, piece in enumerate(pieces, 1):
                 kind = Type.TEXT_END if reply.end and number == len(pieces) else Type.TEXT
-                self._say(self._sync, kind, 0, message_id, piece)
-
-    @staticmethod
-    def _say(sock: socket.socket, kind: Type, control: int = 0, parameter: int = 0, payload: bytes = b"") -> None:
-        send_all(sock, Message(kind, control, parameter, payload).packed())
+                say(self._sync, kind, 0, message_id, piece)
 
     # --- synchronous channel -----------------------------------------------------------------------------------
 
@@ -208,14 +204,14 @@ class HislipSession:
     def _tell_interrupted(self, overtaken: bool, message_id: int) -> None:
         """A reply that was not sent yet is gone: said on both channels; one that was sent is the client's to drop."""
         if overtaken:
-            self._say(self._async, Type.ASYNC_INTERRUPTED, 0, message_id)
-            self._say(self._sync, Type.INTERRUPTED, 0, message_id)
+            say(self._async, Type.ASYNC_INTERRUPTED, 0, message_id)
+            say(self._sync, Type.INTERRUPTED, 0, message_id)
 
     def _end_clear(self) -> None:
         if not self._clearing:
             raise RefusedMessage(Mistake.UNIDENTIFIED, "no device clear is under way")
         self._clearing = False
-        self._say(self._sync, Type.DEVICE_CLEAR_ACKNOWLEDGE)
+        say(self._sync, Type.DEVICE_CLEAR_ACKNOWLEDGE)
 
     # --- asynchronous channel ----------------------------------------------------------------------------------
 
@@ -231,16 +227,16 @@ class HislipSession:
         self._clearing = True
         self._input.clear()
         self._exchange.clear()
-        self._say(self._async, Type.ASYNC_DEVICE_CLEAR_ACKNOWLEDGE)
+        say(self._async, Type.ASYNC_DEVICE_CLEAR_ACKNOWLEDGE)
 
     def _status(self, message: Message) -> None:
         self._acknowledge(message)
-        self._say(self._async, Type.ASYNC_STATUS_RESPONSE, self._exchange.status_byte() & 0xFF)
+        say(self._async, Type.ASYNC_STATUS_RESPONSE, self._exchange.status_byte() & 0xFF)
 
     def _remote_local(self, message: Message) -> None:
         if message.control not in _LOCAL_CONTROLS:
             raise RefusedMessage(Mistake.UNKNOWN_CONTROL_CODE, f"remote/local control {message.control}")
-        self._say(self._async, Type.ASYNC_REMOTE_LOCAL_RESPONSE)
+        say(self._async, Type.ASYNC_REMOTE_LOCAL_RESPONSE)
 
     def _agree_size(self, message: Message) -> None:
         if len(message.payload) != 8:
@@ -248,12 +244,12 @@ class HislipSession:
         (largest,) = struct.unpack("!Q", message.payload)
         self._largest_payload = max(1, min(largest, MAX_MESSAGE_BYTES) - HEADER.size)
         mine = struct.pack("!Q", MAX_MESSAGE_BYTES)
-        self._say(self._async, Type.ASYNC_MAX_MESSAGE_SIZE_RESPONSE, payload=mine)
+        say(self._async, Type.ASYNC_MAX_MESSAGE_SIZE_RESPONSE, payload=mine)
 
     def _lock(self, message: Message) -> None:
         """Ask for a lock, waiting for it on the bench's clock, or give one back."""
         if message.control == 0:
-            self._say(self._async, Type.ASYNC_LOCK_RESPONSE, self._instrument.locks.release(self))
+            say(self._async, Type.ASYNC_LOCK_RESPONSE, self._instrument.locks.release(self))
         elif message.control == 1:
             deadline_ns = self._clock.now_ns() + message.parameter * (NS // 1000)
             self._try_lock(message.payload.decode("latin-1"), deadline_ns)
@@ -266,11 +262,11 @@ class HislipSession:
             self._wanted_lock = (key, deadline_ns)
             return
         self._wanted_lock = None
-        self._say(self._async, Type.ASYNC_LOCK_RESPONSE, answer)
+        say(self._async, Type.ASYNC_LOCK_RESPONSE, answer)
 
     def _lock_info(self, _: Message) -> None:
         exclusive, clients = self._instrument.locks.holders()
-        self._say(self._async, Type.ASYNC_LOCK_INFO_RESPONSE, int(exclusive), clients)
+        say(self._async, Type.ASYNC_LOCK_INFO_RESPONSE, int(exclusive), clients)
 
 
 def _refusal(message: Message) -> Exception:

@@ -153,10 +153,15 @@ def send_all(sock: socket.socket, payload: bytes) -> None:
                 raise TimeoutError("the client does not read") from None
 
 
+def say(sock: socket.socket, kind: Type, control: int = 0, parameter: int = 0, payload: bytes = b"") -> None:
+    """Send one message. Raises: OSError as ``send_all``."""
+    send_all(sock, Message(kind, control, parameter, payload).packed())
+
+
 def say_fatal(sock: socket.socket, error: FatalProtocolError) -> None:
     """Tell the client why the connection ends, if it still listens."""
     with contextlib.suppress(OSError):
-        send_all(sock, Message(Type.FATAL_ERROR, error.args[0], 0, str(error.args[1]).encode()).packed())
+        say(sock, Type.FATAL_ERROR, error.args[0], 0, str(error.args[1]).encode())
 
 
 def shut(sock: socket.socket) -> None:

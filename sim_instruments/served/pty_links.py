@@ -30,24 +30,24 @@ class PtyLink:
     def __init__(self, world: World, name: str, path: Path, baud: int) -> None:
         self.name, self.path = name, path
         self.sent_bytes = self.lost_bytes = 0
-        self._world, self._unit = world, world.unit
+        self._unit, self._port = world.unit.port_at(name)  # type: ignore[attr-defined]
         self._faults = world.faults.link(name)
         self._master: int | None = None
-        self._unit.connect(name, baud, self._faults)  # type: ignore[attr-defined]
+        self._unit.connect(self._port, baud, self._faults)
         self._plug()
 
     def pump(self) -> None:
         """Move bytes both ways, and follow the fault switches of the port."""
         if self._faults.unplugged != (self._master is None):
             self._unplug() if self._faults.unplugged else self._plug()
-        arrived = self._unit.read(self.name, READ_BYTES)  # type: ignore[attr-defined]
+        arrived = self._unit.read(self._port, READ_BYTES)
         if self._master is None:
             self.lost_bytes += len(arrived)
             return
         if arrived:
             self._send(self._master, arrived)
         with contextlib.suppress(OSError):  # nothing written, or nobody there
-            self._unit.write(self.name, os.read(self._master, READ_BYTES))  # type: ignore[attr-defined]
+            self._unit.write(self._port, os.read(self._master, READ_BYTES))
 
     def close(self) -> None:
         """Take the terminal and its name away; idempotent."""

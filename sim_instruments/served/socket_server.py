@@ -11,7 +11,8 @@ import select
 import socket
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Protocol
 
 from sim_instruments.served.hislip_exchange import Exchange, ServedInstrument
 from sim_instruments.served.hislip_wire import receive_now, send_all, shut
@@ -90,7 +91,53 @@ class _Connection:
             self._exchange.confirm()
 
 
-class SocketServer:
+class Client(Protocol):
+    """A client that a server serves on a thread of its own."""
+
+    def run(self) -> None:
+        """Serve it; returns when it is gone."""
+
+    def stop(self) -> None:
+        """End it, from any thread."""
+
+
+class LoopbackServer:
+    """Takes connections on a thread of its own, by ``_run``, until ``close``. Args: listeners: what it listens at."""
+
+    def __init__(self, name: str, listeners: Iterable[socket.socket]) -> None:
+        self._listeners = tuple(listeners)
+        self._clients: dict[Client, threading.Thread] = {}
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End every client and the server; idempotent. No thread, port or connection is left."""
+        if self._closing:
+            return
+        self._closing = True
+        for listener in self._listeners:
+            shut(listener)
+        self._thread.join(_JOIN_LIMIT_S)
+        for client, thread in self._clients.items():
+            client.stop()
+            thread.join(_JOIN_LIMIT_S)
+        self._clients.clear()
+
+    def _alive(self) -> int:
+        """Return how many clients there are; those that are gone are forgotten."""
+        self._clients = {client: thread for client, thread in self._clients.items() if thread.is_alive()}
+        return len(self._clients)
+
+    def _serve(self, client: Client, name: str) -> None:
+        thread = self._clients[client] = threading.Thread(target=client.run, name=name, daemon=True)
+        thread.start()
+
+    def _run(self) -> None:
+        raise NotImplementedError
+
+
+class SocketServer(LoopbackServer):
     """Serves each instrument on a port of its own until ``close``.
 
     Args: instruments: in the order of ``ports``.   host: a loopback address.   ports: by role; others take a free one.
@@ -98,27 +145,11 @@ class SocketServer:
     """
 
     def __init__(self, instruments: Sequence[ServedInstrument], host: str, ports: Mapping[str, int]) -> None:
-        self._listeners = {
+        self._behind = {
             socket.create_server((host, ports.get(instrument.device.role, 0))): instrument for instrument in instruments
         }
-        self.ports: tuple[int, ...] = tuple(listener.getsockname()[1] for listener in self._listeners)
-        self._connections: dict[_Connection, threading.Thread] = {}
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="raw sockets", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """End every connection and the server; idempotent. No thread, port or connection is left."""
-        if self._closing:
-            return
-        self._closing = True
-        for listener in self._listeners:
-            shut(listener)
-        self._thread.join(_JOIN_LIMIT_S)
-        for connection, thread in self._connections.items():
-            connection.stop()
-            thread.join(_JOIN_LIMIT_S)
-        self._connections.clear()
+        self.ports: tuple[int, ...] = tuple(listener.getsockname()[1] for listener in self._behind)
+        super().__init__("raw sockets", self._behind)
 
     def _run(self) -> None:
         calls = select.poll()
@@ -137,14 +168,10 @@ class SocketServer:
             sock, _ = listener.accept()
         except OSError:  # the caller is gone again, or the server is being closed
             return
-        self._connections = {client: thread for client, thread in self._connections.items() if thread.is_alive()}
-        if len(self._connections) >= MOST_CONNECTIONS:
+        if self._alive() >= MOST_CONNECTIONS:
             sock.close()
             return
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        instrument = self._listeners[listener]
-        connection = _Connection(instrument, sock)
-        thread = threading.Thread(target=connection.run, name=f"raw socket {instrument.device.role}", daemon=True)
-        self._connections[connection] = thread
-        thread.start()
+        instrument = self._behind[listener]
+        self._serve(_Connection(instrument, sock), f"raw socket {instrument.device.role}")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from bench.frame.layout import Field, Item, Part, Span
-from bench.frame.spec import AnyField, FieldSpec, GroupSpec, ItemsSpec, OptionalSpec
+from bench.frame.spec import AnyField, Endian, FieldSpec, GroupSpec, ItemsSpec, OptionalSpec
 from bench.model.yamlio import Path_
 
 Fail = Callable[..., None]
@@ -37,7 +37,7 @@ class Placer:
     Mistakes go to ``fail``; the field is then placed as well as possible.
     """
 
-    def __init__(self, placed: Sequence[Field], start: int, endian: str, fail: Fail, sync: range = range(0)) -> None:
+    def __init__(self, placed: Sequence[Field], start: int, endian: Endian, fail: Fail, sync: range = range(0)) -> None:
         self.placed = list(placed)
         self._names = {field.name for field in placed}
         self._bit = 8 * start
@@ -52,7 +52,7 @@ class Placer:
         field = _field(spec, where, self._bit, self._endian, self._fail)
         if field.counter and any(other.counter for other in self.placed):
             self._fail("B-FRAME-003", (*where, "role"), "a message can have one counter only")
-        begin, self._bit = self._bit, self._bit + field.width * (1 if field.count is None else field.count)
+        begin, self._bit = self._bit, self._bit + field.width * field.elements
         if self._sync and begin < 8 * self._sync.start < self._bit:
             self._fail("B-FRAME-006", where, f"{field.name!r} lies over the sync bytes", "end a field before them")
         self.put(field, (*where, "name"))
@@ -79,7 +79,7 @@ class Placer:
         return self._bit // 8
 
 
-def place_fields(specs: Sequence[FieldSpec], path: Path_, endian: str, fail: Fail) -> list[Field]:
+def place_fields(specs: Sequence[FieldSpec], path: Path_, endian: Endian, fail: Fail) -> list[Field]:
     """Lay the fields of a payload one behind the other."""
     placer = Placer((), 0, endian, fail)
     for index, spec in enumerate(specs):
@@ -91,7 +91,7 @@ def place_fields(specs: Sequence[FieldSpec], path: Path_, endian: str, fail: Fai
     return placer.placed
 
 
-def _field(spec: FieldSpec, where: Path_, bit: int, endian: str, fail: Fail) -> Field:
+def _field(spec: FieldSpec, where: Path_, bit: int, endian: Endian, fail: Fail) -> Field:
     kind = "b" if spec.type == "bytes" else spec.type[0]
     count = {"b": 0}.get(kind) if spec.count == "rest" else spec.count
     _check_options(spec, kind, where, fail)
@@ -193,7 +193,7 @@ def _written(key: str, value: int | str | None, field: Field, where: Path_, fail
         found = read_hex(value) if field.kind == "b" else None
     elif field.kind in "ui" and field.count is None:
         try:
-            found = value.to_bytes(field.size, "big" if field.big else "little", signed=field.kind == "i")
+            found = value.to_bytes(field.size, field.order, signed=field.kind == "i")
         except OverflowError:
             found = None
     if found is None or len(found) != field.length or not found:
@@ -216,40 +216,39 @@ class Placed:
     @property
     def fixed(self) -> list[Field]:
         """Fields that begin at a fixed place of the frame."""
-        return [item for item in self.fields if item.offset + item.length <= self.head]
+        return [item for item in self.fields if item.end <= self.head]
 
 
-def place(specs: Sequence[AnyField], path: Path_, first: Placed | int, endian: str, fail: Fail,
+def place(specs: Sequence[AnyField], path: Path_, first: Placed | int, endian: Endian, fail: Fail,
           sync: range = range(0)) -> Placed:  # fmt: skip
     """Place what a message lists, behind the common fields or from a byte on; ``sync``: bytes to leave.
 
     Mistakes go to ``fail`` (B-FRAME-001 to 006, 015).
     """
     common, start = ((), first) if isinstance(first, int) else (first.fields, first.end)
-    work = _Work(Placer(common, start, endian, fail, sync), endian, fail)
-    work.mark = start
+    placer = _PartPlacer(common, start, endian, fail, sync)
     for index, spec in enumerate(specs):
-        work.take(spec, (*path, index))
-    end = work.close(path)
+        placer.take(spec, (*path, index))
+    end = placer.close(path)
     if sync and end <= sync.start:
         text = f"no field stands behind byte {sync.start}, where the sync bytes stand"
         fail("B-FRAME-006", path, text, "give at least one field behind them")
-    return work.placed(end)
+    return placer.message(end)
 
 
-class _Work:
-    def __init__(self, placer: Placer, endian: str, fail: Fail) -> None:
-        self._placer = placer
-        self._endian = endian
-        self._fail = fail
+class _PartPlacer(Placer):
+    """Lays fields and the parts of a message."""
+
+    def __init__(self, placed: Sequence[Field], start: int, endian: Endian, fail: Fail, sync: range) -> None:
+        super().__init__(placed, start, endian, fail, sync)
         self._parts: list[Part] = []
         self._head: int | None = None
-        self.mark = 0
+        self._mark = start
 
     def take(self, spec: AnyField, where: Path_) -> None:
         """Place a field, or all of a group, an optional part or items."""
         if isinstance(spec, FieldSpec) and (spec.count != "rest" or spec.type != "bytes"):
-            self._placer.add(spec, where)
+            self.add(spec, where)
             return
         name = spec.name if isinstance(spec, FieldSpec) else _name_of(spec)
         begin = self.close(where)
@@ -257,7 +256,7 @@ class _Work:
             what = f"{name!r} follows a field of 'rest' length or items"
             self._fail("B-FRAME-002", where, f"{what}: behind them fields stand alone")
         if isinstance(spec, FieldSpec):
-            self._placer.add(spec, where)
+            self.add(spec, where)
             part = Part("rest", name, begin, 0)
         elif isinstance(spec, ItemsSpec):
             part = self._items(spec, where, begin)
@@ -266,19 +265,19 @@ class _Work:
                 self._group(spec, where, begin) if isinstance(spec, GroupSpec) else self._optional(spec, where, begin)
             )
         self._parts.append(part)
-        self.mark = self._placer.end(where)
+        self._mark = self.end(where)
 
     def close(self, where: Path_) -> int:
         """End a run of fields at a fixed distance from each other; gives the byte behind it."""
-        end = self._placer.end(where)
+        end = self.end(where)
         if self._head is None:
             self._head = end
-        elif end > self.mark:
-            name = next(item.name for item in self._placer.placed if item.offset >= self.mark and item.length)
-            self._parts.append(Part("plain", name, self.mark, end - self.mark))
+        elif end > self._mark:
+            name = next(item.name for item in self.placed if item.offset >= self._mark and item.length)
+            self._parts.append(Part("plain", name, self._mark, end - self._mark))
         return end
 
-    def placed(self, end: int) -> Placed:
+    def message(self, end: int) -> Placed:
         """Return all that was placed; bytes of variable length at the end need no part."""
         parts = list(self._parts)
         for index, part in enumerate(parts):
@@ -286,7 +285,7 @@ class _Work:
                 parts[index] = replace(part, behind=sum(other.size for other in parts[index + 1 :]))
         if len(parts) == 1 and parts[0].kind == "rest":
             parts = []
-        return Placed(tuple(self._placer.placed), tuple(parts), end if self._head is None else self._head, end)
+        return Placed(tuple(self.placed), tuple(parts), end if self._head is None else self._head, end)
 
     def _group(self, spec: GroupSpec, where: Path_, begin: int) -> Part:
         by, bits = self._says(spec.count, (*where, "count"))
@@ -296,35 +295,35 @@ class _Work:
             if one.type == "bytes" or one.count is not None:
                 text = f"{one.name}: a field of a group is one number"
                 self._fail("B-FRAME-015", at, text, "name each element of an array; u8, u16, ... hold reserved bytes")
-            self._placer.add(one, at)
-        size = self._placer.end(where) - begin
+            self.add(one, at)
+        size = self.end(where) - begin
         self._change(len(spec.fields), lambda item: replace(item, count=spec.max, step=size, given=spec.count))
-        self._placer.skip((spec.max - 1) * size)
+        self.skip((spec.max - 1) * size)
         return Part("group", spec.group, begin, size, spec.max, by, bits)
 
     def _optional(self, spec: OptionalSpec, where: Path_, begin: int) -> Part:
         by, bits = self._says(spec.when, (*where, "when"))
         for index, one in enumerate(spec.fields):
             self._refuse(one, (*where, "fields", index), "that may be absent")
-            self._placer.add(one, (*where, "fields", index))
+            self.add(one, (*where, "fields", index))
         self._change(len(spec.fields), lambda item: replace(item, given=spec.when))
-        return Part("optional", spec.optional, begin, self._placer.end(where) - begin, 1, by, bits)
+        return Part("optional", spec.optional, begin, self.end(where) - begin, 1, by, bits)
 
     def _items(self, spec: ItemsSpec, where: Path_, begin: int) -> Part:
         id_size, length_size = int(spec.id[1:]) // 8, int(spec.length[1:]) // 8
         items: list[Item] = []
         for name, one in spec.of.items():
             path = (*where, "of", name)
-            at = self._placer.end(path)
-            self._placer.put(Field(name, "u", 1, None, at, big=True), path)
-            self._placer.skip(1)
+            at = self.end(path)
+            self.put(Field(name, "u", 1, None, at, big=True), path)
+            self.skip(1)
             for index, field in enumerate(one.fields):
                 if not one.required:
                     self._refuse(field, (*path, "fields", index), "that may be absent")
-                self._placer.add(field, (*path, "fields", index))
+                self.add(field, (*path, "fields", index))
             if not one.required:
                 self._change(len(one.fields), lambda item, name=name: replace(item, given=name))  # type: ignore[misc]
-            size = self._placer.end(path) - at - 1
+            size = self.end(path) - at - 1
             other = next((item.name for item in items if item.number == one.id), "")
             if other or one.id >= 1 << 8 * id_size:
                 text = f"{name}: the id 0x{one.id:X} is {f'that of {other!r}' if other else f'no {spec.id}'}"
@@ -335,19 +334,19 @@ class _Work:
             items.append(Item(name, one.id, at, size, one.required))
         return Part(
             "items", spec.items, begin, 0, items=tuple(items), id_size=id_size, length_size=length_size,
-            big=(spec.endian or self._endian) == "big", length_first=spec.length_first, plus=spec.plus,
+            order=spec.endian or self._endian, length_first=spec.length_first, plus=spec.plus,
         )  # fmt: skip
 
     def _change(self, number: int, change: Callable[[Field], Field]) -> None:
-        fields = self._placer.placed
+        fields = self.placed
         if number:
             fields[-number:] = [change(item) for item in fields[-number:]]
 
     def _says(self, name: str, where: Path_) -> tuple[Field | None, Span | None]:
         """Return the field, and the bits of it, that say how often something is there."""
         base, _, bits = name.partition(".")
-        field = next((item for item in self._placer.placed if item.name == base), None)
-        problem, names = "", [item.name for item in self._placer.placed]
+        field = next((item for item in self.placed if item.name == base), None)
+        problem, names = "", [item.name for item in self.placed]
         if field is None:
             problem = "is no field in front of it"
         elif field.given:

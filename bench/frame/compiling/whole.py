@@ -13,7 +13,7 @@ from bench.frame.compiling.fields import Placed, place
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
 from bench.frame.layout import OFFSET, Field, Layout, Message, Part, Span
 from bench.frame.parts import blank_row
-from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, FieldSpec, FrameSpec, ItemsSpec
+from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, Endian, FieldSpec, FrameSpec, ItemsSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
@@ -30,7 +30,7 @@ class _Compiler:
         self.document = document
         self.spec = document.model
         self.errors: list[InputError] = []
-        self._endian = self.spec.endian or "big"
+        self._endian: Endian = self.spec.endian or "big"
 
     def fail(self, code: str, path: Path_, message: str, next_step: str = "") -> None:
         where = self.document.where(path)
@@ -85,7 +85,7 @@ class _Compiler:
             if field.constant is None:
                 break
             pattern += field.constant
-        ends = [item.offset + item.length for item in (length_field, type_field) if item is not None]
+        ends = [item.end for item in (length_field, type_field) if item is not None]
         if spec.length is None and spec.escape is None and messages[0].parts:
             ends.append(messages[0].head)
         return Layout(
@@ -320,12 +320,12 @@ class _Compiler:
                 self.fail("B-FRAME-008", ("crc", "over", index), text, f"did you mean {close[0]!r}?" if close else "")
                 bounds.append(None)
             else:
-                bounds.append(field.offset if index == 0 else field.offset + field.length)
+                bounds.append(field.offset if index == 0 else field.end)
         start = bounds[0] or 0
         if bounds[1] is not None and bounds[1] <= start:
             self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}")
         own, stop = self._check_field, bounds[1] or (0 if fields[-1].rest else placed.end)
-        if own and own.offset <= start < stop <= own.offset + own.length:
+        if own and own.offset <= start < stop <= own.end:
             self.fail("B-FRAME-008", ("crc", "over"), f"the check covers nothing but itself in {message!r}")
         return start, bounds[1]
 
@@ -351,7 +351,7 @@ class _Compiler:
         if message.rest is not None or (message.parts and self.spec.messages is not None):
             return True
         saying = [part.by for part in message.parts if part.by is not None]
-        behind = any(field.offset + field.length > message.head for field in saying)
+        behind = any(field.end > message.head for field in saying)
         return behind or any(part.open_ended for part in message.parts)
 
     def _check(self, spec: CheckSpec) -> Check:

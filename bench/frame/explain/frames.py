@@ -14,10 +14,10 @@ from math import log10
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame.catalogue import CATALOGUE
 from bench.frame.crc import CHECKSUMS, Check, Crc
+from bench.model.arrays import Integers, Octets
 
 LOOKED_AT_BYTES = 1 << 20
 _PAIRS, _FEWEST = 24, 5  # pairs of bytes that are tried as sync bytes; frames that a hypothesis needs
@@ -202,7 +202,7 @@ def _framed(capture: bytes, sync: bytes) -> Guess | None:
     if len(places) < _FEWEST or len(places) > len(capture) // 4:
         return None
     gap = Counter(np.diff(places).tolist()).most_common(1)[0][0]
-    tries: list[tuple[LengthField | None, NDArray[np.int64]]] = [(None, np.full(len(places), gap, np.int64))]
+    tries: list[tuple[LengthField | None, Integers]] = [(None, np.full(len(places), gap, np.int64))]
     for at in range(len(sync), len(sync) + _LENGTH_PLACES):
         for size, big in ((2, True), (2, False), (1, True)):  # of two that say the same, the wider one
             tries += _length_at(stream, places, at, size, big)
@@ -214,8 +214,8 @@ def _framed(capture: bytes, sync: bytes) -> Guess | None:
     return best
 
 
-def _length_at(stream: NDArray[np.uint8], places: NDArray[np.int64], at: int, size: int,
-               big: bool) -> list[tuple[LengthField | None, NDArray[np.int64]]]:  # fmt: skip
+def _length_at(stream: Octets, places: Integers, at: int, size: int,
+               big: bool) -> list[tuple[LengthField | None, Integers]]:  # fmt: skip
     """Return the lengths that a field at that place states, with the constant that fits most gaps between frames."""
     if places[-1] + at + size > len(stream):
         places = places[places + at + size <= len(stream)]
@@ -230,7 +230,7 @@ def _length_at(stream: NDArray[np.uint8], places: NDArray[np.int64], at: int, si
     return [(LengthField(at, size, big, plus), value + plus)]
 
 
-def _chained(capture: bytes, sync: bytes, places: NDArray[np.int64], lengths: NDArray[np.int64],
+def _chained(capture: bytes, sync: bytes, places: Integers, lengths: Integers,
              field: LengthField | None) -> Guess | None:  # fmt: skip
     """Return the frames whose end is the beginning of another one, or of the whole capture."""
     places = places[: len(lengths)]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from bench.frame.batch import FrameBatch
 from bench.frame.layout import Layout, Message
-from bench.frame.packets.escape import Packet
-from bench.frame.reference import ReferenceDecoder
+from bench.frame.packets.escape import Packet, Search
+from bench.frame.reference import Pieces, ReferenceDecoder
 from bench.frame.refusal import Refusal, measured, why_none
 
 ROOM = 2  # bytes on the wire for one of a frame, at most
@@ -23,15 +21,15 @@ class PacketDecoder(ReferenceDecoder):
     rejected ones, are skipped.
     """
 
-    def __init__(
-        self, layout: Layout, search: Callable[[bytes, int, int], Packet | None], longest: int, end: bytes
-    ) -> None:
+    def __init__(self, layout: Layout, search: Search, longest: int, end: bytes) -> None:
         super().__init__(layout)
         self._next = search
         self._longest, self._end = longest, end
 
-    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
-        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.kinds}
+    def feed(self, chunk: bytes, final: bool = False, before: int = 0) -> FrameBatch:
+        self.counts.bytes += len(chunk)
+        stream = self._tail + chunk
+        found: Pieces = {message.name: [] for message in self._layout.kinds}
         ends: dict[str, list[int]] = {message.name: [] for message in self._layout.told}
         bad: list[int] = []
         at = taken = 0
@@ -59,10 +57,9 @@ class PacketDecoder(ReferenceDecoder):
             if message.name in ends:
                 ends[message.name].append(self._position + packet.end)
         self.counts.skipped_bytes += at - taken
-        batch = self._batch(found, bad, at)
+        batch = self._batch(found, bad, stream, at)
         for name, stops in ends.items():
             batch.messages[name].ends = np.array(stops, np.int64)
-        self._tail = stream[at:]
         return batch
 
     def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:

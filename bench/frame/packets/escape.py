@@ -33,19 +33,19 @@ class Packet(NamedTuple):
     noise: bool = False
 
 
-class Escape(NamedTuple):
-    """One way of escaping.
+Search = Callable[[bytes, int, int], Packet | None]
+"""Of a stream the piece at an offset, None while its end is not there; a packet of more than so many bytes is none."""
 
-    ``packed``: a frame to its bytes on the wire; ``next_packet``: of a stream the piece at an offset, None while its
-    end is not there; a packet of more than so many bytes is none; ``end``: the delimiter behind a packet.
-    """
+
+class Escape(NamedTuple):
+    """One way of escaping: a frame to its bytes on the wire, the search for packets, the delimiter behind one."""
 
     packed: Callable[[bytes], bytes]
-    next_packet: Callable[[bytes, int, int], Packet | None]
+    next_packet: Search
     end: bytes
 
 
-def _between(delimiter: bytes, unescape: Callable[[bytes], bytes | None]) -> Callable[[bytes, int, int], Packet | None]:
+def _between(delimiter: bytes, unescape: Callable[[bytes], bytes | None]) -> Search:
     """Return the search for packets that end with a delimiter."""
 
     def next_packet(stream: bytes, at: int, longest: int) -> Packet | None:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from bench.frame.layout import Field, Layout, Message
 from bench.frame.packets.decoder import PacketDecoder
-from bench.frame.packets.escape import Packet
+from bench.frame.packets.escape import Packet, Search
 from bench.frame.refusal import Refusal
 from bench.frame.spec import LinesSpec
 
@@ -42,7 +42,7 @@ class LineDecoder(PacketDecoder):
         return None if isinstance(read, Refusal) else read
 
 
-def search_of(sync: bytes) -> Callable[[bytes, int, int], Packet | None]:
+def search_of(sync: bytes) -> Search:
     """Return the search for lines that begin with these bytes; without any, every line is one.
 
     Then the rest of a line that is too long, or that holds a CR alone, is passed over up to its end.
@@ -208,16 +208,14 @@ def _packer(item: Field) -> Callable[[str], bytes | None]:
     if item.kind == "b":
         most = item.length
         return lambda value: None if len(value) > most else value.encode().ljust(most, b"\0")
-    order = "big" if item.big else "little"
     if item.kind == "f":
-        number_of, code = _READ.get(item.form, _float), f"{'>' if item.big else '<'}{'f' if item.size == 4 else 'd'}"
-        return partial(_packed_float, number_of, struct.Struct(code).pack)
+        return partial(_packed_float, _READ.get(item.form, _float), struct.Struct(item.float_code).pack)
     digits, base = (_HEX, 16) if item.form == "hex" else (_INTEGER, 10)
 
     def integer(value: str) -> bytes | None:
         if not digits.fullmatch(value):
             return None
-        return int(value, base).to_bytes(item.size, order, signed=item.kind == "i")  # type: ignore[arg-type]
+        return int(value, base).to_bytes(item.size, item.order, signed=item.kind == "i")
 
     return integer
 

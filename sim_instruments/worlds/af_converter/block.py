@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import AF_CLOCK_HZ, CHANNELS, GATE_S, KINDS, WHITE_A_RTHZ
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
@@ -32,18 +32,18 @@ _HALF_BLOCK_S = 0.5 * BLOCK_GATES * GATE_S
 class Quanta:
     """Converters at one temperature in charge units: pulse charges (C,), and the units per ampere and clock (C,)."""
 
-    q_n: Int64
-    q_p: Int64
-    units_A: NDArray[np.float64]
+    q_n: Integers
+    q_p: Integers
+    units_A: Floats
 
-    def charge(self, current_A: NDArray[np.float64], margin: Int64 | int = 0) -> Int64:
+    def charge(self, current_A: Floats, margin: Integers | int = 0) -> Integers:
         """Return charge of one clock period, units; an input beyond the reset current is all it can follow."""
         limit = np.minimum(self.q_n, self.q_p) - margin
         wanted = np.rint(current_A * self.units_A)
         return np.minimum(np.maximum(wanted, -limit), limit).astype(np.int64)
 
 
-def quanta(truth: NguTruth, unit_degC: NDArray[np.float64]) -> list[Quanta]:
+def quanta(truth: NguTruth, unit_degC: Floats) -> list[Quanta]:
     """Return pulse charges at each temperature; the AF clock sets the length of a reset, so its error is in them."""
     clock = 1.0 + truth.af_clock_error_ppm * 1e-6
     nominal = float(1 << CHARGE_BITS) / clock
@@ -64,13 +64,13 @@ class GateBlock:
     """
 
     first: int
-    ends_s: NDArray[np.float64]
-    ends_ns: Int64
-    edges: Int64
+    ends_s: Floats
+    ends_ns: Integers
+    edges: Integers
     quanta: Quanta
-    bias_A: NDArray[np.float64]
+    bias_A: Floats
     noise: NDArray[np.int32]
-    noise_peak: Int64
+    noise_peak: Integers
 
 
 class BlockFactory:
@@ -145,7 +145,7 @@ class BlockFactory:
             start_s += BLOCK_GATES * gate_s
         return starts_s, gates_s, middles_degC, turns_degC
 
-    def _noise(self, number: int, units_A: NDArray[np.float64]) -> tuple[NDArray[np.int32], Int64]:
+    def _noise(self, number: int, units_A: Floats) -> tuple[NDArray[np.int32], Integers]:
         """Return noise charges and a bound of their size; each is the sum of four uniform numbers, so it has one."""
         if not self._truth.noise:
             return np.zeros((CHANNELS, BLOCK_GATES), np.int32), np.zeros(CHANNELS, np.int64)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.arrays import Int64
+from bench.model.arrays import Flags, Integers
 
 Pulses = NDArray[np.integer]
 
@@ -32,7 +32,7 @@ class ChargeBalance:
         integrated charge, because a pulse takes away at least what one clock can bring.
     """
 
-    def __init__(self, threshold: Int64, pulse_type: type[np.integer] = np.int64) -> None:
+    def __init__(self, threshold: Integers, pulse_type: type[np.integer] = np.int64) -> None:
         self._threshold = np.asarray(threshold, np.int64)
         self._pulse_type = pulse_type
         self.residue = np.zeros_like(self._threshold)
@@ -41,14 +41,14 @@ class ChargeBalance:
         self._max_clocks = 0
         self.set_quanta(self._q_n, self._q_p)
 
-    def set_quanta(self, q_n: Int64, q_p: Int64) -> None:
+    def set_quanta(self, q_n: Integers, q_p: Integers) -> None:
         """Set the charge of one N and of one P pulse, (C,) each, charge units; each in (0, 2 Qth]."""
         self._q_n = np.asarray(q_n, np.int64)
         self._q_p = np.asarray(q_p, np.int64)
         largest = max(int(self._q_n.max()), int(self._q_p.max()))
         self._max_clocks = (1 << 62) // largest
 
-    def advance(self, charge: Int64, clocks: Int64) -> tuple[Pulses, Pulses]:
+    def advance(self, charge: Integers, clocks: Integers) -> tuple[Pulses, Pulses]:
         """Let n stretches of time pass, with constant input in each.
 
         Args:
@@ -64,14 +64,14 @@ class ChargeBalance:
         charge *= clocks
         return self._one_way(charge, falling) if one_way else self._any_way(charge)
 
-    def advance_one_way(self, steady: Int64, noise: NDArray[np.int32], clocks: Int64) -> tuple[Pulses, Pulses]:
+    def advance_one_way(self, steady: Integers, noise: NDArray[np.int32], clocks: Integers) -> tuple[Pulses, Pulses]:
         """``advance`` with a charge of ``steady`` (C,) and ``noise`` (C, n), which is nowhere larger than the other."""
         self._require_room(int(clocks.sum()))
         charge = np.asarray(noise + steady[:, None])
         charge *= clocks
         return self._one_way(charge, steady < 0)
 
-    def advance_once(self, charge: Int64, clocks: int) -> tuple[Int64, Int64]:
+    def advance_once(self, charge: Integers, clocks: int) -> tuple[Integers, Integers]:
         """``advance`` for one stretch of time: ``charge`` (C,), N and P pulses (C,) each."""
         self._require_room(clocks)
         phi = self.residue + charge * clocks
@@ -84,7 +84,7 @@ class ChargeBalance:
         if clocks > self._max_clocks:
             raise ValueError(f"{clocks} clocks in one call; at most {self._max_clocks} fit 64-bit charge")
 
-    def _one_way(self, steps: Int64, falling: NDArray[np.bool_]) -> tuple[Pulses, Pulses]:
+    def _one_way(self, steps: Integers, falling: Flags) -> tuple[Pulses, Pulses]:
         """Every row only rises or only falls, so its extreme is its last value; of one that falls all is negative."""
         quantum = np.where(falling, -self._q_p, self._q_n)
         ahead = quantum + np.where(falling, 1 + self._threshold, -1 - self._threshold)
@@ -103,7 +103,7 @@ class ChargeBalance:
             (p_pulses if p_only else n_pulses)[row] = pulses[row]
         return n_pulses, p_pulses
 
-    def _any_way(self, steps: Int64) -> tuple[Pulses, Pulses]:
+    def _any_way(self, steps: Integers) -> tuple[Pulses, Pulses]:
         n_pulses, p_pulses = (np.empty(steps.shape, self._pulse_type) for _ in range(2))
         self.residue = self.residue.copy()
         for row in range(len(steps)):
@@ -116,7 +116,7 @@ class ChargeBalance:
         return n_pulses, p_pulses
 
 
-def _phases(phi: Int64, q_n: int, q_p: int, threshold: int) -> tuple[Int64, Int64]:
+def _phases(phi: Integers, q_n: int, q_p: int, threshold: int) -> tuple[Integers, Integers]:
     """Return cumulative N and P pulses at each sample of the integrated charge ``phi``, by phases of one polarity."""
     n_total = np.zeros_like(phi)
     p_total = np.zeros_like(phi)
@@ -135,7 +135,7 @@ def _phases(phi: Int64, q_n: int, q_p: int, threshold: int) -> tuple[Int64, Int6
     return n_total, p_total
 
 
-def _one_phase(phi: Int64, quantum: int, threshold: int) -> tuple[Int64, int]:
+def _one_phase(phi: Integers, quantum: int, threshold: int) -> tuple[Integers, int]:
     """Return pulses of one polarity, and the samples until the other polarity is due."""
     highest = np.maximum.accumulate(phi)
     pulses = np.maximum((highest - threshold + quantum - 1) // quantum, 0)

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Int64
 from sim_instruments.worlds.af_converter.block import BLOCK_GATES, CHARGE_BITS, BlockFactory, GateBlock
 from sim_instruments.worlds.af_converter.charge_balance import ChargeBalance, Pulses
 from sim_instruments.worlds.af_converter.constants import CHANNELS, KINDS
@@ -18,7 +17,7 @@ _FULL_SCALE_A = np.array([kind.full_scale_A for kind in KINDS])
 _BITS = 1 << np.arange(CHANNELS)
 
 
-def _none() -> Int64:
+def _none() -> Integers:
     return np.zeros(CHANNELS, np.int64)
 
 
@@ -26,7 +25,7 @@ def _none() -> Int64:
 class Drive:
     """Inputs from outside: currents (10,), ampere, and the reference pulses of the function generator."""
 
-    input_A: NDArray[np.float64] = field(default_factory=lambda: np.zeros(CHANNELS))
+    input_A: Floats = field(default_factory=lambda: np.zeros(CHANNELS))
     fg_Hz: float = 0.0
     fg_since_ns: int = 0
     fg_phase: float = 0.0  # pulses up to fg_since_ns
@@ -36,7 +35,7 @@ class Drive:
         """Bit k - 1 is set where channel k is beyond its range."""
         return int(_BITS[np.abs(self.input_A) > _FULL_SCALE_A].sum())
 
-    def fg_pulses(self, epoch_ns: int, t_s: NDArray[np.float64]) -> Int64:
+    def fg_pulses(self, epoch_ns: int, t_s: Floats) -> Integers:
         """Return whole pulses of the function generator up to ``t_s`` seconds after the epoch."""
         elapsed_s = t_s + (epoch_ns - self.fg_since_ns) / NS
         return np.floor(self.fg_phase + self.fg_Hz * elapsed_s).astype(np.int64)
@@ -60,10 +59,10 @@ class GateState:
     gate: int = 0
     edge: int = 0
     fraction: float = 0.0
-    partial: Int64 = field(default_factory=_none)
-    n_pulses: Int64 = field(default_factory=_none)
-    p_pulses: Int64 = field(default_factory=_none)
-    residue: Int64 = field(default_factory=_none)
+    partial: Integers = field(default_factory=_none)
+    n_pulses: Integers = field(default_factory=_none)
+    p_pulses: Integers = field(default_factory=_none)
+    residue: Integers = field(default_factory=_none)
     fg_count: int = 0
 
 
@@ -72,11 +71,11 @@ class GateRows:
     """n finished gates: counts (10, n) and (n,), ``end_ns`` bench time, ``over_range`` bits; ``first`` gate from 0."""
 
     first: int
-    end_ns: Int64
+    end_ns: Integers
     npp: Pulses
     ppp: Pulses
-    af_clock: Int64
-    fg_count: Int64
+    af_clock: Integers
+    fg_count: Integers
     over_range: int
 
 
@@ -126,7 +125,7 @@ class GateMachine:
             return begun
         return begun + self._factory.make(gate // BLOCK_GATES + len(begun), start_s, stop_ns)
 
-    def _charge(self, block: GateBlock) -> Int64:
+    def _charge(self, block: GateBlock) -> Integers:
         """Return charge per clock without noise, (C,)."""
         return block.quanta.charge(self.state.drive.input_A - block.bias_A, margin=block.noise_peak)
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from bench.model.arrays import Integers
 from bench.model.clock import Clock, VirtualClock
-from sim_instruments.arrays import Int64
 from sim_instruments.worlds.af_converter.core import AHEAD_NS, CommandReader, Request, UnitCore
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 from sim_instruments.worlds.common.port import Port, PortedUnit
@@ -71,7 +71,7 @@ class Ngu(PortedUnit):
         with self.lock:
             self._ports[name].disconnect()
 
-    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+    def _foreseen(self, name: str, t_ns: Integers) -> Integers:
         """As far as the unit has worked ahead."""
         del name
         self._upto_now()

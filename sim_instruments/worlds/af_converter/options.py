@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from sim_instruments.worlds.common.options import any_text
 
 OPTIONS = {
@@ -22,3 +25,9 @@ TEXTS = {  # the unit reads them itself
     "unit_seed": ("whose constants it has: a unit that comes back; the seed of the run if not given", any_text),
     "check_standard": ("channel that has the constants of another unit, and its seed: 7:12", any_text),
 }
+
+
+def apart(options: Mapping[str, Any]) -> tuple[Mapping[str, Any], Mapping[str, str]]:
+    """Return the world's own options, with all switches, and those that its unit reads itself."""
+    texts = {key: value for key, value in options.items() if key in TEXTS}
+    return dict.fromkeys(OPTIONS, True) | {key: options[key] for key in options if key not in TEXTS}, texts

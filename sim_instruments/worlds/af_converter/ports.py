@@ -9,10 +9,9 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition
-from sim_instruments.arrays import Int64
+from bench.model.arrays import Floats, Integers
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.charge_balance import Pulses
 from sim_instruments.worlds.af_converter.constants import CHANNELS, GATE_MASTER_PULSES, INTEGRATED_GATES
@@ -42,7 +41,7 @@ class Mode(IntEnum):
     OFF = 15
 
 
-def _no_counts() -> dict[str, Int64]:
+def _no_counts() -> dict[str, Integers]:
     each = np.zeros(CHANNELS, np.int64)
     return {"npp": each, "ppp": each, "af_clock": np.zeros((), np.int64), "fg_count": np.zeros((), np.int64)}
 
@@ -58,7 +57,7 @@ class FramerState:
     sent: int = 0
     gates: int = 0
     over_range: int = 0
-    sums: dict[str, Int64] = field(default_factory=_no_counts)
+    sums: dict[str, Integers] = field(default_factory=_no_counts)
 
 
 class Framer:
@@ -120,7 +119,7 @@ class Framer:
             if self.state.gates == INTEGRATED_GATES:
                 self._send_integrated(part.end_ns[at - 1 : at])
 
-    def _send_integrated(self, ready_ns: Int64) -> None:
+    def _send_integrated(self, ready_ns: Integers) -> None:
         state = self.state
         status = state.over_range << _OVER_RANGE_BIT | Mode.INTEGRATED << _MODE_BIT
         columns = {name: total[None] for name, total in state.sums.items()} | {
@@ -132,7 +131,7 @@ class Framer:
         self.state = FramerState(state.mode, state.zero_gate, state.sent + 1)
 
 
-def _over_range(rows: Sequence[GateRows]) -> Int64:
+def _over_range(rows: Sequence[GateRows]) -> Integers:
     return np.repeat([part.over_range for part in rows], [len(part.end_ns) for part in rows])
 
 
@@ -153,7 +152,7 @@ class Housekeeping:
         self._thermal = thermal
         self._seed = seed
         self._noise = noise
-        self._drawn: dict[tuple[int, int], NDArray[np.float64]] = {}
+        self._drawn: dict[tuple[int, int], Floats] = {}
 
     def send(self, rows: Sequence[GateRows], period: int, supply_V: float, mode: Mode) -> None:
         """Queue the housekeeping frames that fall due with these gates (each tenth gate ends one)."""
@@ -188,7 +187,7 @@ class Housekeeping:
         frame = self._definition.encode_one(values, "answer")
         self._port.append(np.array([t_ns]), np.frombuffer(frame, np.uint8)[None, :])
 
-    def _draws(self, period: int, number: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _draws(self, period: int, number: Integers) -> Floats:
         """Return standard normal numbers of the frames, (n, readings)."""
         if not self._noise:
             return np.zeros((len(number), _READINGS))
@@ -197,7 +196,7 @@ class Housekeeping:
         start = int(number[0]) - first * _FRAMES_DRAWN
         return (blocks[0] if first == last else np.concatenate(blocks))[start : start + len(number)]
 
-    def _block(self, period: int, block: int) -> NDArray[np.float64]:
+    def _block(self, period: int, block: int) -> Floats:
         key = (period, block)
         if key not in self._drawn:
             if len(self._drawn) > 2:

@@ -12,12 +12,10 @@ from typing import Any
 
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
-from sim_instruments.arrays import Int64
-from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
 from sim_instruments.worlds.af_converter.ngu import Ngu
-from sim_instruments.worlds.af_converter.options import OPTIONS, TEXTS
+from sim_instruments.worlds.af_converter.options import apart
 from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.common.thermal import LAB_DEGC, PlaceInAir, SharedAir, Thermal
 from sim_instruments.worlds.common.wiring import CHANNELS, Wiring
@@ -55,44 +53,9 @@ class UnitsInSlots:
         for unit in self._units:
             unit.set_fg(frequency_Hz, t_ns)
 
-    def has_port(self, name: str) -> bool:
-        """Return whether some unit has the port."""
-        return name in self._ports
-
-    def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
-        """Listen to a port."""
-        unit, port = self._ports[name]
-        unit.connect(port, baud, faults)
-
-    def disconnect(self, name: str) -> None:
-        """Stop listening."""
-        unit, port = self._ports[name]
-        unit.disconnect(port)
-
-    def waiting(self, name: str) -> int:
-        """Return bytes that have arrived by now and are not read."""
-        unit, port = self._ports[name]
-        return unit.waiting(port)
-
-    def read(self, name: str, size: int) -> bytes:
-        """Return up to ``size`` bytes of those that have arrived by now."""
-        unit, port = self._ports[name]
-        return unit.read(port, size)
-
-    def arrivals(self, name: str, t_ns: Int64) -> Int64:
-        """Return bytes that can be read at each of the coming times."""
-        unit, port = self._ports[name]
-        return unit.arrivals(port, t_ns)
-
-    def discard(self, name: str) -> None:
-        """Lose what has arrived by now."""
-        unit, port = self._ports[name]
-        unit.discard(port)
-
-    def write(self, name: str, sent: bytes) -> None:
-        """Send bytes to a unit."""
-        unit, port = self._ports[name]
-        unit.write(port, sent)
+    def port_at(self, name: str) -> tuple[Ngu, str] | None:
+        """Return the unit behind a port of the bench and its own name for it; None without such a port."""
+        return self._ports.get(name)
 
 
 class AfSlots(World):
@@ -104,19 +67,18 @@ class AfSlots(World):
     load = START_V, CURRENT_A
 
     def __init__(self, slots: Mapping[str, Any], *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
-        own = dict.fromkeys(OPTIONS, True) | {key: value for key, value in options.items() if key not in TEXTS}
-        texts = {key: value for key, value in options.items() if key in TEXTS}
+        own, texts = apart(options)
         self._slots, factor = slots, float(own.get("time_constants", 1.0))
         thermals: list[Thermal] = []
         self._places: dict[str, PlaceInAir] = {}
         self.converters: dict[str, Ngu] = {}
         for number, letter in enumerate(slots):
             draws = generator(seed, "slot of the chamber", number)
-            thermals.append(Thermal(factor, unit_lag=1.0 + LAG_SPREAD * float(draws.uniform(-1.0, 1.0))))
-            share, warmer_degC = 1.0 + AIR_SHARE * float(draws.normal()), float(draws.uniform(0.0, MOST_WARMER_DEGC))
+            thermals.append(Thermal(factor, unit_lag=1.0 + LAG_SPREAD * draws.uniform(-1.0, 1.0)))
+            share, warmer_degC = 1.0 + AIR_SHARE * draws.normal(), draws.uniform(0.0, MOST_WARMER_DEGC)
             offset_degC = warmer_degC + LAB_DEGC * (1.0 - share)
             place = self._places[letter] = PlaceInAir(thermals[-1], share, offset_degC)
-            sensed = PlaceInAir(thermals[-1], share, offset_degC + SENSED_DEGC * float(draws.normal()))
+            sensed = PlaceInAir(thermals[-1], share, offset_degC + SENSED_DEGC * draws.normal())
             self.converters[letter] = Ngu(
                 clock, seed + number * SEED_STEP, place.unit, texts, sensed=sensed.unit_degC, serial=f"SIM-{number + 1}"
             )

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.common.world import entry
@@ -24,8 +24,8 @@ class UnitTruth(Protocol):
 
     af_clock_error_ppm: float
     kinds: Sequence[str]  # of each channel
-    half_width_degC: NDArray[np.float64]  # play of each channel's hysteresis
-    hysteresis_A: NDArray[np.float64]  # falling minus rising branch of each channel's bias
+    half_width_degC: Floats  # play of each channel's hysteresis
+    hysteresis_A: Floats  # falling minus rising branch of each channel's bias
 
     def dsf_n_ppm(self, channel: Any, unit_degC: Any) -> Any:
         """Return scale-factor error of the N pulses (positive currents), ppm."""
@@ -68,7 +68,7 @@ def per_degC(unit: str, order: int) -> str:
     return unit if order == 0 else f"{unit}/degC{order if order > 1 else ''}"
 
 
-def times_ns(windows: Sequence[RecordWindow]) -> NDArray[np.int64]:
+def times_ns(windows: Sequence[RecordWindow]) -> Integers:
     """Return bench times spread evenly over the windows."""
     return np.concatenate([np.linspace(w.t_start_ns, w.t_end_ns, _POINTS_PER_WINDOW).astype(np.int64) for w in windows])
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bench.model.arrays import Floats, Integers
 from bench.model.errors import InputError
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CHANNELS, KINDS, REFERENCE_DEGC, WALK_A_RTH
 from sim_instruments.worlds.common.thermal import follow, play_after
@@ -32,10 +32,10 @@ class BiasWalk:
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
-        self._starts_A: list[Float] = [np.zeros(CHANNELS)]  # value before the first step of each block
-        self._newest: tuple[int, Float] = (-1, np.empty(0))
+        self._starts_A: list[Floats] = [np.zeros(CHANNELS)]  # value before the first step of each block
+        self._newest: tuple[int, Floats] = (-1, np.empty(0))
 
-    def at(self, index: Int64, t_s: Float | float) -> Float:
+    def at(self, index: Integers, t_s: Floats | float) -> Floats:
         """Return walk of the channels ``index`` (from 0) at bench time ``t_s``, ampere; the arguments broadcast."""
         place = np.maximum(t_s, 0.0) / _STEP_S
         cell = np.asarray(place).astype(np.int64)
@@ -50,13 +50,13 @@ class BiasWalk:
                 walk_A[inside] = self._joined(block, index[inside], place[inside], cell[inside])
         return walk_A
 
-    def _joined(self, block: int, index: Int64, place: Float, cell: Int64) -> Float:
+    def _joined(self, block: int, index: Integers, place: Floats, cell: Integers) -> Floats:
         grid_A = self._grid_A(block)
         row = cell - block * _BLOCK
         low_A, high_A = grid_A[row, index], grid_A[row + 1, index]
         return np.asarray(low_A + (place - cell) * (high_A - low_A))
 
-    def _grid_A(self, block: int) -> Float:
+    def _grid_A(self, block: int) -> Floats:
         """Return values at the steps of a block and at the first of the next one, (4097, 10)."""
         while len(self._starts_A) <= block:
             self._starts_A.append(self._grid_A(len(self._starts_A) - 1)[_BLOCK - 1].copy())
@@ -67,7 +67,7 @@ class BiasWalk:
             self._newest = (block, grid_A)
         return self._newest[1]
 
-    def _steps_A(self, block: int, count: int) -> Float:
+    def _steps_A(self, block: int, count: int) -> Floats:
         """Return the first ``count`` steps of a block, (count, 10)."""
         return generator(self._seed, "ngu bias walk", block).standard_normal((count, CHANNELS)) * _STEP_A
 
@@ -115,13 +115,13 @@ class NguTruth:
             self._take_channel(options["check_standard"])
         self._stiffness_A_degC = self.hysteresis_A / (2.0 * self.half_width_degC)  # h of h (P - T)
         self._walk = BiasWalk(seed)
-        self._play: tuple[Sequence[float], Float] = ((), np.empty(0))
+        self._play: tuple[Sequence[float], Floats] = ((), np.empty(0))
 
-    def dsf_n_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+    def dsf_n_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Floats:
         """Return scale-factor error of the N pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
         return self._dsf(0, channel, unit_degC)
 
-    def dsf_p_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+    def dsf_p_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Floats:
         """Return scale-factor error of the P pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
         return self._dsf(1, channel, unit_degC)
 
@@ -136,7 +136,7 @@ class NguTruth:
 
     def bias_A(
         self, channel: ArrayLike, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0
-    ) -> Float:
+    ) -> Floats:
         """Return i_AFbias, ampere, with the random walk at bench time ``t_s`` (seconds); the arguments broadcast.
 
         ``play_offset_degC`` is P - T (``play_offset_degC`` gives it); 0 is the centre of the loop.
@@ -149,7 +149,7 @@ class NguTruth:
         """Return coefficient of (T - 20 degC)^order of the centre curve of i_AFbias, ampere per degC^order."""
         return float(self._bias_A[order, channel - 1])
 
-    def play_offset_degC(self, turns_degC: Sequence[Sequence[float]], unit_degC: Float) -> Float:
+    def play_offset_degC(self, turns_degC: Sequence[Sequence[float]], unit_degC: Floats) -> Floats:
         """Return P - T of channels, (n, 10), for a unit at ``unit_degC`` (n,) that had turned at these, each time.
 
         Nothing is known of the past without turns: then it is 0, the centre of the loop.
@@ -161,19 +161,19 @@ class NguTruth:
             state[row] = self._play[1] if turns else degC
         return follow(state, unit_degC[:, None], self.half_width_degC) - unit_degC[:, None]
 
-    def all_dsf_ppm(self, unit_degC: Float) -> Float:
+    def all_dsf_ppm(self, unit_degC: Floats) -> Floats:
         """Return scale-factor errors of the N and the P pulses of all channels, (2, n, 10), ppm, at (n,) degC."""
         rise = (unit_degC - REFERENCE_DEGC)[:, None]
         constant, slope, square = (each[:, None, :] for each in (self._dsf_ppm, self._dsf_tc1, self._dsf_tc2))
         return np.asarray(constant + rise * (slope + rise * square))
 
-    def all_bias_A(self, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0) -> Float:
+    def all_bias_A(self, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0) -> Floats:
         """Return i_AFbias of all channels, (..., 10), ampere; the arguments are (..., 1) or (..., 10)."""
         unit_degC, t_s = np.asarray(unit_degC, float), np.asarray(t_s, float)
         curve_A = _polynomial(self._bias_A, unit_degC - REFERENCE_DEGC)
         return curve_A + self._stiffness_A_degC * play_offset_degC + self._walk_A(_ALL, t_s)
 
-    def master_error_ppm(self, unit_degC: ArrayLike) -> Float:
+    def master_error_ppm(self, unit_degC: ArrayLike) -> Floats:
         """Return frequency error of the master oscillator, ppm; it sets the gate: t_gate = 10 ms / (1 + error)."""
         rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
         return np.asarray(_polynomial(self._master, rise))
@@ -198,7 +198,7 @@ class NguTruth:
         for name in ("_dsf_ppm", "_dsf_tc1", "_dsf_tc2", "_bias_A", "half_width_degC", "hysteresis_A"):
             getattr(self, name)[..., number - 1] = getattr(other, name)[..., number - 1]
 
-    def _draw_bias(self, rng: np.random.Generator, seed: int) -> Float:
+    def _draw_bias(self, rng: np.random.Generator, seed: int) -> Floats:
         """Return coefficients of the centre curve, (4, 10), ampere per degC^order."""
         spread = np.clip(rng.standard_normal(CHANNELS), -2.5, 2.5)
         offset = np.array([k.bias_A for k in KINDS]) + spread * [k.bias_spread_A for k in KINDS]
@@ -208,34 +208,34 @@ class NguTruth:
         cube = _signed(curved, (CHANNELS,), 1.0, 0.5) * [k.bias_tc3_A for k in KINDS]
         return np.array([offset, slope, square, cube])
 
-    def _draw_hysteresis(self, seed: int) -> tuple[Float, Float]:
+    def _draw_hysteresis(self, seed: int) -> tuple[Floats, Floats]:
         """Return half-widths of the plays, (10,), degC, and widths of the loops (falling - rising), (10,), ampere."""
         rng = generator(seed, "ngu hysteresis")
         half_width = rng.uniform(0.8, 1.2, CHANNELS) * [k.half_width_degC for k in KINDS]
         width = _signed(rng, (CHANNELS,), 1.0, 0.2) * [k.hysteresis_A for k in KINDS]
         return half_width, width * float(self.hysteresis)
 
-    def _curve_A(self, index: NDArray[np.int64], unit_degC: ArrayLike) -> Float:
+    def _curve_A(self, index: Integers, unit_degC: ArrayLike) -> Floats:
         return np.asarray(_polynomial(self._bias_A[:, index], np.asarray(unit_degC, float) - REFERENCE_DEGC))
 
-    def _dsf(self, row: int, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+    def _dsf(self, row: int, channel: ArrayLike, unit_degC: ArrayLike) -> Floats:
         index = np.asarray(channel) - 1
         rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
         slope = self._dsf_tc1[row, index] + self._dsf_tc2[row, index] * rise
         return np.asarray(self._dsf_ppm[row, index] + slope * rise)
 
-    def _walk_A(self, index: NDArray[np.int64], t_s: Float | float) -> Float:
+    def _walk_A(self, index: Integers, t_s: Floats | float) -> Floats:
         """Return bias random walk, ampere."""
         return self._walk.at(index, t_s) if self.noise else np.zeros(np.broadcast(index, t_s).shape)
 
 
-def _polynomial(coefficients: Sequence[float] | Float, rise_degC: Float) -> Float:
+def _polynomial(coefficients: Sequence[float] | Floats, rise_degC: Floats) -> Floats:
     """Return c0 + c1 x + c2 x^2 + c3 x^3 by Horner's rule; the coefficients broadcast with x."""
     c0, c1, c2, c3 = coefficients
     return np.asarray(c0 + rise_degC * (c1 + rise_degC * (c2 + rise_degC * c3)))
 
 
-def _signed(rng: np.random.Generator, shape: tuple[int, ...], size: float, spread: float) -> Float:
+def _signed(rng: np.random.Generator, shape: tuple[int, ...], size: float, spread: float) -> Floats:
     """Return values of about ``size`` with either sign."""
     return rng.choice((-1.0, 1.0), shape) * size * rng.uniform(1 - spread, 1 + spread, shape)
 

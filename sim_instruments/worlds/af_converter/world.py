@@ -9,7 +9,7 @@ from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
 from sim_instruments.worlds.af_converter.ngu import Ngu
-from sim_instruments.worlds.af_converter.options import OPTIONS, TEXTS
+from sim_instruments.worlds.af_converter.options import apart
 from sim_instruments.worlds.af_converter.slots import AfSlots
 from sim_instruments.worlds.af_converter.truth import UnitTruth, estimates
 from sim_instruments.worlds.common.thermal import TemperatureFunction, Thermal
@@ -36,9 +36,8 @@ class AfWorld(World):
     load = START_V, CURRENT_A
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any], unit_factory: UnitFactory = Ngu) -> None:
-        own = dict.fromkeys(OPTIONS, True) | {key: value for key, value in options.items() if key not in TEXTS}
+        own, texts = apart(options)
         thermal = Thermal(float(own.get("time_constants", 1.0)))
-        texts = {key: value for key, value in options.items() if key in TEXTS}
         self.converters = unit_factory(clock, seed, thermal.unit, texts)
         super().__init__(clock=clock, seed=seed, unit=self.converters, thermal=thermal, options=own)
 

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim_instruments.arrays import Float, Int64
+from bench.model.arrays import Floats, Integers
 
 EARTH_RATE_RAD_S = 7.292115e-5
 STANDARD_GRAVITY_M_S2 = 9.80665  # the "g" of the bench's units
@@ -23,10 +23,10 @@ BODY_OF_TABLE = {"x": (0, 1, 2), "y": (2, 0, 1), "z": (1, 2, 0)}  # which table 
 class AxisMotion(Protocol):
     """Angle and rate of one axis of the table at bench times."""
 
-    def angle_deg(self, t_ns: Int64) -> Float:
+    def angle_deg(self, t_ns: Integers) -> Floats:
         """Return angle at bench times (n,), degrees."""
 
-    def rate_deg_s(self, t_ns: Int64) -> Float:
+    def rate_deg_s(self, t_ns: Integers) -> Floats:
         """Return its derivative, degrees per second."""
 
 
@@ -47,13 +47,13 @@ class Site:
     azimuth_deg: float = 90.0
 
     @property
-    def earth_rate_deg_s(self) -> Float:
+    def earth_rate_deg_s(self) -> Floats:
         """Earth's rate in the local frame (East, North, Up), degrees per second."""
         latitude = np.deg2rad(self.latitude_deg)
         return np.array([0.0, np.cos(latitude), np.sin(latitude)]) * float(np.rad2deg(EARTH_RATE_RAD_S))
 
     @property
-    def rest_force_g(self) -> Float:
+    def rest_force_g(self) -> Floats:
         """Specific force at rest in the local frame, standard g: up."""
         return np.array([0.0, 0.0, self.gravity_m_s2 / STANDARD_GRAVITY_M_S2])
 
@@ -64,11 +64,11 @@ class Still:
 
     angle: float = 0.0
 
-    def angle_deg(self, t_ns: Int64) -> Float:
+    def angle_deg(self, t_ns: Integers) -> Floats:
         """Return the angle, (n,)."""
         return np.full(np.shape(t_ns), self.angle)
 
-    def rate_deg_s(self, t_ns: Int64) -> Float:
+    def rate_deg_s(self, t_ns: Integers) -> Floats:
         """Return zeros, (n,)."""
         return np.zeros(np.shape(t_ns))
 
@@ -88,23 +88,29 @@ class Tilt:
     and a wobble with the inner and with the middle angle (first harmonics), a third of the variance each.
     """
 
-    constant: Float  # (3,)
-    with_inner: Float  # (2, 3), of cosine and sine
-    with_middle: Float  # (2, 3)
+    constant: Floats  # (3,)
+    with_inner: Floats  # (2, 3), of cosine and sine
+    with_middle: Floats  # (2, 3)
 
-    def rad(self, angles_deg: Float) -> Float:
+    def rad(self, angles_deg: Floats) -> Floats:
         """Turn at table angles (n, 3), radians, (n, 3)."""
         inner, middle = np.deg2rad(angles_deg[:, 2]), np.deg2rad(angles_deg[:, 1])
         wobble = np.stack((np.cos(inner), np.sin(inner)), 1) @ self.with_inner
         return self.constant + wobble + np.stack((np.cos(middle), np.sin(middle)), 1) @ self.with_middle
 
 
-def angles_deg(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
+def cross_matrix(vector: Floats) -> Floats:
+    """Return the matrix of the cross product with a vector (3,), (3, 3)."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def angles_deg(motion: Sequence[AxisMotion], t_ns: Integers) -> Floats:
     """Return outer, middle and inner angle at bench times, (n, 3), degrees."""
     return np.stack([axis.angle_deg(t_ns) for axis in motion], axis=1)
 
 
-def in_inner_axes(vector: Float, angles: Float, site: Site) -> Float:
+def in_inner_axes(vector: Floats, angles: Floats, site: Site) -> Floats:
     """Return a vector of the local frame (3,) in the axes of the inner gimbal at table angles (n, 3): (n, 3)."""
     outer, middle, inner = np.deg2rad(angles).T
     turn = outer + np.deg2rad(90.0 - site.azimuth_deg)
@@ -114,14 +120,14 @@ def in_inner_axes(vector: Float, angles: Float, site: Site) -> Float:
     return np.stack((x, np.cos(inner) * y + np.sin(inner) * z, np.cos(inner) * z - np.sin(inner) * y), axis=1)
 
 
-def in_body_axes(inner_axes: Float, mounting: str, tilt_rad: Float | None = None) -> Float:
+def in_body_axes(inner_axes: Floats, mounting: str, tilt_rad: Floats | None = None) -> Floats:
     """Return vectors in the axes of the inner gimbal (n, 3) in those of the body; ``tilt_rad`` as ``Tilt`` gives it."""
     if tilt_rad is not None:
         inner_axes = inner_axes - np.cross(tilt_rad, inner_axes)
     return inner_axes[:, BODY_OF_TABLE[mounting]]
 
 
-def turned_deg(first: Float, last: Float, between: Float, gain_deg: Float) -> Float:
+def turned_deg(first: Floats, last: Floats, between: Floats, gain_deg: Floats) -> Floats:
     """Return small turn of the inner gimbal between two sets of table angles, degrees about its own axes.
 
     Args:
@@ -139,12 +145,12 @@ def turned_deg(first: Float, last: Float, between: Float, gain_deg: Float) -> Fl
     return np.stack((x, y, z), axis=1)
 
 
-def _shared(way_deg: Float, gain_deg: Float, share: Float) -> Float:
+def _shared(way_deg: Floats, gain_deg: Floats, share: Floats) -> Floats:
     """Return integral of a rate times its share (2, n) at the nodes: exactly the way where it does not change."""
     return way_deg * share.mean(axis=0) + gain_deg * (share[1] - share[0]) / 4.0
 
 
-def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
+def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Integers) -> Floats:
     """Return rate of the inner gimbal against the local frame about its own axes at bench times, (n, 3), deg/s."""
     outer, middle, inner = (axis.rate_deg_s(t_ns) for axis in motion)
     _, about_y, about_x = np.deg2rad(angles_deg(motion, t_ns)).T
@@ -153,7 +159,7 @@ def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
     return np.stack((inner - outer * np.sin(about_y), y, forward * np.cos(about_x) - middle * np.sin(about_x)), axis=1)
 
 
-def lever_force_g(rate_deg_s: Float, change_deg_s2: Float, lever_arm_m: Float) -> Float:
+def lever_force_g(rate_deg_s: Floats, change_deg_s2: Floats, lever_arm_m: Floats) -> Floats:
     """Return specific force at a point ``lever_arm_m`` (body axes) from the centre of rotation, (n, 3), standard g.
 
     Args: rate_deg_s and its derivative in body axes, (n, 3).

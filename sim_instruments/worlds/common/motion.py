@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 
 
@@ -40,18 +40,18 @@ class AxisMotion:
 
     def __init__(self, angle_deg: float = 0.0) -> None:
         self._pieces = [Piece(0, 0.0, float(angle_deg), 0.0, 0.0)]
-        self._table: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]] | None = None
+        self._table: tuple[Integers, Integers, Floats] | None = None
 
-    def angle_deg(self, t_ns: Any) -> NDArray[np.float64]:
+    def angle_deg(self, t_ns: Any) -> Floats:
         """Return angle at each time, not wrapped at a turn: degree, shape of ``t_ns``."""
         since_s, rows = self._at(t_ns)
-        angle_deg: NDArray[np.float64] = rows[..., 1] + since_s * (rows[..., 2] + 0.5 * rows[..., 3] * since_s)
+        angle_deg: Floats = rows[..., 1] + since_s * (rows[..., 2] + 0.5 * rows[..., 3] * since_s)
         return angle_deg
 
-    def rate_deg_s(self, t_ns: Any) -> NDArray[np.float64]:
+    def rate_deg_s(self, t_ns: Any) -> Floats:
         """Return rate at each time: deg/s, shape of ``t_ns``."""
         since_s, rows = self._at(t_ns)
-        rate_deg_s: NDArray[np.float64] = rows[..., 2] + since_s * rows[..., 3]
+        rate_deg_s: Floats = rows[..., 2] + since_s * rows[..., 3]
         return rate_deg_s
 
     @property
@@ -103,7 +103,7 @@ class AxisMotion:
                 start_s += duration_s
         self._pieces.append(Piece(t_ns, start_s, here_deg, speed, 0.0))
 
-    def _at(self, t_ns: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _at(self, t_ns: Any) -> tuple[Floats, Floats]:
         """Return seconds since the piece began, and the piece's (start, angle, rate, acceleration), of each time."""
         if self._table is None:
             self._table = (
@@ -117,5 +117,5 @@ class AxisMotion:
         times_ns = np.asarray(t_ns, np.int64)
         which = np.maximum(np.searchsorted(keys, times_ns, side="right") - 1, 0)
         chosen = rows[which]
-        since_s: NDArray[np.float64] = (times_ns - bases[which]) / NS - chosen[..., 0]
+        since_s: Floats = (times_ns - bases[which]) / NS - chosen[..., 0]
         return since_s, chosen

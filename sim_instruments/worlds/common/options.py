@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 from bench.model.errors import InputError
+from sim_instruments.faults.fault import plain_number
 
 Check = Callable[[str], object]  # raises InputError B-SIM-002 if the text cannot be
 
@@ -24,10 +24,7 @@ def switch_of(key: str, value: str) -> bool:
 
 def number_of(key: str, value: str, least: float, most: float) -> float:
     """Return the number of an option. Raises: InputError B-SIM-002: no number, or not within ``least`` to ``most``."""
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
+    number = plain_number(value)
     if not least <= number <= most:
         raise InputError(
             "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from {least:g} to {most:g}"

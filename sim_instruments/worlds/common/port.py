@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.model.clock import NS
-from sim_instruments.arrays import Int64
+from bench.model.arrays import Integers, Octets
+from bench.model.clock import NS, Clock
 from sim_instruments.faults.switchboard import LinkFaults
 
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
@@ -26,10 +25,10 @@ class _Stretch:
     frames were made until somebody reads them.
     """
 
-    ready_ns: Int64
-    start_ns: Int64
-    end_ns: Int64
-    stops: Int64
+    ready_ns: Integers
+    start_ns: Integers
+    end_ns: Integers
+    stops: Integers
     base: int
     chunk: memoryview
 
@@ -53,7 +52,7 @@ class _Stretch:
         sent = (now_ns - int(self.start_ns[at])) * baud // (BITS_PER_BYTE * NS)
         return min(before + sent, int(self.stops[at]))
 
-    def arrived_by(self, t_ns: Int64, baud: int) -> Int64:
+    def arrived_by(self, t_ns: Integers, baud: int) -> Integers:
         """Return ``arrived`` at several times, (n,); 0 before the first bit."""
         at = self.start_ns.searchsorted(t_ns, "right") - 1
         before = np.where(at > 0, self.stops[np.maximum(at - 1, 0)], self.base)
@@ -92,7 +91,7 @@ class Port:
 
     # --- the unit's side ---------------------------------------------------------------------------------------
 
-    def append(self, ready_ns: Int64, frames: NDArray[np.uint8]) -> None:
+    def append(self, ready_ns: Integers, frames: Octets) -> None:
         """Queue frames (n, length) made at ``ready_ns`` (n,), rising; those that were kept already are passed over."""
         skip = min(max(self._kept - self.produced, 0), len(frames))
         first = self.produced + skip
@@ -127,7 +126,7 @@ class Port:
         self._arrived = (-1, 0)
         self._busy_ns = int(self._stretches[-1].end_ns[-1]) if self._stretches else 0
 
-    def _on_line(self, first: int, frames: NDArray[np.uint8]) -> tuple[memoryview, Int64]:
+    def _on_line(self, first: int, frames: Octets) -> tuple[memoryview, Integers]:
         """Return bytes that arrive, and the offset behind each frame, (n,), with the faults of the link."""
         n, length = frames.shape
         if self._faults is None or not self._faults.active:
@@ -149,7 +148,7 @@ class Port:
             self._arrived = (now_ns, arrived)
         return self._arrived[1] - self._read
 
-    def arrivals(self, t_ns: Int64) -> Int64:
+    def arrivals(self, t_ns: Integers) -> Integers:
         """Return bytes that can be read at each of the coming times, (n,), if nobody reads before."""
         arrived = np.full(t_ns.shape, self._read, np.int64)
         for stretch in self._stretches:
@@ -191,9 +190,9 @@ class PortedUnit:
         self._ports = ports
         self.lock = threading.RLock()
 
-    def has_port(self, name: str) -> bool:
-        """Return whether the unit has a port of this name."""
-        return name in self._ports
+    def port_at(self, name: str) -> tuple[PortedUnit, str] | None:
+        """Return the unit behind a port of the bench and its own name for it; None without such a port."""
+        return (self, name) if name in self._ports else None
 
     def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
         """Listen to a port from now on; ``faults`` damages what is sent from now on."""
@@ -217,7 +216,7 @@ class PortedUnit:
         with self.lock:
             return self._ports[name].read(size, self._upto_port(name))
 
-    def arrivals(self, name: str, t_ns: Int64) -> Int64:
+    def arrivals(self, name: str, t_ns: Integers) -> Integers:
         """Return bytes that can be read at each of the coming times, before which nobody changes anything, if known."""
         with self.lock:
             return self._ports[name].arrivals(self._foreseen(name, t_ns))
@@ -230,7 +229,7 @@ class PortedUnit:
     def write(self, name: str, sent: bytes) -> None:
         """The unit does not listen."""
 
-    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+    def _foreseen(self, name: str, t_ns: Integers) -> Integers:
         """Send ahead; returns those of the coming times by which all that is sent is known: none."""
         del name
         return t_ns[:0]
@@ -246,10 +245,21 @@ class PortedUnit:
 
 
 class OnePortUnit(PortedUnit):
-    """Base of units with one port, which they say the name of.   Attributes: port."""
+    """Base of units with one port, which they say the name of; what nobody hears is lost.   Attributes: port."""
 
     port_name: ClassVar[str]
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
         self.port = Port()
         super().__init__({self.port_name: self.port})
+
+    def _upto(self, now_ns: int) -> int:
+        """Let happen and send what is due by a time; returns it."""
+        raise NotImplementedError
+
+    def _upto_now(self) -> int:
+        now_ns = self._upto(self._clock.now_ns())
+        if not self.port.listened:
+            self.port.discard(now_ns)
+        return now_ns

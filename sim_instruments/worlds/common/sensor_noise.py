@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 
 UInt64 = NDArray[np.uint64]
@@ -29,7 +29,7 @@ class WhiteNoise:
         self._columns = columns
         self._keys = generator(seed, purpose).integers(0, 2**64, (2, pairs), np.uint64)
 
-    def at(self, t_ns: Int64) -> Float:
+    def at(self, t_ns: Integers) -> Floats:
         """Return numbers at bench times (n,), (n, columns)."""
         stamps = np.asarray(t_ns).astype(np.uint64)
         drawn = np.empty((stamps.size, 2 * self._keys.shape[1]))
@@ -56,15 +56,15 @@ class SlowNoise:
         sigmas, times_s: standard deviation and correlation time of each process, (c,).
     """
 
-    def __init__(self, seed: int, purpose: str, sigmas: Float, times_s: Float) -> None:
+    def __init__(self, seed: int, purpose: str, sigmas: Floats, times_s: Floats) -> None:
         self._seed, self._purpose = seed, purpose
         self._keep = np.exp(-GRID_S / np.asarray(times_s, float))
         self._kick = np.sqrt(1.0 - self._keep**2)
         self._sigmas = np.asarray(sigmas, float)
-        self._starts: list[Float] = [generator(seed, f"{purpose} start").standard_normal(self._keep.size)]
-        self._newest: tuple[int, Float] = (-1, np.empty(0))
+        self._starts: list[Floats] = [generator(seed, f"{purpose} start").standard_normal(self._keep.size)]
+        self._newest: tuple[int, Floats] = (-1, np.empty(0))
 
-    def at(self, t_ns: Int64) -> Float:
+    def at(self, t_ns: Integers) -> Floats:
         """Return values at times since the start (n,), (n, c), in the unit of ``sigmas``; before it the first one."""
         place = np.maximum(np.asarray(t_ns, np.int64), 0) / (GRID_S * NS)
         cell = place.astype(np.int64)
@@ -77,7 +77,7 @@ class SlowNoise:
             values[inside] = grid[row] + part * (grid[row + 1] - grid[row])
         return np.asarray(values * self._sigmas)
 
-    def _grid(self, block: int) -> Float:
+    def _grid(self, block: int) -> Floats:
         """Return values of unit variance at the grid points of a block and at the first of the next, (1025, c)."""
         while len(self._starts) <= block:
             self._starts.append(self._walked(len(self._starts) - 1)[-1])
@@ -85,7 +85,7 @@ class SlowNoise:
             self._newest = (block, self._walked(block))
         return self._newest[1]
 
-    def _walked(self, block: int) -> Float:
+    def _walked(self, block: int) -> Floats:
         kicks = generator(self._seed, self._purpose, block).standard_normal((_BLOCK, self._keep.size)) * self._kick
         grid = np.empty((_BLOCK + 1, self._keep.size))
         grid[0] = self._starts[block]

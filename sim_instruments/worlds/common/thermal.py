@@ -20,13 +20,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Float
 
-TemperatureFunction = Callable[[NDArray[np.int64]], Float]
-_Tables = tuple[NDArray[np.int64], Float]
+TemperatureFunction = Callable[[Integers], Floats]
+_Tables = tuple[Integers, Floats]
 _Moments = tuple[list[int], list[tuple[float, ...]]]
 
 AIR_LAG_S = 120.0  # air behind the controller's set-point
@@ -54,7 +54,7 @@ class UnitTemperature:
     moment: Callable[[int], tuple[float, float]]
     turns_degC: Callable[[int], tuple[float, ...]]
 
-    def __call__(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def __call__(self, t_ns: Integers) -> Floats:
         """Return temperature at bench times, (n,), degC."""
         return self.degC(t_ns)
 
@@ -197,7 +197,7 @@ class Thermal:
         times_ns, degC = self._turns
         return degC[: bisect.bisect_right(times_ns, t_ns)]
 
-    def play_offset_degC(self, t_ns: NDArray[np.int64], half_width_degC: ArrayLike) -> NDArray[np.float64]:
+    def play_offset_degC(self, t_ns: Integers, half_width_degC: ArrayLike) -> Floats:
         """Play operator of the unit's temperature minus that temperature, degC: +-half-width on a long branch.
 
         ``t_ns`` is (n,), bench clock; ``half_width_degC`` is () or (n,).
@@ -276,7 +276,7 @@ class PlaceInAir:
         """Return temperature at bench times, degC."""
         return self._share * self._thermal.unit_degC(t_ns) + self._offset_degC
 
-    def play_offset_degC(self, t_ns: NDArray[np.int64], half_width_degC: ArrayLike) -> NDArray[np.float64]:
+    def play_offset_degC(self, t_ns: Integers, half_width_degC: ArrayLike) -> Floats:
         """Return play operator minus the temperature, degC; a scaled input has a play of scaled width."""
         own = np.asarray(half_width_degC, float) / self._share
         return self._share * self._thermal.play_offset_degC(t_ns, own)
@@ -310,7 +310,7 @@ class SharedAir(Thermal):
             place._begin(t_ns, setpoint_degC, slope_degC_s, air_lag_s)
 
 
-def play_after(turns_degC: Sequence[float], half_width_degC: ArrayLike) -> Float:
+def play_after(turns_degC: Sequence[float], half_width_degC: ArrayLike) -> Floats:
     """Return state of the plays after a history that starts relaxed; half-widths of any shape, degC."""
     half_width = np.asarray(half_width_degC, float)
     state = np.full(half_width.shape, turns_degC[0])
@@ -319,6 +319,6 @@ def play_after(turns_degC: Sequence[float], half_width_degC: ArrayLike) -> Float
     return state
 
 
-def follow(state_degC: ArrayLike, degC: ArrayLike, half_width_degC: ArrayLike) -> Float:
+def follow(state_degC: ArrayLike, degC: ArrayLike, half_width_degC: ArrayLike) -> Floats:
     """Return state after the input has gone to ``degC`` without a turn on the way; the arguments broadcast."""
     return np.minimum(np.maximum(state_degC, np.subtract(degC, half_width_degC)), np.add(degC, half_width_degC))

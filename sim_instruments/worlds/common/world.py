@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from pyvisa_sim.devices import Devices
@@ -19,7 +18,7 @@ from pyvisa_sim.devices import Devices
 from bench.model.clock import Clock
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.fault import NamedFaults, plain_number
 from sim_instruments.faults.named import FaultSwitches
 from sim_instruments.faults.switchboard import Faults
 from sim_instruments.seeds import generator
@@ -61,13 +60,42 @@ class Instrument(Protocol):
     """A simulated instrument, as the world knows it."""
 
     role: str
-    named_faults: Mapping[str, Fault]
+    named_faults: NamedFaults
 
     def outputs(self) -> dict[str, Any]:
         """Return what the instrument puts out or switches at this moment."""
 
     def left_by_another(self, draw: np.random.Generator) -> None:
         """Leave it as its last user may have."""
+
+
+class Operation(NamedTuple):
+    """What a person can set at a bench.
+
+    ``do``: to a world, with what ``read`` makes of a value, which is None for one that cannot be; ``due``: what can be.
+    """
+
+    do: Callable[[Any, Any], None]
+    read: Callable[[Any], Any]
+    due: str
+
+    @classmethod
+    def word(cls, do: Callable[[Any, str], None], *words: str, due: str = "") -> Operation:
+        """Return one that takes one of some words."""
+        due = due or f"one of {', '.join(words)}"
+        return cls(do, lambda value: str(value) if str(value) in words else None, due)
+
+    @classmethod
+    def number(
+        cls, do: Callable[[Any, float], None], least: float, most: float, unit: str,
+        of: Callable[[Any], float] = plain_number, due: str = "",
+    ) -> Operation:  # fmt: skip
+        """Return one that takes a number, as ``of`` makes it of a value; nan if it is none."""
+
+        def read(value: Any) -> float | None:
+            return number if least <= (number := of(value)) <= most else None
+
+        return cls(do, read, due or f"{least:g} to {most:g} {unit}")
 
 
 class World:
@@ -85,7 +113,7 @@ class World:
     """
 
     ports: ClassVar[tuple[str, ...]]
-    operations: ClassVar[tuple[str, ...]] = ()  # what ``operate`` knows
+    operations: ClassVar[Mapping[str, Operation]] = {}  # what ``operate`` knows
 
     def __init__(
         self, *, clock: Clock, seed: int, unit: Unit | None, thermal: Thermal, options: Mapping[str, Any]
@@ -151,16 +179,23 @@ class World:
     def operate(self, name: str, value: Any) -> None:
         """Do what a person does at the bench. Raises: what ``check_operation`` raises."""
         self.check_operation(name, value)
+        operation = self.operations[name]
+        with self.lock:
+            operation.do(self, operation.read(value))
 
     @classmethod
     def check_operation(cls, name: str, value: Any) -> None:
-        """Raises: InputError B-SIM-018, nobody can do that at such a bench."""
+        """Raises: InputError B-SIM-018, nobody can do that at such a bench; B-SIM-019, not with that value."""
         known = ", ".join(cls.operations) or "nothing"
-        if name not in cls.operations:
+        operation = cls.operations.get(name)
+        if operation is None:
             raise InputError(
                 "B-SIM-018", f"{name!r} cannot be set to {value!r} on this simulated bench", where="sets of a prompt",
                 next_step=f"what a person can do here: {known}",
             )  # fmt: skip
+        if operation.read(value) is None:
+            message, advice = f"{name} cannot be {value!r}", f"give {operation.due}"
+            raise InputError("B-SIM-019", message, where="sets of a prompt", next_step=advice)
 
     @property
     def load(self) -> tuple[float, float]:
@@ -241,16 +276,3 @@ def live_world(world_id: str) -> World | None:
 def entry(quantity: str, unit: str, value: Any, conditions: Mapping[str, Any]) -> dict[str, Any]:
     """Return one line of a list of true values, as the contract's ``estimates`` have it."""
     return {"quantity": quantity, "unit": unit, "value": float(value), "conditions": dict(conditions)}
-
-
-def impossible(name: str, value: Any, due: str) -> InputError:
-    """Return the error of an operation with a value that cannot be; ``due``: what can."""
-    return InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")
-
-
-def plain_number(value: Any) -> float:
-    """Return a value as a number, nan if it is none."""
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan

@@ -14,9 +14,9 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.frame import load_frame
+from bench.model.arrays import Integers
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
-from sim_instruments.arrays import Int64
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.common.port import BITS_PER_BYTE, OnePortUnit
 from sim_instruments.worlds.gnc.commands import HANDLERS, BadParameterError, Job, Status
@@ -42,12 +42,11 @@ class GncBoard(OnePortUnit):
     port_name = PORT
 
     def __init__(self, clock: Clock, module: GncModule, dip_switch: Callable[[], int]) -> None:
-        super().__init__()
+        super().__init__(clock)
         self.definition = load_frame(find_shipped("frames", "gnc_422"))
         self.module, self.dip_switch = module, dip_switch
         self.correction = Correction()
         self.stream: Stream | None = None
-        self._clock = clock
         self._baud, self._link = 921_600, LinkFaults()
         self._heard = LinkFaults()
         self._frames_heard = 0
@@ -136,7 +135,7 @@ class GncBoard(OnePortUnit):
         self._frames_heard += 1
         return self._heard.frames(number, rows).tobytes() * int(self._heard.copies(number, 1)[0])
 
-    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+    def _foreseen(self, name: str, t_ns: Integers) -> Integers:
         """Send the samples due by the coming times, up to what the board does next by itself."""
         self._upto_now()
         known = t_ns[t_ns < self._events[0][0]] if self._events else t_ns
@@ -145,12 +144,6 @@ class GncBoard(OnePortUnit):
         return known
 
     # --- time --------------------------------------------------------------------------------------------------
-
-    def _upto_now(self) -> int:
-        now_ns = self._upto(self._clock.now_ns())
-        if not self.port.listened:
-            self.port.discard(now_ns)
-        return now_ns
 
     def _upto(self, now_ns: int) -> int:
         """Let happen what is due; returns the time."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import (
     OnTheBench,
@@ -57,10 +57,10 @@ def _true_inputs(
     surroundings: Surroundings,
     site: Site,
     tilt: Tilt | None,
-    t_ns: Int64,
+    t_ns: Integers,
     interval_ns: int,
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> tuple[Float, Float]:
+) -> tuple[Floats, Floats]:
     """Return mean rate (deg/s, against inertial space) and specific force (standard g) in body axes, (n, 3) each.
 
     The turn of a single axis enters as the exact difference of its angle over the interval. Earth's rate and gravity
@@ -95,13 +95,13 @@ def _true_inputs(
     return rate, force
 
 
-def _gain_deg(surroundings: Surroundings, nodes: list[Int64], length_ns: Int64) -> Float:
+def _gain_deg(surroundings: Surroundings, nodes: list[Integers], length_ns: Integers) -> Floats:
     """Return rates at the second node minus those at the first, times the length, (n, 3); for several moving axes."""
     rates = [np.stack([axis.rate_deg_s(node) for axis in surroundings.motion], axis=1) for node in nodes]
     return (rates[1] - rates[0]) * (length_ns / NS)[:, None]
 
 
-def _in_place(surroundings: Surroundings, site: Site, tilt: Tilt | None, angles: Float) -> tuple[Float, Float]:
+def _in_place(surroundings: Surroundings, site: Site, tilt: Tilt | None, angles: Floats) -> tuple[Floats, Floats]:
     """Return Earth's rate (deg/s) and the force at rest (g) in body axes at table angles (n, 3)."""
     tilts = None if tilt is None else tilt.rad(angles)
     rate = in_body_axes(in_inner_axes(site.earth_rate_deg_s, angles, site), surroundings.mounting, tilts)
@@ -109,7 +109,7 @@ def _in_place(surroundings: Surroundings, site: Site, tilt: Tilt | None, angles:
     return rate, force
 
 
-def _lever(surroundings: Surroundings, t_ns: Int64, interval_ns: int, lever_arm_m: Float) -> Float:
+def _lever(surroundings: Surroundings, t_ns: Integers, interval_ns: int, lever_arm_m: Floats) -> Floats:
     """Force of the lever arm from the table's rates at both ends of the interval (tilt and Earth left out)."""
     ends = [
         in_body_axes(rates_in_inner_axes(surroundings.motion, t), surroundings.mounting)
@@ -123,20 +123,20 @@ def _lever(surroundings: Surroundings, t_ns: Int64, interval_ns: int, lever_arm_
 class Readings:
     """Indications of the sensors before range and quantisation: (n, 3) each and temperature (n,)."""
 
-    gyro_deg_s: Float
-    accel_g: Float
-    mag_gauss: Float
-    temperature_degC: Float
+    gyro_deg_s: Floats
+    accel_g: Floats
+    mag_gauss: Floats
+    temperature_degC: Floats
 
 
 @dataclass(frozen=True)
 class Counts:
     """Steps that they give out: (n, 3) each in 0.005 deg/s, 1 mg, 120 microgauss; temperature (n,) in 0.01 degC."""
 
-    gyro: Int64
-    accel: Int64
-    mag: Int64
-    temperature: Int64
+    gyro: Integers
+    accel: Integers
+    mag: Integers
+    temperature: Integers
 
 
 class GncImu:
@@ -158,7 +158,7 @@ class GncImu:
         *,
         surroundings: Surroundings | None = None,
         site: Site | None = None,
-        ambient_degC: Callable[[Int64], Float] | None = None,
+        ambient_degC: Callable[[Integers], Floats] | None = None,
     ) -> None:
         self.serial = serial
         self.options = options or ImuOptions()
@@ -174,7 +174,7 @@ class GncImu:
         self._slow = SlowNoise(seed, f"gnc slow noise {serial}", sigmas, times_s)
         self._seed = seed
 
-    def sample(self, t_ns: Int64, interval_ns: int = SAMPLE_NS) -> Counts:
+    def sample(self, t_ns: Integers, interval_ns: int = SAMPLE_NS) -> Counts:
         """Return samples at bench times (n,), each over the interval that ends there; limited to the range, rounded."""
         read = self.readings(t_ns, interval_ns)
         mag = np.clip(read.mag_gauss, -MAG_RANGE_GAUSS, MAG_RANGE_GAUSS)
@@ -185,26 +185,26 @@ class GncImu:
             temperature=np.clip(_counts(read.temperature_degC, TEMPERATURE_LSB_DEGC), -WORD, WORD),
         )
 
-    def readings(self, t_ns: Int64, interval_ns: int = SAMPLE_NS) -> Readings:
+    def readings(self, t_ns: Integers, interval_ns: int = SAMPLE_NS) -> Readings:
         """Return the same before range and quantisation; nothing is lost of a noise-free reading."""
         times_ns = np.asarray(t_ns, np.int64)
         parts = [self._part(times_ns[at : at + _CHUNK], interval_ns) for at in range(0, times_ns.size, _CHUNK)]
         parts = parts or [self._part(times_ns, interval_ns)]
         return Readings(*(np.concatenate(pieces) for pieces in zip(*parts, strict=True)))
 
-    def temperature_degC(self, t_ns: Int64) -> Float:
+    def temperature_degC(self, t_ns: Integers) -> Floats:
         """Return True temperature of the module at bench times, (n,), degC."""
         return self._ambient_degC(t_ns) + self.power.rise_degC(t_ns)
 
-    def gyro_bias_deg_s(self, t_ns: Int64) -> Float:
+    def gyro_bias_deg_s(self, t_ns: Integers) -> Floats:
         """Return True b of N = S (w + b) at bench times, slow noise and turn-on included, (n, 3), deg/s."""
         return self._biases(t_ns)[:, :3]
 
-    def accel_bias_g(self, t_ns: Int64) -> Float:
+    def accel_bias_g(self, t_ns: Integers) -> Floats:
         """Return True b of N = S (a + b), (n, 3), standard g."""
         return self._biases(t_ns)[:, 3:]
 
-    def _part(self, t_ns: Int64, interval_ns: int) -> tuple[Float, Float, Float, Float]:
+    def _part(self, t_ns: Integers, interval_ns: int) -> tuple[Floats, Floats, Floats, Floats]:
         surroundings, mounting = self.surroundings, self.surroundings.mounting
         tilt = self.errors.tilt(mounting)
         degC = self.temperature_degC(t_ns)
@@ -221,14 +221,14 @@ class GncImu:
             degC + self.errors.thermometer_degC + noise[:, 9],
         )
 
-    def _noise(self, t_ns: Int64, interval_ns: int) -> Float:
+    def _noise(self, t_ns: Integers, interval_ns: int) -> Floats:
         if not self.options.noise:
             return np.zeros((t_ns.size, 10))
         mean_of = np.sqrt(interval_ns / NS)
         white = np.concatenate((self.errors.gyro.white / mean_of, self.errors.accel.white / mean_of))
         return self._white.at(t_ns) * np.array([*white, *(MAGNETIC_NOISE_GAUSS,) * 3, THERMOMETER_NOISE_DEGC])
 
-    def _biases(self, t_ns: Int64) -> Float:
+    def _biases(self, t_ns: Integers) -> Floats:
         """Return biases of gyroscopes and accelerometers, (n, 6)."""
         degC = self.temperature_degC(t_ns)
         steady = np.concatenate((self.errors.gyro.bias_at(degC), self.errors.accel.bias_at(degC)), axis=1)
@@ -239,7 +239,7 @@ class GncImu:
         steady[:, 3:] += slow[:, 3:].reshape(t_ns.size, len(SLOW_ACCEL_S), 3).sum(axis=1)
         return steady + self._turn_on(t_ns)
 
-    def _turn_on(self, t_ns: Int64) -> Float:
+    def _turn_on(self, t_ns: Integers) -> Floats:
         periods = self.power.period(t_ns)
         sizes = np.concatenate((self.errors.gyro.turn_on, self.errors.accel.turn_on))
         distinct, place = np.unique(periods, return_inverse=True)
@@ -248,9 +248,9 @@ class GncImu:
         return np.array(drawn).reshape(-1, 6)[place]
 
 
-def _laboratory(t_ns: Int64) -> Float:
+def _laboratory(t_ns: Integers) -> Floats:
     return np.full(np.shape(t_ns), LAB_DEGC)
 
 
-def _counts(value: Float, lsb: float) -> Int64:
+def _counts(value: Floats, lsb: float) -> Integers:
     return np.rint(value / lsb).astype(np.int64)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Tilt
 
@@ -64,22 +64,22 @@ class Triad:
         turn_on: standard deviation of what a power-on adds to b, (3,).   white: N of each sensor, unit times sqrt(s).
     """
 
-    sensitivity: Float
-    bias: Float
-    scale_per_degC: Float
-    bias_per_degC: Float
-    turn_on: Float
-    white: Float
+    sensitivity: Floats
+    bias: Floats
+    scale_per_degC: Floats
+    bias_per_degC: Floats
+    turn_on: Floats
+    white: Floats
 
-    def sensitivity_at(self, degC: Float) -> Float:
+    def sensitivity_at(self, degC: Floats) -> Floats:
         """Return S at temperatures (n,), (n, 3, 3)."""
         return self.row_factor(degC)[:, :, None] * self.sensitivity
 
-    def row_factor(self, degC: Float) -> Float:
+    def row_factor(self, degC: Floats) -> Floats:
         """Return what temperature multiplies each sensor's row with, (n, 3)."""
         return 1.0 + (degC - REFERENCE_DEGC)[:, None] * self.scale_per_degC
 
-    def bias_at(self, degC: Float) -> Float:
+    def bias_at(self, degC: Floats) -> Floats:
         """Return b at temperatures (n,) without noise, (n, 3)."""
         return self.bias + (degC - REFERENCE_DEGC)[:, None] * self.bias_per_degC
 
@@ -100,7 +100,7 @@ class ImuErrors:
         white = _gyro_white(seed, serial, options.imu_class), np.full(3, VRW_G_RTS)
         self.gyro = _chosen(options, gyro, turn_on[0], white[0])
         self.accel = _chosen(options, accel, turn_on[1], white[1])
-        self.thermometer_degC = float(rng.normal(0.0, 0.5)) * options.errors
+        self.thermometer_degC = rng.normal(0.0, 0.5) * options.errors
         self._seed, self._serial = seed, serial
 
     def tilt(self, mounting: str) -> Tilt | None:
@@ -113,17 +113,17 @@ class ImuErrors:
         return Tilt(turns[0], turns[1:3], turns[3:5])
 
 
-def drawn(rng: np.random.Generator, sigma: ArrayLike, shape: int | tuple[int, ...]) -> Float:
+def drawn(rng: np.random.Generator, sigma: ArrayLike, shape: int | tuple[int, ...]) -> Floats:
     """Return normal numbers that stay within 2.5 standard deviations."""
     return np.asarray(np.clip(rng.standard_normal(shape), -_LARGEST_DRAW, _LARGEST_DRAW) * sigma)
 
 
-def signed(rng: np.random.Generator, size: float, shape: int) -> Float:
+def signed(rng: np.random.Generator, size: float, shape: int) -> Floats:
     """Return numbers of half to one and a half times ``size``, of either sign."""
     return np.asarray(rng.choice((-1.0, 1.0), shape) * size * rng.uniform(0.5, 1.5, shape))
 
 
-def _gyro_white(seed: int, serial: str, imu_class: str) -> Float:
+def _gyro_white(seed: int, serial: str, imu_class: str) -> Floats:
     """Return angle random walk of the three sensors, deg/rt_s."""
     if imu_class != "table_2":
         return np.full(3, ARW_DEG_RT_H / 60.0)
@@ -142,7 +142,7 @@ def _triad(rng: np.random.Generator, name: str, bias: float, scale_degC: float, 
     )
 
 
-def _chosen(options: ImuOptions, triad: Triad, turn_on: Float, white: Float) -> Triad:
+def _chosen(options: ImuOptions, triad: Triad, turn_on: Floats, white: Floats) -> Triad:
     """Return the triad with what the options leave of it."""
     wrong, noisy = float(options.errors), float(options.noise)
     return Triad(
@@ -184,7 +184,7 @@ class PowerPeriods:
         """Bench time of the first power-on, 0 before it."""
         return next((s.start_ns for s in self._stretches if s.target_degC > 0.0), 0)
 
-    def rise_degC(self, t_ns: Int64) -> Float:
+    def rise_degC(self, t_ns: Integers) -> Floats:
         """Return self-heating above the surroundings at bench times (n,), degC."""
         starts = np.array([s.start_ns for s in self._stretches], np.int64)
         states = np.array([(s.start_degC, s.target_degC) for s in self._stretches])
@@ -193,11 +193,11 @@ class PowerPeriods:
         since_s = np.maximum(t_ns - starts[at], 0) / NS
         return np.asarray(last + (first - last) * np.exp(-since_s / WARM_UP_LAG_S))
 
-    def period(self, t_ns: Int64) -> Int64:
+    def period(self, t_ns: Integers) -> Integers:
         """Return number of the power-on period at bench times (n,), from 0."""
         return np.array([s.period for s in self._stretches], np.int64)[self._at(t_ns)]
 
-    def _at(self, t_ns: Int64) -> Int64:
+    def _at(self, t_ns: Integers) -> Integers:
         starts = [s.start_ns for s in self._stretches]
         return np.maximum(np.searchsorted(starts, t_ns, side="right") - 1, 0)
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame import FrameBatch, FrameDefinition
+from bench.model.arrays import Integers
 from bench.model.clock import NS
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.gnc.module import GncModule
@@ -106,12 +106,12 @@ class Stream:
             due -= 1
         return min(due, self.limit) if self.limit else due
 
-    def _times_ns(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _times_ns(self, number: Integers) -> Integers:
         """Return bench times of samples: the module counts its own seconds, shorter ones if its clock is fast."""
         own_ns = number * (NS / self.rate_Hz)
         return self.start_ns + np.rint(own_ns / (1.0 + self.error)).astype(np.int64)
 
-    def _columns(self, number: NDArray[np.int64], t_ns: NDArray[np.int64]) -> dict[str, object]:
+    def _columns(self, number: Integers, t_ns: Integers) -> dict[str, object]:
         counts = self.module.samples(t_ns, NS // self.rate_Hz)
         tick_us = np.rint(self.tick_us + number * (US / self.rate_Hz)).astype(np.int64)
         return {

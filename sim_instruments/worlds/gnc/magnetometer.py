@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_instruments.arrays import Float, Int64
+from bench.model.arrays import Floats, Integers
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import AxisMotion, Site, Tilt, angles_deg, in_body_axes, in_inner_axes
 from sim_instruments.worlds.gnc.imu_errors import drawn
@@ -35,7 +35,7 @@ class EarthField:
     declination_deg: float = -4.0
 
     @property
-    def local_gauss(self) -> Float:
+    def local_gauss(self) -> Floats:
         """Its components East, North, Up."""
         dip, east = np.deg2rad((self.inclination_deg, self.declination_deg))
         return self.gauss * np.array([np.cos(dip) * np.sin(east), np.cos(dip) * np.cos(east), -np.sin(dip)])
@@ -53,7 +53,7 @@ class InPlane:
         roll_deg: error of the roll angle atan2(-y, x) of the corrected components (soft iron; no ellipse tells it).
     """
 
-    offset_gauss: Float
+    offset_gauss: Floats
     gain: float
     angle_deg: float
     radius_gauss: float
@@ -80,7 +80,7 @@ class Magnetometer:
         self.matrix = gains @ axes @ soft if errors else np.eye(3)
         self.offset_gauss = drawn(rng, 0.1, 3) * errors
 
-    def indicated_gauss(self, field_gauss: Float) -> Float:
+    def indicated_gauss(self, field_gauss: Floats) -> Floats:
         """Return what it shows of a field in body axes (n, 3), without noise, gauss."""
         return field_gauss @ self.matrix.T + self.offset_gauss
 
@@ -103,9 +103,9 @@ def field_gauss(
     site: Site,
     earth: EarthField,
     tilt: Tilt | None,
-    t_ns: Int64,
+    t_ns: Integers,
     mounting: str,
-) -> Float:
+) -> Floats:
     """Return magnetic field at the module in body axes at times (n,), (n, 3), gauss; ``table``: see Surroundings."""
     angles = angles_deg(motion, t_ns)
     on_turntable = table == "turntable"

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim_instruments.arrays import Int64
+from bench.model.arrays import Integers
 from sim_instruments.worlds.gnc.imu import SAMPLE_NS, Counts
 from sim_instruments.worlds.gnc.imu_errors import PowerPeriods
 from sim_instruments.worlds.gnc.peripherals import Converter, Power, Receiver
@@ -24,7 +24,7 @@ class Sensors(Protocol):
 
     power: PowerPeriods
 
-    def sample(self, t_ns: Int64, interval_ns: int) -> Counts:
+    def sample(self, t_ns: Integers, interval_ns: int) -> Counts:
         """Return counts at bench times (n,), each over the interval that ends there."""
 
 
@@ -49,9 +49,9 @@ class GncModule:
         self.receiver = Receiver(draws, self.faults, place)
         self._sensors = sensors
         self._frozen: Counts | None = None
-        self._crystal_ppm = float(draws.generator("crystal").normal(0.0, CRYSTAL_SIGMA_PPM))
+        self._crystal_ppm = draws.generator("crystal").normal(0.0, CRYSTAL_SIGMA_PPM)
 
-    def samples(self, t_ns: Int64, interval_ns: int) -> Counts:
+    def samples(self, t_ns: Integers, interval_ns: int) -> Counts:
         """Return what the processor reads from its sensors, as ``Sensors.sample``, with the faults of the module."""
         if "imu_frozen" in self.faults:
             self._frozen = self._frozen or self._sensors.sample(t_ns[:1], interval_ns)
@@ -66,7 +66,7 @@ class GncModule:
             counts.accel[:, 2] = 0
         return counts
 
-    def field_counts(self, t_ns: int) -> Int64:
+    def field_counts(self, t_ns: int) -> Integers:
         """Return the magnetometer at one bench time, (3,)."""
         return self.samples(np.array([t_ns]), SAMPLE_NS).mag[0]
 
@@ -77,7 +77,7 @@ class GncModule:
         else:
             self._sensors.power.off(t_ns)
 
-    def gyro_temperature(self, temperature: Int64) -> Int64:
+    def gyro_temperature(self, temperature: Integers) -> Integers:
         """Return what the gyro's own thermometer gives where the module has this temperature, 0.01 degC."""
         return np.full_like(temperature, NO_TEMPERATURE) if "imu_temperature_open" in self.faults else temperature
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats
 from sim_instruments.worlds.gnc.processor import ModuleDraws
 
 CHANNELS = 8
@@ -36,7 +36,7 @@ class Power:
         self._faults = faults
         rng = draws.generator("supply")
         self._current_A = NOMINAL_CURRENT_A + float(np.clip(rng.normal(0.0, CURRENT_SIGMA_A), -0.015, 0.015))
-        self._rails_V = (float(rng.normal(3.3, 0.01)), float(rng.normal(1.2, 0.004)))
+        self._rails_V = (rng.normal(3.3, 0.01), rng.normal(1.2, 0.004))
 
     @property
     def current_A(self) -> float:
@@ -63,10 +63,10 @@ class Converter:
     def __init__(self, draws: ModuleDraws, faults: Set[str]) -> None:
         self._draws, self._faults = draws, faults
         rng = draws.generator("AD errors")
-        self._gain, self._offset_V = float(rng.normal(1.0, 1e-3)), float(rng.normal(0.0, 2e-3))
+        self._gain, self._offset_V = rng.normal(1.0, 1e-3), rng.normal(0.0, 2e-3)
         self._readings = 0
 
-    def read_V(self, sources_V: Float, switch: int, field_gauss: Float) -> Float:
+    def read_V(self, sources_V: Floats, switch: int, field_gauss: Floats) -> Floats:
         """Return the eight channels, (8,), volt.
 
         Args: sources_V: what channels 4 to 7 are connected to, (4,).   switch: DIP switch that is on, 0 for none.

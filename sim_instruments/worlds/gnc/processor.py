@@ -16,6 +16,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.arrays import Integers
 from sim_instruments.seeds import generator
 
 U32 = NDArray[np.uint32]
@@ -27,7 +28,7 @@ LOST_EACH = 5  # with the fault every fifth interrupt is lost
 SLOW = 1.03
 TIMER_SIGMA_PPM = 20.0
 LATENCY_US = 0.3  # standard deviation of one interrupt's latency
-Words = NDArray[np.int64]  # word addresses
+Words = Integers  # word addresses
 
 WORD = 4
 SECTOR = 4096  # bytes that are erased together
@@ -61,7 +62,7 @@ class Processor:
 
     def __init__(self, draws: ModuleDraws, faults: Set[str]) -> None:
         self._draws, self._faults = draws, faults
-        self._timer_error = float(draws.generator("timer").normal(0.0, TIMER_SIGMA_PPM)) * 1e-6
+        self._timer_error = draws.generator("timer").normal(0.0, TIMER_SIGMA_PPM) * 1e-6
         self._timer_runs = 0
 
     def arithmetic(self, seed: int) -> CpuResult:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.worlds.common.world import entry
 from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, SAMPLE_NS, GncImu
 from sim_instruments.worlds.gnc.imu_errors import (
@@ -99,11 +99,11 @@ def _triad(name: str, triad: Triad, degC: float) -> Iterator[Entry]:
         yield entry(f"{name}_scale_error", "ppm", error_ppm, {**kind, "axis": AXES[axis]})
 
 
-def _mean(bias: Callable[[Int64], Float], windows: Sequence[RecordWindow]) -> Float:
+def _mean(bias: Callable[[Integers], Floats], windows: Sequence[RecordWindow]) -> Floats:
     return bias(_times_ns(windows)).mean(axis=0)
 
 
-def _at_no_input(triad: Triad, bias: Float, degC: float) -> Float:
+def _at_no_input(triad: Triad, bias: Floats, degC: float) -> Floats:
     """Return what sensors with this b indicate without any input, (3,)."""
     return triad.sensitivity_at(np.array([degC]))[0] @ bias
 
@@ -127,7 +127,7 @@ def _stability(module: GncImu, window: RecordWindow) -> Iterator[Entry]:
         yield from _by_axis("accel_bias_stability", "mg", accel * 1e3, "accel")
 
 
-def _scatter(triad: Triad, lsb: float, slow: float, times_s: Sequence[float], means: int) -> Float:
+def _scatter(triad: Triad, lsb: float, slow: float, times_s: Sequence[float], means: int) -> Floats:
     """Return root of the expected sample variance of consecutive 10 s means of each sensor, (3,)."""
     length_s = means * MEAN_INTERVAL_S
     gain = (triad.sensitivity**2).sum(axis=1) * slow**2
@@ -196,7 +196,7 @@ def _degC(module: GncImu, windows: Sequence[RecordWindow]) -> float:
     return float(module.temperature_degC(_times_ns(windows)).mean())
 
 
-def _times_ns(windows: Sequence[RecordWindow]) -> Int64:
+def _times_ns(windows: Sequence[RecordWindow]) -> Integers:
     """Return middles of equal parts of about half a second, over all windows."""
     times = []
     for window in windows:

@@ -10,7 +10,7 @@ from bench.model.ports import RecordWindow
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, impossible
+from sim_instruments.worlds.common.world import Operation, World
 from sim_instruments.worlds.gnc.board import PORT, START_V, GncBoard
 from sim_instruments.worlds.gnc.imu import GncImu
 from sim_instruments.worlds.gnc.imu_errors import ImuOptions
@@ -24,6 +24,7 @@ FIRST_UNIT = "GNC-01"  # in the socket until somebody puts in another one
 MOUNTINGS = ("x", "y", "z")
 TABLES = ("turntable", "non_magnetic", "bench")
 SWITCHES = 5
+_SWITCHES = {text: number for number in range(SWITCHES + 1) for text in (f"{number}", f"{number}.0")}
 
 
 class GncWorld(World):
@@ -51,40 +52,23 @@ class GncWorld(World):
         self.board = GncBoard(clock, self._module(FIRST_UNIT, seed), lambda: self.dip_switch)
         super().__init__(clock=clock, seed=seed, unit=self.board, thermal=Thermal(), options=options)
 
-    operations: ClassVar[tuple[str, ...]] = ("unit", "dip_switch", "mounting", "table")
+    def _insert(self, serial: str) -> None:
+        self.board.settle()
+        if serial != self.board.module.serial:
+            self.board.insert(self._module(serial, self.seed))
 
-    def operate(self, name: str, value: Any) -> None:
-        """Do what a person does at the bench: unit, dip_switch, mounting, table.
+    def _set(self, **changed: Any) -> None:
+        self.board.settle()
+        vars(self).update(changed)
 
-        Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
-        """
-        self.check_operation(name, value)
-        text = str(value)
-        with self.lock:
-            self.board.settle()
-            if name == "unit" and text != self.board.module.serial:
-                self.board.insert(self._module(text, self.seed))
-            elif name == "dip_switch":
-                self.dip_switch = int(float(text))
-            elif name == "mounting":
-                self.mounting = text
-            elif name == "table":
-                self.table = text
-
-    @classmethod
-    def check_operation(cls, name: str, value: Any) -> None:
-        """Raises: InputError B-SIM-018, B-SIM-019."""
-        super().check_operation(name, value)
-        text = str(value)
-        if name == "unit":
-            _require(0 < len(text) <= 12 and text.isascii(), name, value, "a serial number of 1 to 12 characters")
-        elif name == "dip_switch":
-            switches = range(SWITCHES + 1)
-            is_switch = any(text in (str(switch), f"{switch}.0") for switch in switches)
-            _require(is_switch, name, value, f"0 (none) to {SWITCHES}")
-        else:
-            possible = MOUNTINGS if name == "mounting" else TABLES
-            _require(text in possible, name, value, f"one of {', '.join(possible)}")
+    operations: ClassVar[Mapping[str, Operation]] = {
+        "unit": Operation(_insert, lambda value: _serial(str(value)), "a serial number of 1 to 12 characters"),
+        "dip_switch": Operation(
+            lambda world, number: world._set(dip_switch=number), lambda value: _SWITCHES.get(str(value)),
+            f"0 (none) to {SWITCHES}"),
+        "mounting": Operation.word(lambda world, axis: world._set(mounting=axis), *MOUNTINGS),
+        "table": Operation.word(lambda world, table: world._set(table=table), *TABLES),
+    }  # fmt: skip
 
     @property
     def load(self) -> tuple[float, float]:
@@ -108,9 +92,8 @@ class GncWorld(World):
         return self._modules[serial]
 
 
-def _require(possible: bool, name: str, value: Any, due: str) -> None:
-    if not possible:
-        raise impossible(name, value, due)
+def _serial(text: str) -> str | None:
+    return text if 0 < len(text) <= 12 and text.isascii() else None
 
 
 WORLD = GncWorld

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from bench.frame import load_frame
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 from bench.model.shipped import find_shipped
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.common.thermal import LAB_DEGC
@@ -64,7 +64,7 @@ class LaserBlock:
         """Return the block of a path length, with completed options of the world."""
         number = round(path_m * MM)
         draws = generator(seed, "ring laser block", number).standard_normal(7)
-        second_rad = float(generator(seed, "ring laser second harmonic", number).uniform(-math.pi, math.pi))
+        second_rad = generator(seed, "ring laser second harmonic", number).uniform(-math.pi, math.pi)
         laser = RingLaser(
             path_m=path_m,
             lock_in_deg_s=LOCK_IN_DEG_S * (LOCK_IN_PATH_M / path_m) ** 2 * (1.0 + 0.01 * draws[0]),
@@ -92,12 +92,12 @@ class LaserBlock:
         """Return phase of the backscatter for a setting of the transducers, so long after switching on, degree."""
         return setting_deg + self.phase_offset_deg + self.drift_deg_h * on_s / S_PER_H
 
-    def degC(self, on_s: Float) -> Float:
+    def degC(self, on_s: Floats) -> Floats:
         """Return what its thermometer shows so long after switching on, without noise: it always starts cold."""
         warmed = SELF_HEATING_DEGC * -np.expm1(-on_s / SELF_HEATING_S)
         return LAB_DEGC + self.warmth_degC + warmed
 
-    def intensity_V(self, degC: Float) -> Float:
+    def intensity_V(self, degC: Floats) -> Floats:
         """Return amplitude of the beat while the laser runs, without noise."""
         return self.beat_V * (1.0 + _VOLT_PER_DEGC * (degC - LAB_DEGC))
 
@@ -134,7 +134,7 @@ class Housekeeping:
             self._append(np.arange(self._sent, stop, dtype=np.int64))
             self._sent = stop
 
-    def _append(self, number: Int64) -> None:
+    def _append(self, number: Integers) -> None:
         t_ns = self._on_ns + BOOT_NS + number * PERIOD_NS
         beats = t_ns >= self._beat_ns
         noise = self._draw("housekeeping", int(number[0]) // AT_ONCE).standard_normal((AT_ONCE, 3))[number % AT_ONCE]

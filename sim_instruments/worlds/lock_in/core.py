@@ -14,13 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Flags, Floats, Octets
 from sim_instruments.worlds.lock_in.crossings import Crossings
 from sim_instruments.worlds.lock_in.half_cycles import Drive
-
-UInt8 = NDArray[np.uint8]
 
 WAVELENGTH_M = 632.8e-9
 DITHER_DEG_S, DITHER_HZ = 100.0, 400.0
@@ -97,7 +94,7 @@ class RingLaser:
         walk_rad_rt_s = self.lock_in_rad_s / math.sqrt(self.scale * math.radians(self.dither_deg_s))
         return math.degrees(walk_rad_rt_s) * math.sqrt(S_PER_H)
 
-    def drive(self, dither_deg_s: Float, first_sense: int, noise: Float | None, beta_rad: Float | float) -> Drive:
+    def drive(self, dither_deg_s: Floats, first_sense: int, noise: Floats | None, beta_rad: Floats | float) -> Drive:
         """Return what drives the phase in consecutive half cycles.
 
         Args: dither_deg_s: amplitudes (n,).   first_sense: +1 if the first half cycle begins at a positive rate.
@@ -128,7 +125,7 @@ def quantum_deg_rt_h(path_m: float) -> float:
     return QUANTUM_DEG_RT_H * (QUANTUM_PATH_M / path_m) ** 2
 
 
-def levels(rises: NDArray[np.bool_], start_rad: Float, crossed: Crossings) -> tuple[UInt8, UInt8]:
+def levels(rises: Flags, start_rad: Floats, crossed: Crossings) -> tuple[Octets, Octets]:
     """Return levels of the own channel behind the edge and of the cosine comparator, pick-off edges first."""
     level = np.concatenate([rises, crossed.count % 2 == 0])
     even = (crossed.count + (crossed.sense < 0)) % 2 == 0  # the multiple of pi that was crossed

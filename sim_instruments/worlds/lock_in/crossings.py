@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim_instruments.arrays import Float, Int64
+from bench.model.arrays import Array, Flags, Floats, Integers
 from sim_instruments.worlds.lock_in.half_cycles import Drive, Motion, circle
 
 _NEWTON, _BISECTIONS = 4, 54
@@ -25,34 +24,34 @@ _EVEN_SLOPES = 0.5  # below this ratio of the slopes of a step the crossing is b
 class Crossings:
     """Crossings in order of time, (m,): half cycle, seconds since its beginning, +1 or -1, floor(psi / pi) behind."""
 
-    half: Int64
-    since_s: Float
-    sense: Int64
-    count: Int64
+    half: Integers
+    since_s: Floats
+    sense: Integers
+    count: Integers
 
 
 class _Cubics(NamedTuple):
     """psi = a + b x + c x2 + d x3 in steps of the grid, x from 0 to 1."""
 
-    a: Float
-    b: Float
-    c: Float
-    d: Float
+    a: Floats
+    b: Floats
+    c: Floats
+    d: Floats
 
-    def at(self, x: Float) -> Float:
+    def at(self, x: Floats) -> Floats:
         return self.a + x * (self.b + x * (self.c + x * self.d))
 
-    def slope(self, x: Float) -> Float:
+    def slope(self, x: Floats) -> Floats:
         return self.b + x * (2.0 * self.c + x * 3.0 * self.d)
 
-    def bend(self, x: Float) -> Float:
+    def bend(self, x: Floats) -> Floats:
         return 2.0 * self.c + 6.0 * x * self.d
 
-    def take(self, which: NDArray[np.bool_] | Int64) -> _Cubics:
+    def take(self, which: Flags | Integers) -> _Cubics:
         return _Cubics(*(part[which] for part in self))
 
 
-def crossings(drive: Drive, motion: Motion, noise_rad: Float | None) -> Crossings:
+def crossings(drive: Drive, motion: Motion, noise_rad: Floats | None) -> Crossings:
     """Return all crossings of multiples of pi.
 
     Args: noise_rad: of the comparator in each step, (n, steps), in parts of the beat's amplitude, or None: an edge
@@ -84,7 +83,7 @@ def crossings(drive: Drive, motion: Motion, noise_rad: Float | None) -> Crossing
     return Crossings(np.asarray(half, np.int64), since_s, signs, count)
 
 
-def _cubics(drive: Drive, psi: Float, half: Int64, step: Int64) -> _Cubics:
+def _cubics(drive: Drive, psi: Floats, half: Integers, step: Integers) -> _Cubics:
     _, __, cosine = drive.shape()
     h, n = drive.step_s, drive.steps
     amplitude, beta = drive.amplitude_rad_s[half], drive.beta_rad[half]
@@ -92,7 +91,7 @@ def _cubics(drive: Drive, psi: Float, half: Int64, step: Int64) -> _Cubics:
     flat = half * (n + 1) + step
     start, end = psi.ravel()[flat], psi.ravel()[flat + 1]
 
-    def slope(at: Float, where: Int64) -> Float:
+    def slope(at: Floats, where: Integers) -> Floats:
         back = circle(at + beta)[1]
         if drive.second:
             back += drive.second * circle(2.0 * at + drive.second_phase_rad)[1]
@@ -103,7 +102,7 @@ def _cubics(drive: Drive, psi: Float, half: Int64, step: Int64) -> _Cubics:
     return _Cubics(start, first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise)
 
 
-def _solve(curve: _Cubics, target: Float) -> Float:
+def _solve(curve: _Cubics, target: Floats) -> Floats:
     """Return where each cubic passes its target, once in its step."""
     rise = curve.b + curve.c + curve.d
     x = (target - curve.a) / rise
@@ -118,7 +117,7 @@ def _solve(curve: _Cubics, target: Float) -> Float:
     return np.clip(x, 0.0, 1.0)
 
 
-def _bisected(curve: _Cubics, target: Float, low: Float, high: Float) -> Float:
+def _bisected(curve: _Cubics, target: Floats, low: Floats, high: Floats) -> Floats:
     below = curve.at(low) < target
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -127,7 +126,7 @@ def _bisected(curve: _Cubics, target: Float, low: Float, high: Float) -> Float:
     return np.asarray(0.5 * (low + high))
 
 
-def _at_turning_points(drive: Drive, psi: Float, level: Float) -> list[NDArray[Any]] | None:
+def _at_turning_points(drive: Drive, psi: Floats, level: Floats) -> list[Array] | None:
     """Return pairs of crossings inside one step: half, step, x, sense and level of each crossing; else None."""
     rises = np.diff(psi, axis=1) > 0.0
     half, before = np.nonzero(rises[:, 1:] != rises[:, :-1])
@@ -154,8 +153,8 @@ def _at_turning_points(drive: Drive, psi: Float, level: Float) -> list[NDArray[A
 
 
 def _disturbed(
-    curve: _Cubics, half: Int64, x: Float, sense: Float, target: Float, noise_rad: Float
-) -> tuple[NDArray[np.bool_], Float]:
+    curve: _Cubics, half: Integers, x: Floats, sense: Floats, target: Floats, noise_rad: Floats
+) -> tuple[Flags, Floats]:
     """Return crossings that are left and where they come: on the parabola through the undisturbed crossing."""
     slope, bend = curve.slope(x), curve.bend(x)
     inside = slope * slope + 2.0 * bend * noise_rad

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats, Integers
 
 Complex = NDArray[np.complex128]
 
@@ -40,11 +40,11 @@ class Drive:
 
     half_s: float
     steps: int
-    amplitude_rad_s: Float
+    amplitude_rad_s: Floats
     rate_rad_s: float
     kappa_rad_s: float
-    beta_rad: Float
-    walk_rad: Float | None = None
+    beta_rad: Floats
+    walk_rad: Floats | None = None
     second: float = 0.0
     second_phase_rad: float = 0.0
 
@@ -53,7 +53,7 @@ class Drive:
         """One step of the grid, seconds."""
         return self.half_s / self.steps
 
-    def shape(self) -> tuple[Float, Float, Float]:
+    def shape(self) -> tuple[Floats, Floats, Floats]:
         """Return time since the half cycle began, sine and cosine of the dither on the grid, (steps + 1,)."""
         tau_s = np.arange(self.steps + 1) * self.step_s
         angle = np.pi / self.half_s * tau_s
@@ -75,9 +75,9 @@ class Motion:
     each, (n,).   ``end_rad``: unwrapped phase behind the last.
     """
 
-    psi_rad: Float
-    turns: NDArray[np.int64]
-    start_rad: Float
+    psi_rad: Floats
+    turns: Integers
+    start_rad: Floats
     end_rad: float
 
 
@@ -94,7 +94,7 @@ def integrate(drive: Drive, psi_rad: float) -> Motion:
     return motion
 
 
-def circle(angle_rad: Float) -> tuple[Float, Float]:
+def circle(angle_rad: Floats) -> tuple[Floats, Floats]:
     """Return cosine and sine, by the tangent of the half angle: numpy's tangent is ten times as fast as its sine."""
     t = np.tan(0.5 * angle_rad)
     square = t * t
@@ -102,7 +102,7 @@ def circle(angle_rad: Float) -> tuple[Float, Float]:
     return (1.0 - square) * scale, 2.0 * t * scale
 
 
-def _riccati(drive: Drive, psi_rad: float, extra_rad: Float | None) -> Motion:
+def _riccati(drive: Drive, psi_rad: float, extra_rad: Floats | None) -> Motion:
     tau_s, sine, cosine = drive.shape()
     free = np.multiply.outer(drive.amplitude_rad_s / drive.angular_Hz, sine)
     free += drive.rate_rad_s * tau_s
@@ -124,7 +124,7 @@ def _riccati(drive: Drive, psi_rad: float, extra_rad: Float | None) -> Motion:
     return Motion(free, turns, start_rad, end_rad)
 
 
-def _step_integrals(drive: Drive, free_rad: Float, sine: Float, cosine: Float) -> tuple[Complex, Float]:
+def _step_integrals(drive: Drive, free_rad: Floats, sine: Floats, cosine: Floats) -> tuple[Complex, Floats]:
     """Return kappa/2 times the integral of E over each step, (n, steps), and the second one's curl within a step."""
     h, k = drive.step_s, 0.5 * drive.kappa_rad_s
     rate = np.multiply.outer(drive.amplitude_rad_s * h, cosine)  # g h
@@ -151,7 +151,7 @@ def _step_integrals(drive: Drive, free_rad: Float, sine: Float, cosine: Float) -
     return steps, curl
 
 
-def _ordered_integrals(steps: Complex, curl: Float) -> tuple[Complex, Complex, Complex]:
+def _ordered_integrals(steps: Complex, curl: Floats) -> tuple[Complex, Complex, Complex]:
     """Return first, second and third ordered integral from the beginning of each stretch to each step's end."""
     n = len(steps)
     steps = steps.reshape(n, SEGMENTS, -1)
@@ -169,8 +169,8 @@ def _ordered_integrals(steps: Complex, curl: Float) -> tuple[Complex, Complex, C
 
 
 def _chain(
-    psi_rad: float, free_end_rad: Float, b: Complex, a: Complex
-) -> tuple[Float, Complex, NDArray[np.int64], Float, float]:
+    psi_rad: float, free_end_rad: Floats, b: Complex, a: Complex
+) -> tuple[Floats, Complex, Integers, Floats, float]:
     """Carry the state through all stretches: v and w at the beginning of each, (n, SEGMENTS), turns, phases."""
     values, points = np.empty(a.shape), np.empty(a.shape, np.complex128)
     n = len(a)
@@ -191,7 +191,7 @@ def _chain(
     return values, points, turns, start_rad, psi_rad + turned * TURN
 
 
-def _second_harmonic(drive: Drive, psi_rad: Float) -> Float:
+def _second_harmonic(drive: Drive, psi_rad: Floats) -> Floats:
     """Return phase that the second harmonic adds from the begin of a half cycle, for known motion, (n, steps + 1)."""
     h = drive.step_s
     _, __, cosine = drive.shape()

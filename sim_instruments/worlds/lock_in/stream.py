@@ -12,15 +12,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim_instruments.arrays import Float, Int64
+from bench.model.arrays import Floats, Integers, Octets
 from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, RingLaser, levels
 from sim_instruments.worlds.lock_in.crossings import crossings
 from sim_instruments.worlds.lock_in.half_cycles import integrate
 
-UInt8 = NDArray[np.uint8]
-Columns = tuple[Int64, UInt8, UInt8, UInt8]
+Columns = tuple[Integers, Octets, Octets, Octets]
 Draw = Callable[..., np.random.Generator]
 
 PS = 10**12
@@ -35,7 +33,7 @@ class _Block:
 
     first: int
     columns: Columns
-    start_rad: Float
+    start_rad: Floats
 
 
 class EdgeStream:
@@ -47,7 +45,7 @@ class EdgeStream:
         draw: generator of a purpose and a number, see seeds.generator.
     """
 
-    def __init__(self, laser: RingLaser, begin_ps: int, beta_rad: Callable[[Int64], Float], draw: Draw) -> None:
+    def __init__(self, laser: RingLaser, begin_ps: int, beta_rad: Callable[[Integers], Floats], draw: Draw) -> None:
         self.laser, self._begin_ps, self._beta_rad, self._draw = laser, begin_ps, beta_rad, draw
         self._half_ps = round(laser.half_s * PS)
         self._blocks: deque[_Block] = deque()
@@ -125,18 +123,18 @@ class EdgeStream:
         self._blocks.append(_Block(self._next, columns, start_rad))
         self._next, self._psi_rad = self._next + len(halves), float(motion.psi_rad[-1, -1])
 
-    def _noise(self, purpose: str, block: int, skip: int) -> Float:
+    def _noise(self, purpose: str, block: int, skip: int) -> Floats:
         """Return standard normal draws of the half cycles of a block from the ``skip``-th on, one for each step."""
         return np.asarray(self._draw(purpose, block).standard_normal((AT_ONCE, self.laser.steps))[skip:])
 
-    def _amplitudes(self, block: int) -> Float:
+    def _amplitudes(self, block: int) -> Floats:
         draws = self._draw("dither", block).standard_normal(AT_ONCE)
         return np.asarray(self.laser.dither_deg_s * (1.0 + self.laser.dither_noise * draws))
 
     def _fresh_rad(self, block: int) -> float:
-        return float(self._draw("phase", block).uniform(-math.pi, math.pi))
+        return self._draw("phase", block).uniform(-math.pi, math.pi)
 
-    def _time_ps(self, half: Int64 | int) -> Int64:
+    def _time_ps(self, half: Integers | int) -> Integers:
         return np.asarray(self._begin_ps + np.asarray(half, np.int64) * self._half_ps)
 
     def _end_ps(self, number: int) -> int:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS, Clock, to_ns
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import OnePortUnit
 from sim_instruments.worlds.lock_in.block import Housekeeping, LaserBlock
@@ -33,7 +33,7 @@ class Life:
     off_ns: int | None = None
     stream: EdgeStream | None = field(default=None, repr=False)
 
-    def beta_deg(self, t_ns: Int64) -> Float:
+    def beta_deg(self, t_ns: Integers) -> Floats:
         """Return phase of the backscatter at bench times, degree."""
         since, values = zip(*self.settings, strict=True)
         which = np.maximum(np.searchsorted(np.array(since), t_ns, side="right") - 1, 0)
@@ -50,11 +50,11 @@ class RlgUnit(OnePortUnit):
     port_name = PORT
 
     def __init__(self, clock: Clock, seed: int, block: LaserBlock, phase_deg: float) -> None:
-        super().__init__()
+        super().__init__(clock)
         self.block, self.phase_deg = block, phase_deg
         self.epoch_ns = clock.now_ns()
         self.lives: list[Life] = []
-        self._clock, self._seed = clock, seed
+        self._seed = seed
         self._supplied = False
         self._housekeeping: Housekeeping | None = None
         self._running: deque[Life] = deque()  # whose edges are not all handed out; the last one may still be on
@@ -126,12 +126,6 @@ class RlgUnit(OnePortUnit):
 
     # --- time --------------------------------------------------------------------------------------------------
 
-    def _upto_now(self) -> int:
-        now_ns = self._upto(self._clock.now_ns())
-        if not self.port.listened:
-            self.port.discard(now_ns)
-        return now_ns
-
     def _upto(self, now_ns: int) -> int:
         if self._housekeeping is not None:
             self._housekeeping.send(now_ns)
@@ -147,7 +141,7 @@ class RlgUnit(OnePortUnit):
         beat_ns = t_ns + to_ns(BEAT_S)
         life = Life(block, t_ns, [(t_ns, self.phase_deg)])
 
-        def beta_rad(t_ps: Int64) -> Float:
+        def beta_rad(t_ps: Integers) -> Floats:
             return np.radians(life.beta_deg(self.epoch_ns + t_ps // PS_PER_NS))
 
         stream = EdgeStream(block.laser, (beat_ns - self.epoch_ns) * PS_PER_NS, beta_rad, draw)

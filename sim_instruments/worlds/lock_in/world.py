@@ -11,7 +11,7 @@ import numpy as np
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, entry, impossible, plain_number
+from sim_instruments.worlds.common.world import Operation, World, entry
 from sim_instruments.worlds.lock_in.block import LaserBlock
 from sim_instruments.worlds.lock_in.core import RingLaser
 from sim_instruments.worlds.lock_in.options import USUAL
@@ -85,35 +85,20 @@ class RlgWorld(World):
     """
 
     ports = (PORT,)
-    operations: ClassVar[tuple[str, ...]] = ("path_length", "backscatter_phase")
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
         self._completed = {**USUAL, **options}
         self.laser_unit = RlgUnit(clock, seed, LaserBlock.drawn(seed, FIRST_PATH_M, self._completed), FIRST_PHASE_DEG)
         super().__init__(clock=clock, seed=seed, unit=self.laser_unit, thermal=Thermal(), options=options)
 
-    def operate(self, name: str, value: Any) -> None:
-        """Do what a person does at the bench: ``path_length`` (m), ``backscatter_phase`` (deg, mirror transducers).
+    def _mount(self, path_m: float) -> None:
+        self.laser_unit.mount(LaserBlock.drawn(self.seed, path_m, self._completed))
 
-        Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
-        """
-        self.check_operation(name, value)
-        number = float(value)
-        with self.lock:
-            if name == "path_length":
-                self.laser_unit.mount(LaserBlock.drawn(self.seed, number, self._completed))
-            else:
-                self.laser_unit.set_phase(number)
-
-    @classmethod
-    def check_operation(cls, name: str, value: Any) -> None:
-        """Raises: InputError B-SIM-018, B-SIM-019."""
-        super().check_operation(name, value)
-        least, most, unit = LEAST_PATH_M, MOST_PATH_M, "m"
-        if name == "backscatter_phase":
-            least, most, unit = -MOST_PHASE_DEG, MOST_PHASE_DEG, "deg"
-        if not least <= plain_number(value) <= most:
-            raise impossible(name, value, f"{least:g} to {most:g} {unit}")
+    operations: ClassVar[Mapping[str, Operation]] = {
+        "path_length": Operation.number(_mount, LEAST_PATH_M, MOST_PATH_M, "m"),
+        "backscatter_phase": Operation.number(
+            lambda world, phase_deg: world.laser_unit.set_phase(phase_deg), -MOST_PHASE_DEG, MOST_PHASE_DEG, "deg"),
+    }  # fmt: skip
 
     @property
     def load(self) -> tuple[float, float]:

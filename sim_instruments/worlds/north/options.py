@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 PARAMETERS = ("constant", "slow", "step", "linear", "white", "double")
 
@@ -52,11 +50,6 @@ class FogOptions:
     harmonic_5_ppm: float = 0.0
     ramp_s: float = 60.0
     parameters: str = "constant"
-
-    @classmethod
-    def of(cls, options: Mapping[str, Any]) -> FogOptions:
-        """From checked options; what is not given is as by default."""
-        return cls(**options)
 
     @property
     def harmonics(self) -> dict[int, float]:

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.common.attitude import EARTH_RATE_RAD_S
+from sim_instruments.worlds.common.attitude import EARTH_RATE_RAD_S, cross_matrix
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.sensor_noise import WhiteNoise
 from sim_instruments.worlds.north.options import FogOptions
@@ -37,13 +37,13 @@ _TURNS, _SAMPLES = 4096, 2**20  # length of the tables of drawn steps: 1.1 h and
 _BISECTIONS = 20  # of a millisecond: 1 ns
 
 
-def earth_rate_rad_s(latitude_deg: float) -> Float:
+def earth_rate_rad_s(latitude_deg: float) -> Floats:
     """Return Earth's rate in the local frame (East, North, Up), rad/s, (3,)."""
     latitude = np.deg2rad(latitude_deg)
     return EARTH_RATE_RAD_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
 
-def tilted(east_deg: float, north_deg: float) -> Float:
+def tilted(east_deg: float, north_deg: float) -> Floats:
     """Return matrix of the turn by the vector (east, north, 0), degrees: columns are table axes in the local frame.
 
     Source: Rodrigues' formula.
@@ -52,12 +52,11 @@ def tilted(east_deg: float, north_deg: float) -> Float:
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:
         return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrix(vector / angle)
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
 
 
-def sensed_rad_s(in_table: Float, angle_rad: Any, axis_tilt_deg: float) -> Float:
+def sensed_rad_s(in_table: Floats, angle_rad: Any, axis_tilt_deg: float) -> Floats:
     """Return component of a rate along the sensing axis.
 
     Args:
@@ -104,7 +103,7 @@ class FogSensor:
         options: FogOptions,
         motion: AxisMotion,
         latitude_deg: float,
-        heading_deg: Callable[[Int64], Float],
+        heading_deg: Callable[[Integers], Floats],
     ) -> None:
         self.options = options
         self._motion, self._heading_deg = motion, heading_deg
@@ -114,7 +113,7 @@ class FogSensor:
         self._axis_tilt_deg = options.axis_tilt_arcmin / 60.0
         self._seed, self._variations = seed, dict[tuple[str, str], Variation]()
         self.varies: list[tuple[int, str]] = [(-1, options.parameters)]
-        self._double_rad = float(generator(seed, "fog double").uniform(0.0, 2.0 * np.pi))
+        self._double_rad = generator(seed, "fog double").uniform(0.0, 2.0 * np.pi)
         self._noise = WhiteNoise(seed, "fog noise", 2)
         drawn = generator(seed, "fog index marks").standard_normal(2).clip(-2.5, 2.5)
         self.placement_deg = dict(zip("ab", drawn * options.placement_arcmin / 60.0, strict=True))
@@ -132,7 +131,7 @@ class FogSensor:
 
     # --- the table ---------------------------------------------------------------------------------------------
 
-    def table_deg(self, t_ns: Int64) -> Float:
+    def table_deg(self, t_ns: Integers) -> Floats:
         """Return True angle of the table at bench times (n,), not wrapped at a turn; the encoder reads it."""
         t_ns = np.asarray(t_ns, np.int64)
         angle = self._motion.angle_deg(t_ns)
@@ -145,7 +144,7 @@ class FogSensor:
         swing = self.options.wobble_arcmin / 60.0 * (1.0 + self._varied("swing", t_ns, lambda kind: kind.at))
         return angle + share * swing * np.sin(phase)
 
-    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
+    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Integers:
         """Return times of the pulses of mark "a" or "b" in [t0, t1), in order, to 1 ns; one per turn either way."""
         first, last = t0_ns // SAMPLE_NS, -(-t1_ns // SAMPLE_NS)
         edges = np.arange(first, last + 1, dtype=np.int64) * SAMPLE_NS
@@ -161,7 +160,7 @@ class FogSensor:
 
     # --- the output --------------------------------------------------------------------------------------------
 
-    def output_V(self, number: Int64) -> Float:
+    def output_V(self, number: Integers) -> Floats:
         """Return output of a supplied gyroscope: means over the milliseconds ``number`` (n,), volt."""
         start_ns = np.asarray(number, np.int64) * SAMPLE_NS
         mean = sum(self._signal(start_ns + node_ns) for node_ns in _NODE_NS) / len(_NODE_NS)
@@ -174,13 +173,15 @@ class FogSensor:
             volts = volts + self._noise.at(number) @ np.array([self.options.random_walk_V, self.options.vibration_V])
         return volts
 
-    def _gain_at(self, t_ns: Int64) -> Float:
+    def _gain_at(self, t_ns: Integers) -> Floats:
         if self.options.parameters == "double":
             double = 2.0 * np.deg2rad(self.table_deg(t_ns)) + self._double_rad
             return 1.0 + 0.2 * np.sin(double)
         return 1.0 + self._varied("amplitude", t_ns, lambda kind: kind.at)
 
-    def _varied(self, parameter: str, t_ns: Int64, value: Callable[[Variation], Callable[[Float], Float]]) -> Float:
+    def _varied(
+        self, parameter: str, t_ns: Integers, value: Callable[[Variation], Callable[[Floats], Floats]]
+    ) -> Floats:
         """Return a value of the variation of a parameter, each time by the kind that held then, (n,)."""
         since_ns = np.array([since for since, _ in self.varies])
         which = np.searchsorted(since_ns, t_ns, side="right") - 1
@@ -192,7 +193,7 @@ class FogSensor:
             varied[now] = value(self._variations[kind, parameter])(t_ns[now] / NS)
         return varied
 
-    def _signal(self, t_ns: Int64) -> Float:
+    def _signal(self, t_ns: Integers) -> Floats:
         """Return Earth signal of unit amplitude and its harmonics."""
         angle_rad = np.deg2rad(90.0 - self._heading_deg(t_ns) + self.table_deg(t_ns))
         signal = sensed_rad_s(self._earth, angle_rad, self._axis_tilt_deg) / self._horizontal_rad_s

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from bench.frame import load_frame
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.worlds.common.port import OnePortUnit
 from sim_instruments.worlds.common.thermal import LAB_DEGC
 from sim_instruments.worlds.north.sensor import SAMPLE_NS, TURN_DEG, FogSensor
@@ -37,10 +37,9 @@ class FogUnit(OnePortUnit):
     port_name = PORT
 
     def __init__(self, clock: Clock, sensor: FogSensor) -> None:
-        super().__init__()
+        super().__init__(clock)
         self.definition = load_frame(find_shipped("frames", FRAME))
         self.sensor = sensor
-        self._clock = clock
         self._periods: list[list[int]] = []  # first sample with supply, first one without, power-on in ns
         self._sent = 0  # frames of the newest period
 
@@ -63,7 +62,7 @@ class FogUnit(OnePortUnit):
     def _supplied(self) -> bool:
         return bool(self._periods) and self._periods[-1][1] == _NEVER
 
-    def waveform(self, first: int, stop: int) -> Float:
+    def waveform(self, first: int, stop: int) -> Floats:
         """Return means of the output over the milliseconds ``first`` to ``stop`` - 1, volt; 0 while it is dead."""
         number = np.arange(first, stop, dtype=np.int64)
         volts = np.zeros(number.size)
@@ -74,7 +73,7 @@ class FogUnit(OnePortUnit):
                     volts[alive] = self.sensor.output_V(number[alive])
         return volts
 
-    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+    def _foreseen(self, name: str, t_ns: Integers) -> Integers:
         self._upto_now()
         if self._supplied:
             self._send(int(t_ns[-1]))
@@ -82,12 +81,9 @@ class FogUnit(OnePortUnit):
 
     # --- frames ------------------------------------------------------------------------------------------------
 
-    def _upto_now(self) -> int:
-        now_ns = self._clock.now_ns()
+    def _upto(self, now_ns: int) -> int:
         if self._supplied:
             self._send(now_ns)
-        if not self.port.listened:
-            self.port.discard(now_ns)
         return now_ns
 
     def _send(self, now_ns: int) -> None:
@@ -101,7 +97,7 @@ class FogUnit(OnePortUnit):
             self._send_frames(counter, begin + counter, power_ns)
             self._sent += counter.size
 
-    def _send_frames(self, counter: Int64, number: Int64, power_ns: int) -> None:
+    def _send_frames(self, counter: Integers, number: Integers, power_ns: int) -> None:
         middle_ns = number * SAMPLE_NS + SAMPLE_NS // 2
         output = np.rint(self.sensor.output_V(number) / OUTPUT_LSB_V)
         turns = self.sensor.table_deg(middle_ns) / TURN_DEG

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats, Integers
 
 SHARE = 0.2
 SLOWEST_HZ, FASTEST_HZ = 0.02, 0.1  # of what is called slow
@@ -21,21 +20,21 @@ SLOWEST_HZ, FASTEST_HZ = 0.02, 0.1  # of what is called slow
 class Variation(Protocol):
     """Relative change of a parameter."""
 
-    def at(self, t_s: Float) -> Float:
+    def at(self, t_s: Floats) -> Floats:
         """Return relative change at times in seconds."""
 
-    def integral_s(self, t_s: Float) -> Float:
+    def integral_s(self, t_s: Floats) -> Floats:
         """Return its integral from 0 to each time, seconds."""
 
 
 class Constant:
     """No change at all."""
 
-    def at(self, t_s: Float) -> Float:
+    def at(self, t_s: Floats) -> Floats:
         """Return zeros."""
         return np.zeros_like(t_s)
 
-    def integral_s(self, t_s: Float) -> Float:
+    def integral_s(self, t_s: Floats) -> Floats:
         """Return zeros."""
         return np.zeros_like(t_s)
 
@@ -44,14 +43,14 @@ class Constant:
 class Sine:
     """A sine of ``frequency_Hz`` whose phase at 0 is ``phase_rad``."""
 
-    frequency_Hz: float | Float
-    phase_rad: float | Float
+    frequency_Hz: float | Floats
+    phase_rad: float | Floats
 
-    def at(self, t_s: Float) -> Float:
+    def at(self, t_s: Floats) -> Floats:
         """Return 0.2 sin(2 pi f t + phase)."""
         return SHARE * np.sin(2.0 * np.pi * self.frequency_Hz * t_s + self.phase_rad)
 
-    def integral_s(self, t_s: Float) -> Float:
+    def integral_s(self, t_s: Floats) -> Floats:
         """Return integral of the sine."""
         omega = 2.0 * np.pi * np.asarray(self.frequency_Hz)
         return SHARE / omega * (np.cos(self.phase_rad) - np.cos(omega * t_s + self.phase_rad))
@@ -63,17 +62,17 @@ class Linear:
 
     ramp_s: float
 
-    def at(self, t_s: Float) -> Float:
+    def at(self, t_s: Floats) -> Floats:
         """Return the triangle."""
         return SHARE * (1.0 - 2.0 * np.abs(1.0 - self._place(t_s)))
 
-    def integral_s(self, t_s: Float) -> Float:
+    def integral_s(self, t_s: Floats) -> Floats:
         """Return integral of the triangle; zero after each ramp."""
         place = self._place(t_s)
         way = np.where(place <= 1.0, place * (place - 1.0), (2.0 - place) * (place - 1.0))
         return SHARE * self.ramp_s * way
 
-    def _place(self, t_s: Float) -> Float:
+    def _place(self, t_s: Floats) -> Floats:
         """Return ramps since the last lowest point, 0 to 2."""
         return np.mod(np.asarray(t_s) / self.ramp_s, 2.0)
 
@@ -84,21 +83,21 @@ class Steps:
     Args: values: relative changes, (m,) or (runs, m).
     """
 
-    def __init__(self, values: Float, step_s: float) -> None:
+    def __init__(self, values: Floats, step_s: float) -> None:
         self._values, self._step_s = values, step_s
         self._sums = np.concatenate((np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)), axis=-1)
 
-    def at(self, t_s: Float) -> Float:
+    def at(self, t_s: Floats) -> Floats:
         """Return the value of the step that each time is in."""
         return self._values[..., self._place(t_s)[1]]
 
-    def integral_s(self, t_s: Float) -> Float:
+    def integral_s(self, t_s: Floats) -> Floats:
         """Return sum of the steps so far."""
         rounds, step, part = self._place(t_s)
         inside = self._sums[..., step] + part * self._values[..., step]
         return self._step_s * (inside + rounds * self._sums[..., -1:])
 
-    def _place(self, t_s: Float) -> tuple[NDArray[np.int64], NDArray[np.int64], Float]:
+    def _place(self, t_s: Floats) -> tuple[Integers, Integers, Floats]:
         """Return rounds of the table, step in it and part of the step."""
         place = np.asarray(t_s) / self._step_s
         step = np.floor(place).astype(np.int64)

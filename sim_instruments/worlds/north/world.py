@@ -10,16 +10,15 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, entry, impossible, plain_number
+from sim_instruments.worlds.common.world import Operation, World, entry
 from sim_instruments.worlds.north.options import FogOptions
 from sim_instruments.worlds.north.sensor import FogSensor
 from sim_instruments.worlds.north.unit import PORT, FogUnit
@@ -35,7 +34,7 @@ _MRAD_PER_ARCMIN = 1e3 * math.radians(1.0 / 60.0)
 
 
 def _true_values(
-    sensor: FogSensor, heading_deg: Callable[[NDArray[np.int64]], NDArray[np.float64]], windows: Sequence[RecordWindow]
+    sensor: FogSensor, heading_deg: Callable[[Integers], Floats], windows: Sequence[RecordWindow]
 ) -> list[dict[str, Any]]:
     """Return true values in the contract's form: azimuth of each heading, index marks, amplitude, noise of a sample."""
     entries: dict[tuple[Any, ...], dict[str, Any]] = {}
@@ -63,63 +62,50 @@ class FogWorld(World):
 
     ports = (PORT,)
     load = START_V, CURRENT_A
-    operations: ClassVar[tuple[str, ...]] = ("head", "place", "parameters")
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
         self.motion = (AxisMotion(), AxisMotion(), AxisMotion())
         self.place, self.head_deg = "mark", 0.0
-        self._field_deg = float(generator(seed, "fog field azimuth").uniform(0.0, 360.0))
+        self._field_deg = generator(seed, "fog field azimuth").uniform(0.0, 360.0)
         self._headings = [(-1, SITE.azimuth_deg)]  # from that time on
-        self.fog_options = FogOptions.of(options)
+        self.fog_options = FogOptions(**options)
         self.sensor = FogSensor(seed, self.fog_options, self.motion[0], SITE.latitude_deg, self.heading_deg)
         self.gyroscope = FogUnit(clock, self.sensor)
         super().__init__(clock=clock, seed=seed, unit=self.gyroscope, thermal=Thermal(), options=options)
         self.gyroscope.lock = self.lock
 
-    def operate(self, name: str, value: Any) -> None:
-        """Do what a person does at the bench: turn the dividing head, carry the bench to another place, let amplitude
-        and swing be constant ("TIP", time-invariant) or vary ("TVP", as the option says, slowly if it says constant).
+    def _set_parameters(self, word: str) -> None:
+        """Let amplitude and swing vary as the option says, slowly if it says constant, or be constant."""
+        kind = self.fog_options.parameters if self.fog_options.parameters != "constant" else "slow"
+        self.sensor.varies.append((self.clock.now_ns(), kind if word == VARYING else "constant"))
 
-        Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
-        """
-        self.check_operation(name, value)
-        with self.lock:
-            if name == "parameters":
-                kind = self.fog_options.parameters if self.fog_options.parameters != "constant" else "slow"
-                self.sensor.varies.append((self.clock.now_ns(), kind if str(value) == VARYING else "constant"))
-                return
-            if name == "head":
-                self.head_deg = float(value)
-            else:
-                self.place = str(value)
-            azimuth_deg = SITE.azimuth_deg if self.place == "mark" else self._field_deg
-            self._headings.append((self.clock.now_ns(), (azimuth_deg + self.head_deg) % 360.0))
+    def _stand(self, place: str, head_deg: float) -> None:
+        self.place, self.head_deg = place, head_deg
+        azimuth_deg = SITE.azimuth_deg if self.place == "mark" else self._field_deg
+        self._headings.append((self.clock.now_ns(), (azimuth_deg + self.head_deg) % 360.0))
 
-    @classmethod
-    def check_operation(cls, name: str, value: Any) -> None:
-        """Raises: InputError B-SIM-018, B-SIM-019."""
-        super().check_operation(name, value)
-        if name == "place" and str(value) not in PLACES:
-            raise impossible(name, value, f"one of {', '.join(PLACES)}")
-        if name == "parameters" and str(value) not in PARAMETERS:
-            raise impossible(name, value, f"one of {', '.join(PARAMETERS)}")
-        if name == "head" and not -360.0 <= plain_number(value) <= 360.0:
-            raise impossible(name, value, "an angle of -360 to 360 degrees")
+    operations: ClassVar[Mapping[str, Operation]] = {
+        "head": Operation.number(
+            lambda world, head_deg: world._stand(world.place, head_deg), -360.0, 360.0, "deg",
+            due="an angle of -360 to 360 degrees"),
+        "place": Operation.word(lambda world, place: world._stand(place, world.head_deg), *PLACES),
+        "parameters": Operation.word(_set_parameters, *PARAMETERS),
+    }  # fmt: skip
 
     # --- what the instruments see ------------------------------------------------------------------------------
 
-    def waveform(self, n0: int, n1: int) -> Float:
+    def waveform(self, n0: int, n1: int) -> Floats:
         """Return analogue output: means over the milliseconds n0 to n1 - 1 of the bench clock, volt, (n1 - n0,).
 
         Only what is past may be asked for; it never changes.
         """
         return self.gyroscope.waveform(n0, n1)
 
-    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
+    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Integers:
         """Return times of the pulses of index mark "a" or "b" in [t0, t1), bench time in ns; only what is past."""
         return self.sensor.pulses(index, t0_ns, t1_ns)
 
-    def heading_deg(self, t_ns: Int64) -> Float:
+    def heading_deg(self, t_ns: Integers) -> Floats:
         """Return True heading of the sensing axis at encoder zero, head included, at bench times (n,)."""
         since_ns, headings_deg = (np.array(column) for column in zip(*self._headings, strict=True))
         which = np.searchsorted(since_ns, np.asarray(t_ns, np.int64), side="right") - 1

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats
 
 SEMI_AXIS_M = 6_378_137.0
 FLATTENING = 1.0 / 298.257223563
@@ -21,7 +21,7 @@ TURN_RAD = 2.0 * np.pi
 ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
 
 
-def to_earth(latitude_rad: Float, longitude_rad: Float, height_m: Float) -> Float:
+def to_earth(latitude_rad: Floats, longitude_rad: Floats, height_m: Floats) -> Floats:
     """Return Earth-centred coordinates (..., 3) in metre of geodetic ones (...)."""
     sine, cosine = np.sin(latitude_rad), np.cos(latitude_rad)
     across_m = SEMI_AXIS_M / np.sqrt(1.0 - ECCENTRICITY_2 * sine**2)
@@ -30,7 +30,7 @@ def to_earth(latitude_rad: Float, longitude_rad: Float, height_m: Float) -> Floa
     return np.stack([level_m * np.cos(longitude_rad), level_m * np.sin(longitude_rad), polar_m], axis=-1)
 
 
-def to_geodetic(earth_m: Float) -> tuple[Float, Float, Float]:
+def to_geodetic(earth_m: Floats) -> tuple[Floats, Floats, Floats]:
     """Return latitude and longitude (radian) and height (metre) of points (..., 3), not near the centre."""
     x, y, z = np.moveaxis(np.asarray(earth_m, float), -1, 0)
     e2, e4 = ECCENTRICITY_2, ECCENTRICITY_2**2
@@ -49,7 +49,7 @@ def to_geodetic(earth_m: Float) -> tuple[Float, Float, Float]:
     return 2.0 * np.arctan2(z, level_m + reach_m), np.arctan2(y, x), height_m
 
 
-def level_axes(latitude_rad: Float, longitude_rad: Float) -> Float:
+def level_axes(latitude_rad: Floats, longitude_rad: Floats) -> Floats:
     """Turn from the local level frame to the Earth's: columns are north, east and down, (..., 3, 3)."""
     latitude_rad, longitude_rad = np.broadcast_arrays(latitude_rad, longitude_rad)
     sl, cl, so, co = np.sin(latitude_rad), np.cos(latitude_rad), np.sin(longitude_rad), np.cos(longitude_rad)
@@ -58,7 +58,7 @@ def level_axes(latitude_rad: Float, longitude_rad: Float) -> Float:
     return np.stack(rows, axis=-1).reshape(*sl.shape, 3, 3)
 
 
-def euler_rad(turn: Float) -> Float:
+def euler_rad(turn: Floats) -> Floats:
     """Return roll, pitch, heading (..., 3) of turns from body to level (..., 3, 3), not at pitch 90 deg.
 
     Heading from 0 to below 2 pi.
@@ -78,11 +78,11 @@ class Told:
     ``attitude_deg`` (n, 3) roll, pitch, heading there.
     """
 
-    latitude_deg: Float
-    longitude_deg: Float
-    height_m: Float
-    velocity_m_s: Float
-    attitude_deg: Float
+    latitude_deg: Floats
+    longitude_deg: Floats
+    height_m: Floats
+    velocity_m_s: Floats
+    attitude_deg: Floats
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class TangentPlane:
     latitude_deg: float
     longitude_deg: float
 
-    def told(self, position_m: Float, velocity_m_s: Float, turn: Float) -> Told:
+    def told(self, position_m: Floats, velocity_m_s: Floats, turn: Floats) -> Told:
         """Return what a unit tells at a position with a velocity (n, 3), in t, its body turned by ``turn`` (n, 3, 3).
 
         Earth-fixed velocity, so that only its direction of axes changes.

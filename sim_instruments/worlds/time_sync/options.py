@@ -43,5 +43,5 @@ class SyncOptions:
 
     def first_offset_s(self, seed: int, power: int) -> float:
         """Return clock of the EGI minus clock of the IMU at a switching-on, numbered from 0."""
-        drawn = float(generator(seed, "time sync offset", power).uniform(-MOST_OFFSET_S, MOST_OFFSET_S))
+        drawn = generator(seed, "time sync offset", power).uniform(-MOST_OFFSET_S, MOST_OFFSET_S)
         return self.offset_s if self.offset_s is not None else drawn

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.arrays import Int64
+from bench.model.arrays import Floats, Integers
 from sim_instruments.worlds.time_sync.flight.flights import Flight
 from sim_instruments.worlds.time_sync.stream import TICK_S, Numbered, UnitClock
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex64]
 
 SPEED_OF_LIGHT_m_s = 299_792_458.0
@@ -74,7 +73,7 @@ class Echoes:
     spacing_m: float
 
 
-def echoes(radar: Radar, positions_m: Array, targets_m: Array, amplitudes: Array) -> Echoes:
+def echoes(radar: Radar, positions_m: Floats, targets_m: Floats, amplitudes: Floats) -> Echoes:
     """Return echoes of point targets at the pulses' true antenna positions.
 
     Args:    radar.   positions_m: (n, 3) north, east, down at the pulses.   targets_m: (k, 3).   amplitudes: (k,).
@@ -91,7 +90,7 @@ def echoes(radar: Radar, positions_m: Array, targets_m: Array, amplitudes: Array
     return Echoes(gates, radar.near_range_m, radar.spacing_m)
 
 
-def scene(radar: Radar, position_m: Array, velocity_m_s: Array, *, ahead_s: float | None = None) -> Array:
+def scene(radar: Radar, position_m: Floats, velocity_m_s: Floats, *, ahead_s: float | None = None) -> Floats:
     """Return three reflectors on the ground, right of the place where the flight will be at the middle of the aperture.
 
     Args:    radar.   position_m, velocity_m_s: (3,) north, east, down at the beginning of the aperture; level flight.
@@ -108,7 +107,7 @@ def scene(radar: Radar, position_m: Array, velocity_m_s: Array, *, ahead_s: floa
     return ground + np.array([0.0, 100.0, -100.0])[:, None] * along
 
 
-def _pulse(radar: Radar, range_m: Array) -> Complex:
+def _pulse(radar: Radar, range_m: Floats) -> Complex:
     """Return echo of one target of amplitude 1 in every gate, (n, g)."""
     gate_m = radar.near_range_m + radar.spacing_m * np.arange(radar.gates)
     shape = np.sinc((gate_m - range_m[:, None]) * (2.0 * radar.bandwidth_Hz / SPEED_OF_LIGHT_m_s))
@@ -132,7 +131,7 @@ class RadarPulses:
         now = flight.path.state(np.array([flight.seconds(on_ns)]))
         self.targets_m = scene(self.radar, now.p[0], now.v[0])
 
-    def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
+    def columns(self, number: Integers, counter: Integers) -> Mapping[str, Any]:
         """Return fields of pulses in a row, by number and by counter."""
         own_s = number * PERIOD_S
         self._flight.upto(int(self._clock.times_ns(own_s[-1:])[0]))

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.arrays import Float, Int64
+from bench.model.arrays import Floats, Integers
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.egi import EgiErrorStepper
 from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments
 from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPath, PathState
 from sim_instruments.worlds.time_sync.geodesy import TangentPlane
-from sim_instruments.worlds.time_sync.stream import TICK_S, UnitClock
+from sim_instruments.worlds.time_sync.stream import TICK_S, ByNumber, UnitClock
 
 EGI_PERIOD_S, IMU_PERIOD_S = 0.02, 0.005
 LONGITUDE_DEG = 127.0
@@ -33,7 +33,7 @@ class OwnTime:
     def __init__(self, path: FlightPath, rate: float, same_s: float) -> None:
         self._path, self._rate, self._same_s = path, rate, same_s
 
-    def state(self, t_s: Float) -> PathState:
+    def state(self, t_s: Floats) -> PathState:
         """Return motion at readings of the clock; derivatives are those of true time."""
         return self._path.state(self._same_s + (t_s - self._same_s) / self._rate)
 
@@ -49,10 +49,10 @@ class Solutions:
     flight: Flight
     first_s: float
     rate: float
-    rows: list[Float] = field(default_factory=list)
+    rows: list[Floats] = field(default_factory=list)
     _stepper: EgiErrorStepper | None = field(default=None, repr=False)
 
-    def upto(self, first: int, stop: int) -> Float:
+    def upto(self, first: int, stop: int) -> Floats:
         """Return errors of samples ``first`` to ``stop`` - 1, (n, 10); the path must be complete up to the last one."""
         if self._stepper is None:
             path: Any = OwnTime(self.flight.path, self.rate, self.first_s)
@@ -63,29 +63,38 @@ class Solutions:
         return np.array(self.rows[first:stop])
 
 
-class EgiSamples:
-    """Samples of one switching-on. It is aligned when a flight begins, not before.
+class _Samples:
+    """Samples of one switching-on of a unit.
 
     Args:
-        clock: the unit's.   flights: of the vehicle.   seed, power: name the draws of the alignment.
-        noise: whether solutions have errors.   tag_noise_s: (first, stop) of counters to errors of the tags.
+        clock: the unit's.   flights: of the vehicle.   noise: whether the unit has errors.
+        tag_noise_s: (first, stop) of counters to errors of the tags.
     """
 
-    def __init__(
-        self,
-        clock: UnitClock,
-        flights: Flights,
-        seed: int,
-        power: int,
-        noise: bool,
-        tag_noise_s: Callable[[int, int], Float],
-    ) -> None:
+    period_s: ClassVar[float]
+
+    def __init__(self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: ByNumber) -> None:
         self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
+
+    def _ticks(self, number: Integers, counter: Integers) -> Integers:
+        tag_s = number * self.period_s + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
+        return np.rint(tag_s / TICK_S).astype(np.int64)
+
+
+class EgiSamples(_Samples):
+    """Those of the EGI. It is aligned when a flight begins, not before. Args: seed, power: name those draws."""
+
+    period_s = EGI_PERIOD_S
+
+    def __init__(
+        self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: ByNumber, seed: int, power: int
+    ) -> None:
+        super().__init__(clock, flights, noise, tag_noise_s)
         drawn = generator(seed, "time sync alignment", power).standard_normal((3, 3))
         self._coarse = np.append((drawn * np.array(_COARSE)[:, None]).ravel(), _COARSE[0])
         self.solutions: dict[int, Solutions] = {}  # by number of the flight
 
-    def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
+    def columns(self, number: Integers, counter: Integers) -> Mapping[str, Any]:
         """Return fields of samples in a row, by number and by counter."""
         since_on_s = self._clock.since_on_s(number * EGI_PERIOD_S)
         errors, mode = np.empty((number.size, 10)), np.empty(number.size, np.int64)
@@ -100,9 +109,8 @@ class EgiSamples:
             errors[:, :9] = 0.0
         turn = turned(errors[:, 6:9], yaw)
         told = ORIGIN.told(p + errors[:, :3], v + errors[:, 3:6], turn)
-        tag_s = number * EGI_PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
         return {
-            "tick": np.rint(tag_s / TICK_S).astype(np.int64),
+            "tick": self._ticks(number, counter),
             "latitude": told.latitude_deg,
             "longitude": told.longitude_deg,
             "height": told.height_m,
@@ -113,7 +121,7 @@ class EgiSamples:
             "status": 0,
         }
 
-    def _errors(self, flight: Flight, first: int, number: Int64) -> Float:
+    def _errors(self, flight: Flight, first: int, number: Integers) -> Floats:
         if flight.number not in self.solutions:
             since_on_s = float(self._clock.since_on_s(np.array(first * EGI_PERIOD_S)))
             first_s = since_on_s + flight.seconds(self._clock.on_ns)
@@ -121,7 +129,7 @@ class EgiSamples:
         return self.solutions[flight.number].upto(int(number[0]) - first, int(number[-1]) + 1 - first)
 
 
-def turned(rotation_rad: Float, yaw_rad: Float) -> Float:
+def turned(rotation_rad: Floats, yaw_rad: Floats) -> Floats:
     """Return exp([rotation x]) times the turn about down by yaw: (n, 3), (n,) to (n, 3, 3), by Rodrigues' formula."""
     angle = np.linalg.norm(rotation_rad, axis=1)[:, None, None]
     cross = np.zeros((angle.size, 3, 3))
@@ -136,37 +144,28 @@ def turned(rotation_rad: Float, yaw_rad: Float) -> Float:
     return tilt @ heading
 
 
-class ImuSamples:
-    """Samples of one switching-on.
+class ImuSamples(_Samples):
+    """Those of the inertial unit."""
 
-    Args:
-        clock: the unit's.   flights: of the vehicle.
-        noise: whether the sensors have errors.   tag_noise_s: (first, stop) of counters to errors of the tags.
-    """
+    period_s = IMU_PERIOD_S
 
-    def __init__(
-        self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: Callable[[int, int], Float]
-    ) -> None:
-        self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
-
-    def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
+    def columns(self, number: Integers, counter: Integers) -> Mapping[str, Any]:
         """Return fields of samples in a row, by number and by counter."""
         since_on_s = self._clock.since_on_s(np.append(number[0] - 1, number) * IMU_PERIOD_S)
         dv, dtheta = (np.empty((number.size, 3)) for _ in range(2))
         for flight, first, part in self._flights.split(self._clock, IMU_PERIOD_S, number):
             behind = int(number[part.start]) - first
             dv[part], dtheta[part] = self._increments(flight, behind, since_on_s[part.start : part.stop + 1])
-        tag_s = number * IMU_PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
         degC = FIRST_DEGC - WARM_DEGC * np.expm1(-since_on_s[1:] / WARM_S)
         return {
-            "tick": np.rint(tag_s / TICK_S).astype(np.int64),
+            "tick": self._ticks(number, counter),
             "delta_angle": _counts(dtheta / ANGLE_LSB_RAD),
             "delta_velocity": _counts(dv / VELOCITY_LSB_M_S),
             "temperature": np.rint(degC / TEMPERATURE_LSB_DEGC).astype(np.int64),
             "status": 0,
         }
 
-    def _increments(self, flight: Flight, behind: int, since_on_s: Float) -> tuple[Float, Float]:
+    def _increments(self, flight: Flight, behind: int, since_on_s: Floats) -> tuple[Floats, Floats]:
         """Of the intervals between bench times; ``behind`` is how many samples of the flight came before."""
         flight_s = since_on_s + flight.seconds(self._clock.on_ns)
         dv, dtheta = exact_increments(flight.path, flight_s)
@@ -177,5 +176,5 @@ class ImuSamples:
         return dv, dtheta + flight.imu.gyro_bias * length_s + noise[:, 3:]
 
 
-def _counts(values: Float) -> Int64:
+def _counts(values: Floats) -> Integers:
     return np.rint(values).clip(-_HIGHEST, _HIGHEST).astype(np.int64)

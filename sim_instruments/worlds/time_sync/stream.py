@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from bench.frame import load_frame
+from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 from bench.model.shipped import find_shipped
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.time_sync.options import SyncOptions
 
-Drawing = Callable[[np.random.Generator, int], Float]
+Drawing = Callable[[np.random.Generator, int], Floats]
+ByNumber = Callable[[int, int], Floats]  # of numbered samples, the first one and the one behind the last
 
 TICK_S = 1e-7
 _FIRST_READING_S = (100.0, 5000.0)
@@ -44,11 +45,11 @@ class UnitClock:
         """Return what the clock reads at a bench time."""
         return self.start_s + (t_ns - self.on_ns) / NS * self.rate
 
-    def since_on_s(self, reading_s: Float) -> Float:
+    def since_on_s(self, reading_s: Floats) -> Floats:
         """Return bench seconds since the switching-on at which the clock reads so."""
         return (reading_s - self.start_s) / self.rate
 
-    def times_ns(self, reading_s: Float) -> Int64:
+    def times_ns(self, reading_s: Floats) -> Integers:
         """Return bench times to the nearest nanosecond, for what is late anyway."""
         return self.on_ns + np.rint(NS * self.since_on_s(reading_s)).astype(np.int64)
 
@@ -63,7 +64,7 @@ class Clocks:
     @classmethod
     def started(cls, options: SyncOptions, seed: int, power: int, on_ns: int) -> Clocks:
         """Return clocks of the switching-on ``power``, numbered from 0."""
-        start_s = float(generator(seed, "time sync first readings", power).uniform(*_FIRST_READING_S))
+        start_s = generator(seed, "time sync first readings", power).uniform(*_FIRST_READING_S)
         drift_ppm, imu_ppm = options.rates_ppm(seed)
         rate = 1.0 + 1e-6 * imu_ppm
         egi_s = start_s + options.first_offset_s(seed, power)
@@ -89,9 +90,9 @@ class Numbered:
     def __init__(self, seed: int, purpose: str, *indexes: int, draw: Drawing, at_once: int = 1024) -> None:
         self._generator = lambda block: generator(seed, purpose, *indexes, block)
         self._draw, self._at_once = draw, at_once
-        self._newest: tuple[int, Float] = (-1, np.empty(0))
+        self._newest: tuple[int, Floats] = (-1, np.empty(0))
 
-    def upto(self, first: int, stop: int) -> Float:
+    def upto(self, first: int, stop: int) -> Floats:
         """Return those of the numbers ``first`` to ``stop`` - 1, from 0 on."""
         parts, size = [], self._at_once
         for block in range(first // size, (stop - 1) // size + 1):
@@ -113,8 +114,8 @@ class Spell:
     period_s: float
     first: int
     counter: int
-    late_s: Callable[[int, int], Float]
-    columns: Callable[[Int64, Int64], Mapping[str, Any]]
+    late_s: ByNumber
+    columns: Callable[[Integers, Integers], Mapping[str, Any]]
     stop: int = _NEVER
 
     def count_until(self, t_ns: int) -> int:
@@ -122,7 +123,7 @@ class Spell:
         number = math.floor(self.clock.reading_s(t_ns) / self.period_s) + 1
         return min(max(number, self.first), self.stop)
 
-    def ready_ns(self, first: int, stop: int) -> Int64:
+    def ready_ns(self, first: int, stop: int) -> Integers:
         """Return when the frames of samples ``first`` to ``stop`` - 1 are made."""
         valid_ns = self.clock.times_ns(np.arange(first, stop) * self.period_s)
         begin = self.counter - self.first
@@ -177,7 +178,7 @@ class SyncStream:
             self._newest_ns = int(ready_ns[count - 1])
             self._look_ahead()
 
-    def _append(self, spell: Spell, number: Int64, ready_ns: Int64) -> None:
+    def _append(self, spell: Spell, number: Integers, ready_ns: Integers) -> None:
         counter = spell.counter - spell.first + number
         columns = {**spell.columns(number, counter), "counter": (counter % 2**32).astype(np.uint32)}
         self.port.append(ready_ns, self.definition.encode(columns, number.size))

@@ -10,17 +10,17 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from bench.model.arrays import Integers
 from bench.model.clock import Clock, VirtualClock, to_ns
-from sim_instruments.arrays import Float, Int64
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.common.port import PortedUnit
 from sim_instruments.worlds.time_sync.flight.flights import Flights
 from sim_instruments.worlds.time_sync.options import SyncOptions
 from sim_instruments.worlds.time_sync.radar import LATENCY_S, PERIOD_S, RadarPulses, receiver_noise
 from sim_instruments.worlds.time_sync.samples import EGI_PERIOD_S, IMU_PERIOD_S, EgiSamples, ImuSamples
-from sim_instruments.worlds.time_sync.stream import Clocks, Drawing, Numbered, Spell, SyncStream
+from sim_instruments.worlds.time_sync.stream import ByNumber, Clocks, Drawing, Numbered, Spell, SyncStream
 
-Columns = Callable[[Int64, Int64], Mapping[str, Any]]
+Columns = Callable[[Integers, Integers], Mapping[str, Any]]
 
 EGI, IMU, RADAR = PORTS = ("egi", "imu", "radar")
 FRAMES = {EGI: "egi_50", IMU: "imu_200", RADAR: "sar_pulse"}
@@ -106,7 +106,7 @@ class SyncUnit(PortedUnit):
             stream.send(now_ns, max(now_ns, quiet_ns))
         return now_ns
 
-    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+    def _foreseen(self, name: str, t_ns: Integers) -> Integers:
         self._upto_port(name)
         last_ns = int(t_ns[-1])
         self._streams[name].send(last_ns, last_ns)
@@ -125,7 +125,7 @@ class SyncUnit(PortedUnit):
         clocks = Clocks.started(options, self._seed, power, t_ns)
         self.powers.append(clocks)
         imu = ImuSamples(clocks.imu, self._flights, options.noise, self._tag_noise(IMU))
-        egi = EgiSamples(clocks.egi, self._flights, self._seed, power, options.noise, self._tag_noise(EGI))
+        egi = EgiSamples(clocks.egi, self._flights, options.noise, self._tag_noise(EGI), self._seed, power)
         self.solutions.append(egi)
         self._send(IMU, IMU_PERIOD_S, t_ns + to_ns(BOOT_S), imu.columns)
         self._send(EGI, EGI_PERIOD_S, t_ns + to_ns(BOOT_S), egi.columns)
@@ -137,13 +137,13 @@ class SyncUnit(PortedUnit):
         stream = self._streams[name]
         stream.begin(Spell(clock, period_s, first, stream.counted, self._late(name), columns))
 
-    def _late(self, name: str) -> Callable[[int, int], Float]:
+    def _late(self, name: str) -> ByNumber:
         """From validity to frame, by counter: the latency of a port and its jitter."""
         latency_s = {EGI: self._options.egi_latency_s, IMU: self._options.imu_latency_s}.get(name, LATENCY_S)
         jitter = self._numbered(f"time sync {name} jitter", lambda rng, count: rng.standard_exponential(count))
         return lambda first, stop: latency_s + self._options.jitter_s * jitter.upto(first, stop)
 
-    def _tag_noise(self, name: str) -> Callable[[int, int], Float]:
+    def _tag_noise(self, name: str) -> ByNumber:
         noise = self._numbered(f"time sync {name} tags", lambda rng, count: rng.standard_normal(count))
         return lambda first, stop: self._options.tag_noise_s * noise.upto(first, stop)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from bench.model.ports import RecordWindow
 from bench.model.units import parse_quantity
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, entry, impossible
+from sim_instruments.worlds.common.world import Operation, World, entry
 from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights, TableAxis
 from sim_instruments.worlds.time_sync.flight.path import STANDARD_GRAVITY_M_S2
 from sim_instruments.worlds.time_sync.options import SyncOptions
@@ -25,7 +26,6 @@ ITEM = "time_sync"  # condition of the records that count
 S_PER_H = 3600.0
 START_V, CURRENT_A = 14.0, 1.6
 MOST_SPEED_M_S, MOST_ACCELERATION_M_S2 = 400.0, 50.0
-_RADAR = ("off", "on")
 
 
 def estimates(
@@ -67,6 +67,15 @@ def _biases(flight: Flight, about: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
+def _number(unit: str, value: Any) -> float:
+    """Return a number of that unit, or a quantity as text; nan if it is neither."""
+    with contextlib.suppress(TypeError, ValueError):
+        return float(value)
+    with contextlib.suppress(ValueError):
+        return parse_quantity(value, unit)
+    return math.nan
+
+
 class SyncWorld(World):
     """One simulated bench of an EGI and an inertial unit whose clocks disagree.
 
@@ -77,7 +86,6 @@ class SyncWorld(World):
 
     ports = PORTS
     load = START_V, CURRENT_A
-    operations: ClassVar[tuple[str, ...]] = ("speed", "acceleration", "radar")
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
         table = TableAxis()
@@ -93,43 +101,18 @@ class SyncWorld(World):
         """The flight of now: path, draws and beginning; for tests, which know the truth."""
         return self.flights.newest
 
-    def operate(self, name: str, value: Any) -> None:
-        """Fly anew: ``speed`` (m/s, 0 stands still), go on with another ``acceleration`` (m/s2), ``radar`` on or off.
-
-        Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
-        """
-        self.check_operation(name, value)
-        with self.lock:
-            if name == "speed":
-                self.units.begin_flight(_number(value, "m/s"))
-            elif name == "acceleration":
-                self.units.accelerate(_number(value, "m/s2"))
-            else:
-                self.units.set_radar(value == "on")
-
-    @classmethod
-    def check_operation(cls, name: str, value: Any) -> None:
-        """Raises: InputError B-SIM-018, B-SIM-019."""
-        super().check_operation(name, value)
-        if name == "radar":
-            if value not in _RADAR:
-                raise impossible(name, value, "on or off")
-        elif name == "speed" and not 0.0 <= _number(value, "m/s") <= MOST_SPEED_M_S:
-            raise impossible(name, value, f"0 to {MOST_SPEED_M_S:g} m/s")
-        elif name == "acceleration" and not abs(_number(value, "m/s2")) <= MOST_ACCELERATION_M_S2:
-            raise impossible(name, value, f"-{MOST_ACCELERATION_M_S2:g} to {MOST_ACCELERATION_M_S2:g} m/s2")
+    operations: ClassVar[Mapping[str, Operation]] = {
+        "speed": Operation.number(
+            lambda world, speed_m_s: world.units.begin_flight(speed_m_s), 0.0, MOST_SPEED_M_S, "m/s",
+            partial(_number, "m/s")),
+        "acceleration": Operation.number(
+            lambda world, m_s2: world.units.accelerate(m_s2), -MOST_ACCELERATION_M_S2, MOST_ACCELERATION_M_S2, "m/s2",
+            partial(_number, "m/s2")),
+        "radar": Operation.word(lambda world, word: world.units.set_radar(word == "on"), "on", "off", due="on or off"),
+    }  # fmt: skip
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         return estimates(self.units.powers, self.flights, self.sync_options.noise, windows)
-
-
-def _number(value: Any, unit: str) -> float:
-    """Return a number of that unit, or a quantity as text; nan if it is neither."""
-    with contextlib.suppress(TypeError, ValueError):
-        return float(value)
-    with contextlib.suppress(ValueError):
-        return parse_quantity(value, unit)
-    return math.nan
 
 
 WORLD = SyncWorld

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Material
+from bench.model.arrays import Floats, Integers, Octets
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples
-from sim_instruments.arrays import Float
-from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, RingLaser, UInt8, levels
+from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, RingLaser, levels
 from sim_instruments.worlds.lock_in.crossings import Crossings, crossings
 from sim_instruments.worlds.lock_in.half_cycles import integrate
 
@@ -66,13 +65,13 @@ class Edges:
     ``dither_deg_s``: amplitude of each half cycle, (halves,), truth.
     """
 
-    t_s: Float
-    channel: UInt8
-    level: UInt8
-    cosine: UInt8
-    count: NDArray[np.int64]
-    phase_rad: Float
-    dither_deg_s: Float
+    t_s: Floats
+    channel: Octets
+    level: Octets
+    cosine: Octets
+    count: Integers
+    phase_rad: Floats
+    dither_deg_s: Floats
 
 
 def simulated_edges(laser: RingLaser, seconds: float, rng: np.random.Generator, psi_rad: float = 0.0) -> Edges:
@@ -94,7 +93,7 @@ def simulated_edges(laser: RingLaser, seconds: float, rng: np.random.Generator, 
     return _joined(parts, psi_rad)
 
 
-def _edges(laser: RingLaser, first: int, dither_deg_s: Float, start_rad: Float, found: Crossings) -> Edges:
+def _edges(laser: RingLaser, first: int, dither_deg_s: Floats, start_rad: Floats, found: Crossings) -> Edges:
     halves = np.arange(len(start_rad))
     half, order = ordered(halves, found)
     t_s = (first + half) * laser.half_s + np.concatenate([np.zeros(len(halves)), found.since_s])[order]
@@ -104,7 +103,7 @@ def _edges(laser: RingLaser, first: int, dither_deg_s: Float, start_rad: Float, 
     return Edges(t_s, channel[order], level[order], cosine[order], count[order], start_rad, dither_deg_s)
 
 
-def ordered(halves: NDArray[np.int64], found: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def ordered(halves: Integers, found: Crossings) -> tuple[Integers, Integers]:
     """Half cycle of each edge in order of time, and the order: pick-off edges stand before the beat's at first."""
     half = np.concatenate([halves, found.half])
     since_s = np.concatenate([np.zeros(len(halves)), found.since_s])

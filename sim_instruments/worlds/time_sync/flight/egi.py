@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.egi_filter import EgiClass, EgiErrorFilter
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
@@ -22,10 +22,10 @@ class EgiErrors:
     rotation vector in the tangent plane that turns the true attitude into the estimated one.
     """
 
-    t_s: Float
-    dp: Float
-    dv: Float
-    dphi: Float
+    t_s: Floats
+    dp: Floats
+    dv: Floats
+    dphi: Floats
 
 
 class EgiErrorStepper:
@@ -46,7 +46,7 @@ class EgiErrorStepper:
     ) -> None:
         self._filter = EgiErrorFilter(path, begin_s, [_lane(seed, run)], EgiClass())
 
-    def step(self) -> tuple[Float, Float, Float]:
+    def step(self) -> tuple[Floats, Floats, Floats]:
         """Return errors of the next sample, 0 first: position (3,) m, velocity (3,) m/s, attitude (3,) rad."""
         errors = self._filter.advance(1)[0, 0]
         return errors[:3], errors[3:6], errors[6:9]
@@ -96,13 +96,13 @@ class EgiRuns:
     """
 
     def __init__(
-        self, path: FlightPath, errors: EgiErrors, offsets_s: Float, clock_noise_s: Float | None = None
+        self, path: FlightPath, errors: EgiErrors, offsets_s: Floats, clock_noise_s: Floats | None = None
     ) -> None:
         self.t_s = errors.t_s
         self._path, self._errors, self._noise_s = path, errors, clock_noise_s
         self._offsets_s = np.atleast_1d(np.asarray(offsets_s, float))
 
-    def block(self, k0: int, k1: int) -> tuple[Float, Float, Float]:
+    def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
         """Return samples k0 to k1 - 1: p (m), v (m/s), (k, G, R, 3), C (k, G, R, 3, 3) from body to tangent plane."""
         part = slice(k0, k1)
         valid_s = self.t_s[part, None] - self._offsets_s
@@ -119,7 +119,7 @@ class EgiRuns:
         return p, v, _attitude(self._errors.dphi[part], yaw)
 
 
-def _attitude(dphi: Float, yaw: Float) -> Float:
+def _attitude(dphi: Floats, yaw: Floats) -> Floats:
     """Return exp([dphi x]) times the turn by yaw: (k, R, 3) and (k, G, 1 or R) to (k, G, R, 3, 3)."""
     x, y, z = np.moveaxis(dphi, -1, 0)
     angle_2 = x * x + y * y + z * z
@@ -141,7 +141,7 @@ def _attitude(dphi: Float, yaw: Float) -> Float:
     return turned
 
 
-def clock_noise(seed: int, samples: int, runs: int) -> Float:
+def clock_noise(seed: int, samples: int, runs: int) -> Floats:
     """Return white noise of the tags, (samples, runs), s; run r is the same whatever the number of runs."""
     lanes = [generator(seed, "flight clock noise", run).standard_normal(samples) for run in range(runs)]
     return np.stack(lanes, axis=1) * _TAG_STD_s

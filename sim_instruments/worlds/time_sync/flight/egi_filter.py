@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats
+from sim_instruments.worlds.common.attitude import cross_matrix
 from sim_instruments.worlds.time_sync.flight.path import (
     LATITUDE_DEG,
     STANDARD_GRAVITY_M_S2,
@@ -72,18 +73,18 @@ class EgiErrorFilter:
         self._per_fix = sensor.gps_interval_s * sensor.rate_Hz
         self.sample = -sensor.prior_s * sensor.rate_Hz
         start = self._model.start()
-        self.covariance: Float = np.diag(start**2)
+        self.covariance: Floats = np.diag(start**2)
         self._errors = start[:, None] * self._spread(np.array([lane.standard_normal(15) for lane in lanes]))
         self._draw()
         while self.sample < -1:
             self.advance(self._per_fix if self.sample < -self._per_fix else 1)
 
     @property
-    def errors(self) -> Float:
+    def errors(self) -> Floats:
         """(runs, 15): m, m/s, rad, m/s2, rad/s."""
         return self._rows(self._errors)
 
-    def advance(self, count: int) -> Float:
+    def advance(self, count: int) -> Floats:
         """Return errors of position, velocity and attitude of the next ``count`` samples, (count, runs, 9)."""
         times_s = self._begin_s + np.arange(self.sample, self.sample + count + 1) / self._sensor.rate_Hz
         newest = np.empty((count, self._errors.shape[0], 9, LANES))
@@ -99,7 +100,7 @@ class EgiErrorFilter:
             row[:] = self._errors[:, :9]
         return self._rows(newest)
 
-    def _rows(self, blocks: Float) -> Float:
+    def _rows(self, blocks: Floats) -> Floats:
         """Return (..., blocks, c, 64) as (..., runs, c)."""
         rows = blocks.swapaxes(-1, -2)
         return rows.reshape(*rows.shape[:-3], -1, rows.shape[-1])[..., : len(self._lanes), :]
@@ -122,7 +123,7 @@ class EgiErrorFilter:
         self._kicks = kicks.transpose(1, 0, 2, 3) * self._model.walk[:, None]
         self._fixes = drawn[:, count:] * self._sensor.gps_position_m
 
-    def _spread(self, drawn: Float) -> Float:
+    def _spread(self, drawn: Floats) -> Floats:
         """Return rows of units (runs, c) in blocks of columns (blocks, c, 64), empty ones zero."""
         blocks = -(-drawn.shape[0] // LANES)
         full = np.zeros((blocks * LANES, drawn.shape[1]))
@@ -137,7 +138,7 @@ class _ErrorModel:
         self._sensor, self._dt_s = sensor, 1.0 / sensor.rate_Hz
         self._earth = earth_rate_rad_s(LATITUDE_DEG)
         self._gravity_m_s2, self._gradient = normal_gravity_m_s2(LATITUDE_DEG), gravity_gradient_s2(LATITUDE_DEG)
-        turn = _cross(self._earth)
+        turn = cross_matrix(self._earth)
         self._coriolis = 2.0 * turn
         micro_g = 1e-6 * STANDARD_GRAVITY_M_S2
         walks = [sensor.velocity_walk_ug * micro_g, np.radians(sensor.angle_walk_deg_rt_h) / 60.0]
@@ -150,7 +151,7 @@ class _ErrorModel:
         self._constant[6:9, 6:9] = -turn
         self._constant[[5, 8], [11, 14]] = -1.0
 
-    def transitions(self, true: PathState) -> Float:
+    def transitions(self, true: PathState) -> Floats:
         """Return exp(F dt) to second order in dt between consecutive samples (n + 1) of the true motion, (n, 15, 15).
 
         The specific force is the mean of each interval, so that pieces of path much shorter than it count.
@@ -173,7 +174,7 @@ class _ErrorModel:
         transitions.reshape(-1, 225)[:, ::16] += 1.0
         return transitions
 
-    def start(self) -> Float:
+    def start(self) -> Floats:
         """Return standard deviations at the beginning, (15,).
 
         As a levelling and a gyrocompass leave them: tilt as the accelerometers' biases look like, yaw as the gyroscope
@@ -188,8 +189,3 @@ class _ErrorModel:
         start = np.repeat(sigmas, 3)
         start[8] = gyro_bias / self._earth[0]
         return start
-
-
-def _cross(vector: Float) -> Float:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

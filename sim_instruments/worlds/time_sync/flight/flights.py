@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
+from bench.model.arrays import Integers
 from bench.model.clock import NS
-from sim_instruments.arrays import Int64
 from sim_instruments.worlds.common.motion import AxisMotion, Piece
 from sim_instruments.worlds.time_sync.flight.imu import ImuErrors
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
@@ -137,7 +137,7 @@ class Flights:
         """Return the flight of a bench time."""
         return next((flight for flight in reversed(self.all) if flight.begin_ns <= t_ns), self.all[0])
 
-    def split(self, clock: UnitClock, period_s: float, number: Int64) -> Iterator[tuple[Flight, int, slice]]:
+    def split(self, clock: UnitClock, period_s: float, number: Integers) -> Iterator[tuple[Flight, int, slice]]:
         """Yield samples in a row by flight: the flight, the number of its first sample on that clock, and which ones.
 
         A sample belongs to the flight of the moment it is valid, at the end of its interval. The paths are complete up

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.path import (
     LATITUDE_DEG,
@@ -45,11 +45,11 @@ class ImuRuns:
     ``gyro_bias`` (R, 3): rad/s, of what the sensors indicate minus what they feel.
     """
 
-    t_s: Float
-    dv: Float
-    dtheta: Float
-    accel_bias: Float
-    gyro_bias: Float
+    t_s: Floats
+    dv: Floats
+    dtheta: Floats
+    accel_bias: Floats
+    gyro_bias: Floats
 
 
 class ImuErrors:
@@ -62,23 +62,23 @@ class ImuErrors:
         sensor = sensor or ImuClass()
         micro_g = 1e-6 * STANDARD_GRAVITY_M_S2
         drawn = generator(seed, "flight imu bias", run).standard_normal((2, 3))
-        self.accel_bias: Float = drawn[0] * sensor.accel_bias_ug * micro_g
-        self.gyro_bias: Float = drawn[1] * np.radians(sensor.gyro_bias_deg_h) / 3600.0
+        self.accel_bias: Floats = drawn[0] * sensor.accel_bias_ug * micro_g
+        self.gyro_bias: Floats = drawn[1] * np.radians(sensor.gyro_bias_deg_h) / 3600.0
         velocity = sensor.velocity_walk_ug * micro_g / np.sqrt(sensor.rate_Hz)
         angle = np.radians(sensor.angle_walk_deg_rt_h) / 60.0 / np.sqrt(sensor.rate_Hz)
         sigma = np.repeat([velocity, angle], 3)
 
-        def draw(rng: np.random.Generator, count: int) -> Float:
+        def draw(rng: np.random.Generator, count: int) -> Floats:
             return rng.standard_normal((count, 6)) * sigma
 
         self._noise = Numbered(seed, "flight imu noise", run, draw=draw, at_once=_BLOCK)
 
-    def noise(self, first: int, count: int) -> Float:
+    def noise(self, first: int, count: int) -> Floats:
         """Return white noise of increments ``first`` (from 0) on, (count, 6): m/s x, y, z, then rad x, y, z."""
         return self._noise.upto(first, first + count)
 
 
-def exact_increments(path: FlightPath, t_s: Float, latitude_deg: float = LATITUDE_DEG) -> tuple[Float, Float]:
+def exact_increments(path: FlightPath, t_s: Floats, latitude_deg: float = LATITUDE_DEG) -> tuple[Floats, Floats]:
     """Return increments of a perfect unit between consecutive times: the mechanisation solved for what it must be fed.
 
     The rate is C^T w_ie plus the yaw rate, the specific force C^T (a - g(p) + 2 w_ie x v). The angle is their integral
@@ -102,14 +102,14 @@ def exact_increments(path: FlightPath, t_s: Float, latitude_deg: float = LATITUD
     return np.add.reduceat(dv, begins, axis=0), np.add.reduceat(dtheta, begins, axis=0)
 
 
-def _angles(middle_yaw: Float, yaw_rate: Float, lengths: Float, latitude_deg: float) -> Float:
+def _angles(middle_yaw: Floats, yaw_rate: Floats, lengths: Floats, latitude_deg: float) -> Floats:
     """Return integral of C^T w_ie and the yaw rate over intervals of constant yaw rate, (n, 3)."""
     earth = earth_rate_rad_s(latitude_deg)
     level = earth[0] * lengths * np.sinc(0.5 * yaw_rate * lengths / np.pi)
     return np.stack((level * np.cos(middle_yaw), -level * np.sin(middle_yaw), (earth[2] + yaw_rate) * lengths), axis=1)
 
 
-def _specific_force(state: PathState, latitude_deg: float) -> Float:
+def _specific_force(state: PathState, latitude_deg: float) -> Floats:
     """Return specific force along the body's axes, (n, 3), m/s2."""
     north, _, down = 2.0 * earth_rate_rad_s(latitude_deg)
     force = state.a - gravity_m_s2(state.p, latitude_deg)

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sim_instruments.arrays import Float
+from bench.model.arrays import Floats
 
 LATITUDE_DEG = 37.5
 EARTH_RATE_RAD_S = 7.292115e-5
@@ -36,18 +36,18 @@ def normal_gravity_m_s2(latitude_deg: float) -> float:
     return _EQUATOR_M_S2 * (1.0 + _SOMIGLIANA * sine_2) / math.sqrt(1.0 - _ECCENTRICITY_2 * sine_2)
 
 
-def earth_rate_rad_s(latitude_deg: float) -> Float:
+def earth_rate_rad_s(latitude_deg: float) -> Floats:
     """Return rate of the Earth against inertial space, (north, east, down), rad/s."""
     latitude = math.radians(latitude_deg)
     return EARTH_RATE_RAD_S * np.array([math.cos(latitude), 0.0, -math.sin(latitude)])
 
 
-def gravity_gradient_s2(latitude_deg: float) -> Float:
+def gravity_gradient_s2(latitude_deg: float) -> Floats:
     """Return diagonal of the gradient of gravity about the origin, that of a point mass, (3,), 1/s2."""
     return normal_gravity_m_s2(latitude_deg) / RADIUS_M * np.array([-1.0, -1.0, 2.0])
 
 
-def gravity_m_s2(position_m: Float, latitude_deg: float) -> Float:
+def gravity_m_s2(position_m: Floats, latitude_deg: float) -> Floats:
     """Return gravity at positions (..., 3) north, east, down of the origin, to first order in them; (..., 3), m/s2."""
     gravity = position_m * gravity_gradient_s2(latitude_deg)
     gravity[..., 2] += normal_gravity_m_s2(latitude_deg)
@@ -62,11 +62,11 @@ class PathState:
     ``yaw`` (n,): rad, not wrapped.   ``yaw_rate`` (n,): rad/s.
     """
 
-    p: Float
-    v: Float
-    yaw: Float
-    a: Float
-    yaw_rate: Float
+    p: Floats
+    v: Floats
+    yaw: Floats
+    a: Floats
+    yaw_rate: Floats
 
 
 class FlightPath:
@@ -108,12 +108,12 @@ class FlightPath:
         self._table[self._count] = (begin_s, acceleration_m_s2, np.radians(yaw_rate_deg_s), *state)
         self._count += 1
 
-    def borders_s(self, first_s: float, last_s: float) -> Float:
+    def borders_s(self, first_s: float, last_s: float) -> Floats:
         """Return begins of pieces strictly between two times."""
         begins = self._table[1 : self._count, _BEGIN]
         return begins[(begins > first_s) & (begins < last_s)]
 
-    def state(self, t_s: Float) -> PathState:
+    def state(self, t_s: Floats) -> PathState:
         """Return motion at times (n,) of any order, s."""
         t_s = np.asarray(t_s, float)
         (north, east, speed, yaw), along, rate = self._motion(t_s)
@@ -124,7 +124,7 @@ class FlightPath:
         a[:, 0], a[:, 1] = along * cosine - across * sine, along * sine + across * cosine
         return PathState(p, v, yaw, a, rate)
 
-    def _motion(self, t_s: Float) -> tuple[tuple[Float, Float, Float, Float], Float, Float]:
+    def _motion(self, t_s: Floats) -> tuple[tuple[Floats, Floats, Floats, Floats], Floats, Floats]:
         """Return (North, east, speed, yaw), acceleration along track and yaw rate at times (n,).
 
         The displacement since a piece began is the integral of (v0 + a t) exp(i (yaw0 + w t)). Taken about the middle
@@ -144,7 +144,7 @@ class FlightPath:
         return (north, east, speed + gained, yaw + 2.0 * half), along, rate
 
 
-def _bessel(x: Float) -> tuple[Float, Float]:
+def _bessel(x: Floats) -> tuple[Floats, Floats]:
     """Return sin x / x and (sin x - x cos x) / x2; by their series near 0, where the second loses its digits."""
     if not x.any():
         return np.ones_like(x), x

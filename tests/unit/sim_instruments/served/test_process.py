@@ -32,8 +32,8 @@ class Line:
 
     def __init__(self) -> None:
         self.unit = self.faults = self
-        self.arriving = b""
-        self.sent = b""
+        self.arriving = self.sent = b""
+        self.port_at = lambda name: (self, name)
         self._link = LinkFaults(1, "port_a")
 
     def link(self, name: str) -> LinkFaults:

@@ -78,7 +78,7 @@ WRONG_ACTS = [
 def test_a_world_is_made_from_clock_seed_and_options(name: str) -> None:
     world = world_class(name)(clock=VirtualClock(), seed=1, options={})  # type: ignore[call-arg]
     start_V, current_A = world.load
-    assert all(world.unit.has_port(port) for port in world.ports)
+    assert all(world.unit.port_at(port) for port in world.ports)
     assert start_V > 1.0
     assert 0.1 < current_A < 5.0
     assert type(world).truth is not World.truth
