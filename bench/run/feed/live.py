@@ -187,6 +187,7 @@ def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dic
         "frames": counts.frames,
         "bad": counts.bad,
         "lost": counts.lost,
+        "jumps": counts.jumps,
         "duplicate": counts.duplicate,
         "rate_Hz": None if math.isnan(rate_Hz) else round(rate_Hz, 3),
         "age_s": None if math.isnan(seconds) else round(seconds, 3),
