@@ -16,11 +16,21 @@ import typer
 
 from bench.commands.usage import completing
 from bench.model.errors import InputError
+from bench.model.segments import session_segments
 
 if TYPE_CHECKING:
     from bench.store import Filters
 
-SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
+
+def _recorded(folder: Path) -> Path:
+    """Refuse a folder without a recording before what decodes and fits is loaded. Raises: InputError B-REC-010."""
+    session_segments(folder)
+    return folder
+
+
+_SESSION = "the folder of a session"
+SessionFolder = Annotated[Path, typer.Argument(metavar="SESSION", help=_SESSION)]
+RecordedSession = Annotated[Path, typer.Argument(metavar="SESSION", help=_SESSION, callback=_recorded)]
 SessionsOut = Annotated[Path, typer.Option(help="folder for sessions")]
 AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
 Language = Annotated[str, typer.Option("--lang", metavar="LANGUAGE", help="en or ko")]
@@ -121,7 +131,7 @@ class PlanRequest:
 class CertificateRequest:
     """``bench certificate``."""
 
-    session: SessionFolder
+    session: RecordedSession
     laboratory: Annotated[Path | None, typer.Option(metavar="FILE", help="YAML: laboratory, customer, who signs")] = (
         None
     )

@@ -14,7 +14,7 @@ from bench.archive.journal import HEAD
 from bench.archive.page import FOLDER, changes_html
 from bench.commands.archive import tables
 from bench.commands.console import console, print_sorted_json, say
-from bench.model.errors import ExitStatus
+from bench.commands.requests import Place
 from bench.model.texts import check_language
 from bench.session.output import write_file, writing
 from bench.store import (
@@ -40,38 +40,36 @@ COLUMNS = columns_of(
 )  # fmt: skip
 
 
-def list_all(url: str, select: Sequence[str], to: Path | None, as_json: bool) -> int:
+def list_all(select: Sequence[str] | None, to: Path | None, place: Place, as_json: bool) -> None:
     """Print or write one line per session."""
     if to is not None:
         check_form(to)
-    documents = [session_document(row) for row in list_sessions(url, selection_of(select))]
+    documents = [session_document(row) for row in list_sessions(place.of(), selection_of(select or ()))]
     if to is not None:
         with writing(to):
             count = write_rows(to, COLUMNS, map(_flat, documents))
         if as_json:
-            return print_sorted_json({"file": str(to), "rows": count})
-        say(f"{count} sessions written to {to}")
-        return ExitStatus.PASS
-    if as_json:
-        return print_sorted_json({"sessions": documents})
-    tables.print_sessions(console(), documents)
-    return ExitStatus.PASS
+            print_sorted_json({"file": str(to), "rows": count})
+        else:
+            say(f"{count} sessions written to {to}")
+    elif as_json:
+        print_sorted_json({"sessions": documents})
+    else:
+        tables.print_sessions(console(), documents)
 
 
-def where(url: str, word: str, as_json: bool) -> int:
+def where(word: str, place: Place, as_json: bool) -> None:
     """Print what depends on a word."""
-    found = dependents(url, word)
+    found = dependents(place.of(), word)
     sessions = [session_document(row) for row in found.sessions]
     issued = [certificate_document(row) for row in found.certificates]
     if as_json:
-        return print_sorted_json(
-            {"word": word, "kinds": list(found.kinds), "sessions": sessions, "certificates": issued}
-        )
+        print_sorted_json({"word": word, "kinds": list(found.kinds), "sessions": sessions, "certificates": issued})
+        return
     out = console()
     out.print(f"{word}: {', '.join(found.kinds) or 'named by certificates only'}")
     tables.print_sessions(out, sessions)
     tables.print_certificates(out, issued)
-    return ExitStatus.PASS
 
 
 def _flat(document: dict[str, Any]) -> dict[str, Any]:
@@ -81,12 +79,13 @@ def _flat(document: dict[str, Any]) -> dict[str, Any]:
     return {**document, "units": ", ".join(units), "standards": ", ".join(standards)}
 
 
-def changes(url: str, trial: str, html: Path | None, language: str, as_json: bool) -> int:
+def changes(trial: str, html: Path | None, language: str, place: Place, as_json: bool) -> None:
     """Print what a trial would change; ``html``: write it as a page too, in a language.
 
     Raises: StoreError B-STORE-009 for another trial; InputError B-TXT-001, B-CLI-007, B-PKG-005.
     """
     check_language(language, FOLDER)
+    url = place.of()
     stored = read_trial(url, _named(trial))
     rows = list_sessions(url, Selection())
     sessions = {row["session_sha256"] or row["location"]: row for row in rows}
@@ -99,7 +98,6 @@ def changes(url: str, trial: str, html: Path | None, language: str, as_json: boo
         tables.print_changes(console(), report, language)
         if html is not None:
             say(f"wrote    {html}")
-    return ExitStatus.PASS
 
 
 def _named(trial: str) -> str:

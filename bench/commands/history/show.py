@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from bench.commands.console import console, print_sorted_json, say
 from bench.commands.history import tables
-from bench.commands.requests import Place
+from bench.commands.requests import Place, Wanted
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.session.output import writing
@@ -26,29 +27,29 @@ from bench.store import (
 )
 
 
-def list_all(place: Place, filters: Filters, as_json: bool) -> int:
+def list_all(wanted: Wanted, place: Place, as_json: bool) -> None:
     """Return one line per calibration."""
-    rows = list_calibrations(place.of(), filters)
+    rows = list_calibrations(place.of(), wanted.filters)
     if as_json:
-        return print_sorted_json({"calibrations": rows})
-    tables.print_listing(console(), rows)
-    return ExitStatus.PASS
+        print_sorted_json({"calibrations": rows})
+    else:
+        tables.print_listing(console(), rows)
 
 
-def show(place: Place, session: str, as_json: bool) -> int:
+def show(session: str, place: Place, as_json: bool) -> None:
     """Return everything about one calibration."""
     shown = show_calibration(place.of([session]), named(session))
     if as_json:
-        return print_sorted_json(shown.as_json())
-    tables.print_shown(console(), shown)
-    return ExitStatus.PASS
+        print_sorted_json(shown.as_json())
+    else:
+        tables.print_shown(console(), shown)
 
 
 def compare(
-    place: Place, sessions: list[str], filters: Filters, most_days: int, plot: Path | None, as_json: bool
-) -> int:
+    sessions: list[str] | None, wanted: Wanted, plot: Path | None, max_interval: int, place: Place, as_json: bool
+) -> None:
     """Return two calibrations against each other, or all of a unit."""
-    url = place.of(sessions)
+    url, filters = place.of(sessions or ()), wanted.filters
     if sessions:
         if len(sessions) != 2 or plot is not None or filters != Filters():
             raise InputError(
@@ -59,31 +60,30 @@ def compare(
             )
         pair = compare_pair(url, named(sessions[0]), named(sessions[1]))
         if as_json:
-            return print_sorted_json(pair)
-        tables.print_pair(console(), pair)
-        return ExitStatus.PASS
+            print_sorted_json(pair)
+        else:
+            tables.print_pair(console(), pair)
+        return
     comparison = compare_unit(url, filters)
-    due = dues_of(comparison, most_days)
+    due = dues_of(comparison, max_interval)
     if plot is not None:
         from bench.commands.history.plots import draw  # matplotlib takes longer to load than the comparison itself
 
         draw(comparison, plot)
     if as_json:
-        return print_sorted_json(tables.comparison_document(comparison, due, WallClock().utc_ns()))
+        print_sorted_json(tables.comparison_document(comparison, due, WallClock().utc_ns()))
+        return
     tables.print_comparison(console(), comparison, due)
     if plot is not None:
         say(f"plot     {plot}")
-    return ExitStatus.PASS
 
 
-def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
+def due(wanted: Wanted, max_interval: int, place: Place, as_json: bool) -> int:
     """Print when every unit is due again; exit status 1 if a real one is overdue."""
     url = place.of()
-    wanted = [filters.uut] if filters.uut is not None else [f"{model} {serial}" for model, serial in units_of(url)]
+    units = [f"{model} {serial}" for model, serial in units_of(url)] if wanted.uut is None else [wanted.uut]
     dues = [
-        due
-        for unit in wanted
-        for due in dues_of(compare_unit(url, Filters(unit, filters.campaign, filters.quantity)), most_days)
+        due for unit in units for due in dues_of(compare_unit(url, replace(wanted, uut=unit).filters), max_interval)
     ]
     now_ns = WallClock().utc_ns()
     rows = [due.as_json(now_ns) for due in dues]
@@ -94,25 +94,25 @@ def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
     return ExitStatus.VERDICT_FAIL if any(row["overdue"] and not row["simulated"] for row in rows) else ExitStatus.PASS
 
 
-def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:
+def export(path: Path, wanted: Wanted, place: Place, as_json: bool) -> None:
     """Return every estimate of every revision, as CSV or Parquet."""
     with writing(path):
-        rows = export_history(place.of(), filters, path)
+        rows = export_history(place.of(), wanted.filters, path)
     if as_json:
-        return print_sorted_json({"file": str(path), "rows": rows})
-    say(f"{rows} estimates written to {path}")
-    return ExitStatus.PASS
+        print_sorted_json({"file": str(path), "rows": rows})
+    else:
+        say(f"{rows} estimates written to {path}")
 
 
-def approve_session(place: Place, session: str, by: str, statement: str, as_json: bool) -> int:
+def approve_session(session: str, by: str, statement: str, place: Place, as_json: bool) -> None:
     """Approve the newest revision of a session."""
     report = Path(session) / "report.html"
     report_sha256 = digest_of_file(report) if report.is_file() else None
     done = approve(place.of([session]), named(session), by, statement, report_sha256)
     if as_json:
-        return print_sorted_json({**vars(done), "approved_by": by, "statement": statement})
-    say(f"{done.session}: revision {done.revision} approved by {by}")
-    return ExitStatus.PASS
+        print_sorted_json({**vars(done), "approved_by": by, "statement": statement})
+    else:
+        say(f"{done.session}: revision {done.revision} approved by {by}")
 
 
 def named(session: str) -> str:

@@ -1,9 +1,13 @@
 """What a person meets at the terminal while a run goes on, and the command line itself."""
 
+import ast
 import io
 import os
 import sys
 from dataclasses import replace
+from importlib import import_module
+from inspect import signature
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -300,6 +304,21 @@ def test_tables_that_lead_are_printed_and_what_is_left_out_is_counted() -> None:
 
 
 COMMAND = typer.main.get_command(app)
+
+
+def test_each_command_hands_its_arguments_to_work_that_takes_them() -> None:
+    folder = Path(bench.__file__).parent
+    files = [folder / "cli.py", *folder.glob("commands/**/*app.py")]
+    works = [
+        (getattr(import_module(f"bench.commands.{ast.literal_eval(keyword.value)}"), node.name), node.args)
+        for file in files
+        for node in ast.parse(file.read_text(encoding="utf-8")).body
+        for keyword in (one for call in getattr(node, "decorator_list", ()) for one in getattr(call, "keywords", ()))
+        if isinstance(node, ast.FunctionDef) and keyword.arg == "work"
+    ]
+    assert len(works) > 30
+    for work, given in works:
+        signature(work).bind(**{argument.arg: None for argument in (*given.args, *given.kwonlyargs)})
 
 
 def test_every_command_stands_in_one_group() -> None:
