@@ -23,7 +23,7 @@ from bench.report.first import days_of
 from bench.report.laboratory import LABORATORY_FILE, Laboratory, laboratory_of, load_laboratory
 from bench.report.model import ReportModel, RunStory, Surrounding, TemperatureTrace
 from bench.report.sections import Section
-from bench.report.tables import FOLDER, Table, analysis_tables, words_of
+from bench.report.tables import FOLDER, Table, analysis_tables, grouped, words_of
 
 __all__ = [
     "CERTIFICATE_FILE",
@@ -51,6 +51,7 @@ __all__ = [
     "below_capability",
     "certificate_text",
     "days_of",
+    "grouped",
     "laboratory_of",
     "load_laboratory",
     "nobody",

@@ -8,7 +8,7 @@ from bench.analysis import NOTED, ORDINARY, Agreement, agreements, number, signi
 from bench.model.texts import Texts, told
 from bench.report.estimate_tables import prefixed, span, two_places
 from bench.report.model import ReportModel
-from bench.report.tables import Table
+from bench.report.tables import Table, grouped
 
 _HEADERS = (
     "column.quantity", "column.unit", "coverage.count", "agreement.predicted", "agreement.achieved", "agreement.ratio",
@@ -17,9 +17,7 @@ _HEADERS = (
 
 def agreement_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], Table | None]:
     """Return the sentences and the table; none where nothing was predicted."""
-    by_quantity: dict[str, list[Agreement]] = {}
-    for agreement in agreements(model.predicted, model.rows):
-        by_quantity.setdefault(agreement.predicted.quantity, []).append(agreement)
+    by_quantity = grouped(agreements(model.predicted, model.rows), lambda pair: pair.predicted.quantity)
     if not by_quantity:
         return (), None
     planned = [entry.quantity for entry in model.predicted]
@@ -46,11 +44,8 @@ def _sentences(model: ReportModel, words: Texts, by_quantity: dict[str, list[Agr
     """Yield one sentence for each error that has grown, one for what none explains, one for what is below."""
     noted: dict[tuple[bool, str], list[str]] = {}
     for quantity, group in by_quantity.items():
-        by_cause: dict[tuple[bool, str], list[Agreement]] = {}
-        for pair in group:
-            if pair.is_noted:
-                by_cause.setdefault((pair.ratio > 1.0, pair.grown), []).append(pair)
-        for cause, pairs in by_cause.items():
+        outside = [pair for pair in group if pair.is_noted]
+        for cause, pairs in grouped(outside, lambda pair: (pair.ratio > 1.0, pair.grown)).items():
             side = "above" if cause[0] else "below"
             most = max((pair.ratio for pair in pairs), key=lambda ratio: abs(ratio - 1.0))
             name = model.title_of(quantity, words.language)

@@ -16,7 +16,7 @@ from bench.model.texts import Texts, told
 from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, alike_of, brief, channel_title, documents_table, kind_of, named
+from bench.report.tables import Table, alike_of, brief, channel_title, documents_table, grouped, kind_of, named
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
@@ -310,11 +310,8 @@ def _label_and_unit(words: Texts, name: str, campaign: str) -> tuple[str, str]:
 
 def coverage_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what is stated for each quantity: how many values, their standard and expanded uncertainties, and k."""
-    by_quantity: dict[str, list[Row]] = {}
-    for row in model.rows:
-        by_quantity.setdefault(row.quantity, []).append(row)
     rows = []
-    for quantity, group in by_quantity.items():
+    for quantity, group in grouped(model.rows, lambda row: row.quantity).items():
         if not any(row.expanded_uncertainty for row in group):
             continue  # a count, or what nobody stated an uncertainty of
         scale, unit = readable(group)
@@ -363,10 +360,8 @@ def _component_text(name: str, value: Any, title: Callable[[str], str]) -> Any:
 
 def across_tables(model: ReportModel, words: Texts) -> list[Table]:
     """Return units or axes across, one table for each three of them; () if no estimate has such a condition."""
-    by_caption: dict[str, list[Row]] = {}
-    for row in without_channel(model):
-        if (name := pivot_of(row)) is not None:
-            by_caption.setdefault(_CAPTIONS[name], []).append(row)
+    pivoted = [row for row in without_channel(model) if pivot_of(row) is not None]
+    by_caption = grouped(pivoted, lambda row: _CAPTIONS[str(pivot_of(row))])
     return [table for caption, rows in by_caption.items() for table in _tables(model, words, caption, rows)]
 
 
@@ -381,12 +376,13 @@ def _tables(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row])
 
 
 def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]) -> Table:
-    lines: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
+
+    def line(row: Row) -> tuple[str, str]:
         rest = {name: value for name, value in row.conditions.items() if name != pivot_of(row)}
-        lines.setdefault((row.quantity, conditions_text(words, rest, model.analysis)), []).append(row)
+        return row.quantity, conditions_text(words, rest, model.analysis)
+
     body = []
-    for (quantity, where), group in lines.items():
+    for (quantity, where), group in grouped(rows, line).items():
         scale, unit = readable(group)
         by_name = {_across(row): value_text(row, scale) for row in group}
         title = model.title_of(quantity, words.language)

@@ -15,7 +15,7 @@ from bench.model.texts import Texts, told
 from bench.model.titles import sizes_of_assumptions
 from bench.report.estimate_tables import readable, value_text
 from bench.report.model import ReportModel
-from bench.report.tables import Table, sentence
+from bench.report.tables import Table, grouped, sentence
 
 _HEADERS = ("quantity", "channel", "judged", "worst", "limit", "unit", "conformance", "verdicts")
 _ASSUMED = ("taken_for_granted", "unseen", "effect", "shown_by")
@@ -69,10 +69,8 @@ def assumption_table(model: ReportModel, words: Texts) -> Table | None:
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
     analysis = model.analysis
-    judged: dict[tuple[str, Any], list[Estimate]] = {}
-    for row in model.rows:
-        if limits_of(row) is not None and row.verdict != "none":
-            judged.setdefault((row.quantity, row.conditions.get("channel", _NO_CHANNEL)), []).append(row)
+    limited = [row for row in model.rows if limits_of(row) is not None and row.verdict != "none"]
+    judged = grouped(limited, lambda row: (row.quantity, row.conditions.get("channel", _NO_CHANNEL)))
     rows = tuple(
         (model.title_of(quantity, words.language), *_row(words, channel, group, size=is_size(analysis, quantity)))
         for (quantity, channel), group in judged.items()

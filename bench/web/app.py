@@ -34,7 +34,6 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
     Args: tell: tells others of the runs for as long as the server serves.
     """
     hub = Hub(serving)
-    hub.lease = serving.lease.document
     lookout = Lookout(hub)
 
     @asynccontextmanager

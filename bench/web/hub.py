@@ -9,9 +9,9 @@ from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
-from bench.model.clock import Clock, pause
+from bench.model.clock import pause
 from bench.model.errors import BenchError
 from bench.record import OPEN_MARKER, TrendWindow
 from bench.run.feed.client import FeedGone, FeedReply
@@ -24,6 +24,7 @@ from bench.web.recorded.past import HistoryQuery, Past
 from bench.web.recorded.replaying import ReplayRun
 from bench.web.room import Viewer
 from bench.web.security.refusal import Refusal
+from bench.web.serving import Serving
 
 WORK_THREADS = 4  # history, recordings, lists; some may wait for a trend that is being made
 LISTED_S = 1.0  # a list of runs waits no longer for any of them
@@ -34,33 +35,14 @@ _Result = TypeVar("_Result")
 Watched = LiveRun | ReplayRun
 
 
-class Serving(Protocol):
-    """A server, as far as its hub needs to know it."""
-
-    @property
-    def out(self) -> Path:
-        """Folder of the sessions."""
-
-    @property
-    def history(self) -> str | None:
-        """URL of the calibration history; None: the one of the folder."""
-
-    @property
-    def clock(self) -> Clock:
-        """Time of the page server."""
-
-
 class Hub:
-    """Living runs and recordings on their way to browsers. Made anywhere, started and stopped on the event loop.
-
-    ``lease`` gives who holds the command, as the state document says it; set by whoever keeps the lease.
-    """
+    """Living runs and recordings on their way to browsers. Made anywhere, started and stopped on the event loop."""
 
     def __init__(self, serving: Serving) -> None:
         self.serving = serving
         self.runs = RunList(serving.out)
         self.past = Past()
-        self.lease: Callable[[], dict[str, Any] | None] = lambda: None
+        self.lease = serving.lease.document  # who holds the command, as the state document says it
         self._lines: dict[str, FeedLine] = {}  # of runs whose state was asked for
         self._work = ThreadPoolExecutor(WORK_THREADS, "work")
         self._live: dict[str, LiveRun] = {}

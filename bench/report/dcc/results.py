@@ -17,6 +17,7 @@ from bench.maths.verdict import coverage_factor
 from bench.report.dcc.calibration import TEXTS, Calibration
 from bench.report.dcc.dsi import PLAIN, SiUnit, condition_unit, estimate_unit, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
+from bench.report.tables import grouped
 
 PROBABILITY = "0.95"
 _SAME_K = 1e-3
@@ -49,13 +50,10 @@ def left_out(estimate: Estimate) -> bool:
 
 def tables_of(estimates: Sequence[Estimate]) -> list[Table]:
     """Return tables in the order of results.json; every estimate that can be given is in one of them."""
-    groups: dict[tuple[Any, ...], list[Estimate]] = {}
-    for estimate in estimates:
-        if not left_out(estimate):
-            groups.setdefault(_key(estimate), []).append(estimate)
+    shown = [estimate for estimate in estimates if not left_out(estimate)]
     return [
         Table(quantity, unit, numeric, texts, common, tuple(rows))
-        for (quantity, unit, numeric, texts, common, *_), rows in groups.items()
+        for (quantity, unit, numeric, texts, common, *_), rows in grouped(shown, _key).items()
     ]
 
 

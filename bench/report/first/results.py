@@ -15,7 +15,7 @@ from bench.model.texts import Texts
 from bench.model.titles import quantity_title
 from bench.report.estimate_tables import condition_head, condition_scale, condition_value, readable
 from bench.report.model import ReportModel
-from bench.report.tables import kind_of
+from bench.report.tables import grouped, kind_of
 
 ROOM_pt = 493.0  # the width of an A4 page inside its margins
 _LETTER_pt, _GAP_pt = 4.15, 4.6  # of the type of 6.5 pt that the tables are set in
@@ -103,12 +103,10 @@ class Shown:
 
 def shown_results(model: ReportModel, words: Texts) -> Shown:
     """Return tables of the main results, and what a reader must know of them."""
-    by_quantity: dict[str, list[Row]] = {}
-    for row in main_rows(model):
-        by_quantity.setdefault(str(row.quantity), []).append(row)
     analysis = model.analysis
     grids = [
-        _grid(analysis, quantity_title(analysis, name, words.language), rows) for name, rows in by_quantity.items()
+        _grid(analysis, quantity_title(analysis, name, words.language), rows)
+        for name, rows in grouped(main_rows(model), lambda row: str(row.quantity)).items()
     ]
     blocks: list[Block] = []
     shown: list[Row] = []
@@ -131,9 +129,7 @@ def _notes(words: Texts, shown: Sequence[Row], cut: bool) -> Iterator[str]:
 
 
 def _grid(campaign: str, title: str, rows: Sequence[Row]) -> _Grid:
-    shapes: dict[frozenset[str], list[Row]] = {}
-    for row in rows:
-        shapes.setdefault(frozenset(row.conditions), []).append(row)
+    shapes = grouped(rows, lambda row: frozenset(row.conditions))
     chosen = max(shapes.values(), key=lambda group: (_TEMPERATURE in group[0].conditions, len(group)))
     names = [name for name in chosen[0].conditions if name != MEASURED]
     varying = [name for name in names if len({_plain(row.conditions[name]) for row in chosen}) > 1]
@@ -169,11 +165,11 @@ def _ordered(values: Sequence[Any]) -> list[Any]:
 
 def _alike(grids: Sequence[_Grid]) -> list[list[_Grid]]:
     """Return grids that have the same rows, or, of those without, the same columns."""
-    groups: dict[Any, list[_Grid]] = {}
-    for grid in grids:
-        columns = () if grid.down != [()] else tuple(map(str, grid.columns))
-        groups.setdefault((grid.names, tuple(grid.down), columns), []).append(grid)
-    return list(groups.values())
+
+    def shape(grid: _Grid) -> Key:
+        return grid.names, tuple(grid.down), () if grid.down != [()] else tuple(map(str, grid.columns))
+
+    return list(grouped(grids, shape).values())
 
 
 def _made(grids: Sequence[_Grid], words: Texts) -> Iterator[tuple[Block, list[Row]]]:

@@ -168,19 +168,16 @@ def sample_model(simulated: bool = True) -> ReportModel:
     rows = [SimpleNamespace(window=window, frames=10_000, lost=0, bad=0, quality=Quality.GOOD)] * 764
     flags = Quality.LOST | Quality.RETAKEN
     rows.append(SimpleNamespace(window=window, frames=9_990, lost=10, bad=2, quality=flags))
-    return report_model(
-        sample_results(simulated),
-        rows,
-        sample_steps(),
-        sample_trace(),
-        sample_manifest(),
-        residuals=sample_residuals(np.random.default_rng(8)),
-        components=[
+    residuals = sample_residuals(np.random.default_rng(8))
+    return replace(
+        report_model(sample_results(simulated), rows, sample_steps(), sample_manifest(), 600.0, residuals),
+        trace=sample_trace(),
+        components=(
             {"kind": "gyro", "component": "calibrator gain", "distribution": "normal", "std_uncertainty_ppm": 10.0},
             {"kind": "gyro", "component": "quantisation", "distribution": "triangular", "std_uncertainty_ppm": 1.84},
-        ],
-        prompts=[{"step": 0, "text": "Calibrator output floating?", "confirm": "operator", "by": "simulation"}],
-        notes=["The bias of this campaign is diagnostic; it enters no coefficient."],
+        ),
+        prompts=({"step": 0, "text": "Calibrator output floating?", "confirm": "operator", "by": "simulation"},),
+        notes=("The bias of this campaign is diagnostic; it enters no coefficient.",),
         run=sample_story(),
     )
 
