@@ -88,16 +88,16 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(caption, headers, cells, stub=2 if channels else 1)
 
 
-def _use(row: Estimate) -> float:
+def used(row: Estimate) -> float:
     """Return how much of its limits a value with its interval uses."""
     limits = limits_of(row)
     if limits is None or not is_sound(row):
         return -math.inf
-    return use_of(float(row.value), limits, float(row.expanded_uncertainty))
+    return use_of(float(row.value), limits, float(row.expanded_uncertainty or 0.0))
 
 
 def _row(words: Texts, channel: Any, group: Sequence[Estimate], *, size: bool) -> tuple[str, ...]:
-    worst = max(group, key=lambda row: (_use(row), abs(row.value or 0.0)))
+    worst = max(group, key=lambda row: (used(row), abs(row.value or 0.0)))
     scale, unit = readable([worst])
     counted = Counter(str(row.verdict) for row in group)
     probability = worst.conformance_probability

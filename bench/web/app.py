@@ -17,6 +17,7 @@ from starlette.types import Lifespan
 from bench.model.errors import BenchError
 from bench.web import commands, pages, runs
 from bench.web.hub import Hub
+from bench.web.live import end_tasks
 from bench.web.recorded.listing import FILES, run_folder
 from bench.web.security import login
 from bench.web.security.gate import Gate
@@ -45,8 +46,7 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
             yield
         finally:
             if telling is not None:
-                telling.cancel()
-                await asyncio.gather(telling, return_exceptions=True)
+                await end_tasks(telling)
             await lookout.stop()
             await hub.stop()
 

@@ -16,7 +16,7 @@ from bench.model.errors import BenchError
 from bench.record import OPEN_MARKER, TrendWindow
 from bench.run.feed.client import FeedGone, FeedReply
 from bench.session.partial_fits import PartialFits
-from bench.web.live import FeedLine, LiveRun, listens
+from bench.web.live import FeedLine, LiveRun, end_tasks, listens
 from bench.web.now import now_of, silent_row
 from bench.web.points import Points
 from bench.web.recorded.listing import Row, RunList, run_folder
@@ -58,9 +58,7 @@ class Hub:
         """Let go of everything; runs do not notice."""
         tasks = [task for tasks in self._tasks.values() for task in tasks]
         tasks += [self._warming] if self._warming is not None else []
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end_tasks(*tasks)
         self.past.stop()
         for line in self._lines.values():
             line.close()
@@ -113,9 +111,7 @@ class Hub:
 
     async def history(self, run: str, query: HistoryQuery) -> TrendWindow:
         """Return signals of a run over time. Raises: Refusal B-WEB-013, InputError for a signal that is not there."""
-        return await self.work(
-            self.past.history, self.folder(run), query.signals, query.t0_utc_s, query.t1_utc_s, query.n
-        )
+        return await self.work(self.past.history, self.folder(run), query)
 
     async def listed(self) -> tuple[list[Row], int]:
         """Return rows of all runs, newest first, living ones as they are now; and how many could not be read yet."""
@@ -166,7 +162,7 @@ class Hub:
         finally:
             live.room.viewers.discard(viewer)
             if not live.room.viewers and self._live.pop(run, None) is not None:
-                await _ended(self._tasks.pop(run))
+                await end_tasks(*self._tasks.pop(run))
 
     def _enter(self, run: str) -> LiveRun:
         folder = self.serving.out / run
@@ -203,7 +199,7 @@ class Hub:
         try:
             yield replay
         finally:
-            await _ended([task])
+            await end_tasks(task)
 
     async def _warm(self) -> None:
         figures = await self.work(import_module, "bench.web.figures")
@@ -215,9 +211,3 @@ class Hub:
                 await self.work(figures.run_figures, outline or {})
         while (await self.work(self.runs.rows))[1]:
             await pause(_WARM_S)
-
-
-async def _ended(tasks: list[asyncio.Task[None]]) -> None:
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)

@@ -11,6 +11,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from bench.model.errors import BenchError
 from bench.web.hub import Hub, Watched
+from bench.web.live import end_tasks
 from bench.web.room import Viewer
 
 NO_SUCH_RUN = 4404
@@ -43,9 +44,7 @@ async def serve_viewer(websocket: WebSocket, viewer: Viewer, watched: Watched) -
         for task in done:
             task.result()
     finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end_tasks(*tasks)
 
 
 async def _send(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:

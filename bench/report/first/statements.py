@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimate, is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
+from bench.analysis import Estimate, is_sound, limits_of, limits_text, number, unit_text, with_uncertainty
 from bench.maths.verdict import NON_BINARY, meaning_of
 from bench.model.systems import analysis_declaration, is_size
 from bench.model.texts import Texts
@@ -19,7 +19,7 @@ from bench.report.first.results import MEASURED
 from bench.report.laboratory import Laboratory
 from bench.report.model import ReportModel
 from bench.report.tables import named, role_of
-from bench.report.verdict_tables import percent
+from bench.report.verdict_tables import percent, used
 
 _MOST_STANDARDS = 12
 Row = Estimate
@@ -49,7 +49,7 @@ def _judged(model: ReportModel) -> list[Row]:
 
 def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     """Return the judged value whose interval uses most of its limits, and how much it leaves; any beyond uses more."""
-    row = max(judged, key=_use)
+    row = max(judged, key=used)
     limits = limits_of(row)
     assert limits is not None
     scale, unit = readable([row])
@@ -75,12 +75,6 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
 
 def _rounded(size: float) -> str:
     return number(float(f"{abs(size):.3g}"))
-
-
-def _use(row: Row) -> float:
-    limits = limits_of(row)
-    assert limits is not None
-    return use_of(float(row.value), limits, float(row.expanded_uncertainty or 0.0))
 
 
 def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
@@ -218,6 +212,6 @@ def mark_refused(model: ReportModel, laboratory: Laboratory, shown: Sequence[Row
     if not shown:
         return [words("first.accreditation.nothing")]
     judged = _judged(model)
-    rows = [*shown, *([max(judged, key=_use)] if judged else [])]
+    rows = [*shown, *([max(judged, key=used)] if judged else [])]
     reasons = not_covered(laboratory.accreditation, model.analysis, rows)
     return [f"{quantity}: {reason}" for quantity, reason in reasons.items()]
