@@ -8,7 +8,7 @@ from bench.analysis import NOTED, ORDINARY, Agreement, agreements, number, signi
 from bench.model.texts import Texts, told
 from bench.report.estimate_tables import prefixed, span, two_places
 from bench.report.model import ReportModel
-from bench.report.tables import Table, grouped
+from bench.report.tables import Table, grouped, table_of
 
 _HEADERS = (
     "column.quantity", "column.unit", "coverage.count", "agreement.predicted", "agreement.achieved", "agreement.ratio",
@@ -18,13 +18,10 @@ _HEADERS = (
 def agreement_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], Table | None]:
     """Return the sentences and the table; none where nothing was predicted."""
     by_quantity = grouped(agreements(model.predicted, model.rows), lambda pair: pair.predicted.quantity)
-    if not by_quantity:
-        return (), None
     planned = [entry.quantity for entry in model.predicted]
-    rows = tuple(_row(model, words, group, planned.count(quantity)) for quantity, group in by_quantity.items())
+    rows = (_row(model, words, group, planned.count(quantity)) for quantity, group in by_quantity.items())
     caption = words("agreement.table", per_cent=number(100.0 * NOTED), ordinary=number(100.0 * ORDINARY))
-    table = Table(caption, tuple(map(words, _HEADERS)), rows, stub=2)
-    return tuple(_sentences(model, words, by_quantity)), table
+    return tuple(_sentences(model, words, by_quantity)), table_of(words, caption, _HEADERS, rows, stub=2)
 
 
 def _row(model: ReportModel, words: Texts, group: Sequence[Agreement], planned: int) -> tuple[str, ...]:

@@ -16,7 +16,17 @@ from bench.model.texts import Texts, told
 from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, alike_of, brief, channel_title, documents_table, grouped, kind_of, named
+from bench.report.tables import (
+    Table,
+    alike_of,
+    brief,
+    channel_title,
+    documents_table,
+    grouped,
+    kind_of,
+    named,
+    table_of,
+)
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
@@ -241,9 +251,9 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
         title = model.title_of(row.quantity, words.language)
         stated = "–" if row.value is None else unit_text(unit)  # of nothing no unit is stated
         rows.append((title, where or "–", value_text(row, scale), stated))
-    headers = map(words, ("column.quantity", "column.conditions", "column.value_expanded", "column.unit"))
+    headers = ("column.quantity", "column.conditions", "column.value_expanded", "column.unit")
     shared = words("others.alike", conditions=conditions_text(words, alike, model.analysis)) if alike else ""
-    return Table(f"{words('others.table')} {shared}".rstrip(), tuple(headers), tuple(rows), stub=2) if rows else None
+    return table_of(words, f"{words('others.table')} {shared}".rstrip(), headers, rows, stub=2)
 
 
 def without_channel(model: ReportModel) -> list[Row]:
@@ -324,7 +334,7 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
         title = model.title_of(quantity, words.language)
         rows.append((title, unit_text(unit), str(len(group)), *spans))
     headers = ("column.quantity", "column.unit", "coverage.count", "coverage.u", "coverage.k", "coverage.U")
-    return Table(words("coverage.table"), tuple(map(words, headers)), tuple(rows), stub=2) if rows else None
+    return table_of(words, words("coverage.table"), headers, rows, stub=2)
 
 
 def span(words: Texts, values: Sequence[float], text_of: Callable[[float], str]) -> str:

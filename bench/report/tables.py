@@ -51,6 +51,20 @@ class Table:
     goes_on: bool = False
 
 
+def table_of(
+    words: Texts,
+    caption: str,
+    heads: Iterable[str],
+    rows: Iterable[tuple[str, ...]],
+    *,
+    stub: int = 1,
+    prose: bool = False,
+) -> Table | None:
+    """Return a table with headings of the catalogue, by their keys; None without rows."""
+    lines = tuple(rows)
+    return Table(caption, tuple(map(words, heads)), lines, stub=stub, prose=prose) if lines else None
+
+
 Title = Callable[[str], str]
 Key = TypeVar("Key")
 Item = TypeVar("Item")

@@ -15,7 +15,7 @@ from bench.model.texts import Texts, told
 from bench.model.titles import sizes_of_assumptions
 from bench.report.estimate_tables import readable, value_text
 from bench.report.model import ReportModel
-from bench.report.tables import Table, grouped, sentence
+from bench.report.tables import Table, grouped, sentence, table_of
 
 _HEADERS = ("quantity", "channel", "judged", "worst", "limit", "unit", "conformance", "verdicts")
 _ASSUMED = ("taken_for_granted", "unseen", "effect", "shown_by")
@@ -60,10 +60,10 @@ def assumption_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the data cannot show: each assumption with the size that passes unseen; None if none is named."""
     taken = model.results.get("assumptions", ())
     title = partial(model.title_of, language=words.language)
-    rows = tuple(tuple(sentence(told(entry[name], words.language), title) for name in _ASSUMED) for entry in taken)
-    headers = tuple(words(f"column.{name}") for name in _ASSUMED)
+    rows = (tuple(sentence(told(entry[name], words.language), title) for name in _ASSUMED) for entry in taken)
+    headers = (f"column.{name}" for name in _ASSUMED)
     sizes = sizes_of_assumptions(model.analysis, words.language)
-    return Table(f"{words('assumptions.table')} {sizes}".rstrip(), headers, rows, prose=True) if rows else None
+    return table_of(words, f"{words('assumptions.table')} {sizes}".rstrip(), headers, rows, prose=True)
 
 
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:

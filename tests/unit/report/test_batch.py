@@ -21,6 +21,7 @@ from report_sample import (
     SamplePlan,
     calibrations,
     coupling,
+    png_pages,
     results,
     sample_model,
     sample_results,
@@ -35,7 +36,7 @@ from bench.plan import Step, compile_sequence, planned_temperature
 from bench.report import Report
 from bench.report.batch.document import batch_document, batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Unit
-from bench.report.document import document_files, png_pages
+from bench.report.document import document_files
 from bench.report.fonts import folders
 from bench.report.model import ReportModel
 from bench.report.plots import plot_timetable
@@ -230,7 +231,7 @@ def report() -> Report:
 
 @pytest.fixture(scope="module")
 def marked_pages(report: Report) -> list[bytes]:
-    return report.pages(DPI)
+    return png_pages(sample_model(), report.sections, words_of("en"), DPI)
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 import yaml
 from pydantic import ValidationError
-from report_sample import estimate_entry, sample_model, unsound
+from report_sample import estimate_entry, png_pages, sample_model, unsound
 
 from bench.analysis import Estimate, estimates_of
 from bench.report.accreditation import below_capability, not_covered
-from bench.report.document import png_pages
 from bench.report.first import FirstPage, days_of, first_page
 from bench.report.laboratory import Accreditation, Capability, Laboratory
 from bench.report.model import ReportModel
