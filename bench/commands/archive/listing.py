@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from bench.archive.changes import changes_of
+from rich.console import Console
+
+from bench.archive.changes import Changes, changes_of
 from bench.archive.evidence import evidence_of
 from bench.archive.journal import HEAD
-from bench.archive.page import FOLDER, changes_html
-from bench.commands.archive import tables
-from bench.commands.console import console, print_sorted_json, say
+from bench.archive.page import FOLDER, changes_html, head_of, sections_of
+from bench.commands.console import console, headed_table, print_sorted_json, say
 from bench.commands.requests import Place
-from bench.model.texts import check_language
+from bench.maths.verdict import verdict_words
+from bench.model.texts import Texts, check_language
 from bench.session.output import write_file, writing
 from bench.store import (
     Selection,
@@ -30,6 +32,8 @@ from bench.store import (
     write_rows,
 )
 
+Row = Mapping[str, Any]
+_WHOLE = {"session", "sha-256", "campaign", "number", "verdict", "state"}
 COLUMNS = columns_of(
     (
         "session", "session_sha256", "location", "started_utc", "campaign", "station", "units", "standards",
@@ -55,7 +59,7 @@ def list_all(select: Sequence[str] | None, to: Path | None, place: Place, as_jso
     elif as_json:
         print_sorted_json({"sessions": documents})
     else:
-        tables.print_sessions(console(), documents)
+        print_sessions(console(), documents)
 
 
 def where(word: str, place: Place, as_json: bool) -> None:
@@ -68,8 +72,8 @@ def where(word: str, place: Place, as_json: bool) -> None:
         return
     out = console()
     out.print(f"{word}: {', '.join(found.kinds) or 'named by certificates only'}")
-    tables.print_sessions(out, sessions)
-    tables.print_certificates(out, issued)
+    print_sessions(out, sessions)
+    print_certificates(out, issued)
 
 
 def _flat(document: dict[str, Any]) -> dict[str, Any]:
@@ -95,7 +99,7 @@ def changes(trial: str, html: Path | None, language: str, place: Place, as_json:
     if as_json:
         print_sorted_json(report.as_json())
     else:
-        tables.print_changes(console(), report, language)
+        print_changes(console(), report, language)
         if html is not None:
             say(f"wrote    {html}")
 
@@ -105,3 +109,48 @@ def _named(trial: str) -> str:
     with suppress(OSError, ValueError, KeyError, TypeError):
         return str(json.loads(Path(trial, HEAD).read_bytes())["name"])
     return trial
+
+
+def print_sessions(out: Console, rows: Sequence[Row]) -> None:
+    """One line per session."""
+    heads = ("session", "sha-256", "unit", "campaign", "verdict", "state", "in")
+    out.print(headed_table(f"{len(rows)} sessions", heads, map(_session, rows), whole=_WHOLE))
+
+
+def _session(row: Row) -> tuple[str, ...]:
+    state = row["code"] or row["quality"] or "no results"
+    return (
+        row["session"],
+        (row["session_sha256"] or "-")[:8],
+        ", ".join(f"{unit['model']} {unit['serial']}" for unit in row["units"]) or "-",
+        row["campaign"] or "-",
+        verdict_words(row["verdict"]),
+        f"{state} (SIMULATED)" if row["simulated"] else state,
+        row["location"].rstrip("/").rpartition("/")[0],
+    )
+
+
+def print_certificates(out: Console, rows: Sequence[Row]) -> None:
+    """One line per certificate."""
+    heads = ("number", "unit", "customer", "session", "issued", "state")
+    if rows:
+        out.print(headed_table(f"{len(rows)} certificates", heads, map(_certificate, rows), whole=_WHOLE))
+
+
+def _certificate(row: Row) -> tuple[str, ...]:
+    state = ["specimen"] if row["specimen"] else []
+    state += [f"replaced by {number}" for number in row["replaced_by"]]
+    uut, issued = f"{row['uut_model']} {row['uut_serial']}", row["issued"] or "-"
+    return row["number"], uut, row["customer"], row["session"], issued, ", ".join(state) or "valid"
+
+
+def print_changes(out: Console, report: Changes, language: str) -> None:
+    """Print the whole report as its page has it."""
+    words = Texts(FOLDER, language)
+    for line in head_of(report, words):
+        out.print(line)
+    for section in sections_of(report, words):
+        for paragraph in section.paragraphs:
+            out.print(paragraph)
+        for table in section.tables:
+            out.print(headed_table(table.caption, table.headers, table.rows, whole=table.headers[: table.stub]))

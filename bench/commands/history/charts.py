@@ -8,8 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.commands.console import console, print_sorted_json, say
-from bench.commands.history.show import named
-from bench.commands.history.tables import rows_table
+from bench.commands.history.show import named, rows_table
 from bench.commands.requests import Place
 from bench.maths.control.limits import KINDS
 from bench.model.clock import NS
