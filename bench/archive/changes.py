@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
@@ -103,10 +103,6 @@ class Changes:
     flips: tuple[Flip, ...]
     certificates: tuple[Concerned, ...]
     standards: tuple[Evidence, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as one JSON document."""
-        return asdict(self)
 
 
 def changes_of(stored: StoredTrial, sessions: Mapping[str, Row], standards: Sequence[Evidence]) -> Changes:

@@ -5,23 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from bench.commands.requests import AsJson, Language, SessionFolder, SessionsOut, TakeOver
 from bench.commands.usage import App
 
 app = App()
 
-Station = Annotated[str, typer.Option("--station", help="a station file or name")]
-Why = Annotated[str, typer.Option(metavar="TEXT", help="why; it is shown and recorded")]
+Station = Annotated[str, Option("--station", help="a station file or name")]
+Why = Annotated[str, Option(metavar="TEXT", help="why; it is shown and recorded")]
 
 
 @app.command(work="hand.by_hand", epilog='Example: bench talk calibrator "OUT?"')
 def talk(
-    role: Annotated[str, typer.Argument(metavar="INSTRUMENT", help="role in the station file")],
-    command: Annotated[
-        str | None, typer.Argument(help="one command; without it: type commands, an empty line ends")
-    ] = None,
+    role: Annotated[str, Argument(metavar="INSTRUMENT", help="role in the station file")],
+    command: Annotated[str | None, Argument(help="one command; without it: type commands, an empty line ends")] = None,
     station_name: Station = "af_bench_sim",
     out: SessionsOut = Path("sessions"),
     take_over: TakeOver = False,
@@ -33,11 +31,11 @@ def talk(
     work="hand.commission", epilog="Example: bench commission turntable --station my_bench.yaml --by 'A. Technician'"
 )
 def commission(
-    role: Annotated[str, typer.Argument(metavar="ROLE", help="role of the instrument in the station")],
-    station_name: Annotated[str, typer.Option("--station", help="station file of the bench")],
-    by: Annotated[str, typer.Option(metavar="NAME", help="who stands at the bench; it is recorded")],
+    role: Annotated[str, Argument(metavar="ROLE", help="role of the instrument in the station")],
+    station_name: Annotated[str, Option("--station", help="station file of the bench")],
+    by: Annotated[str, Option(metavar="NAME", help="who stands at the bench; it is recorded")],
     yes: Annotated[
-        bool, typer.Option("--yes", help="send what energises or moves without asking; for a simulated bench")
+        bool, Option("--yes", help="send what energises or moves without asking; for a simulated bench")
     ] = False,
 ) -> None:
     """Walk through a real instrument for the first time: each command its driver uses, held against its manual."""
@@ -63,7 +61,7 @@ def pause(folder: SessionFolder, reason: Why = "asked from a terminal") -> None:
 @app.command(work="control", epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")
 def abort(
     folder: SessionFolder,
-    reason: Annotated[str, typer.Option(metavar="TEXT", help="why; it is recorded")] = "",
+    reason: Annotated[str, Option(metavar="TEXT", help="why; it is recorded")] = "",
 ) -> None:
     """End a living run at its next check; its bench is made safe and its session closed."""
 
@@ -73,8 +71,8 @@ def abort(
 )
 def shelve(
     folder: SessionFolder,
-    alarm: Annotated[str, typer.Argument(help="its number, as 'bench top' shows it")],
-    duration: Annotated[str, typer.Option("--for", metavar="TIME", help="1 min to 8 h, with its unit")],
+    alarm: Annotated[str, Argument(help="its number, as 'bench top' shows it")],
+    duration: Annotated[str, Option("--for", metavar="TIME", help="1 min to 8 h, with its unit")],
     reason: Why,
 ) -> None:
     """Shelve an alarm of a living run: it is shown as such, and nobody is notified of it for a while."""
@@ -83,7 +81,7 @@ def shelve(
 @app.command(work="control", epilog="Example: bench answer sessions/20260101T180000Z_scale_factor_38h_17 '0.2 ohm'")
 def answer(
     folder: SessionFolder,
-    value: Annotated[str, typer.Argument(help="with its unit; nothing: what is asked is so")] = "",
+    value: Annotated[str, Argument(help="with its unit; nothing: what is asked is so")] = "",
 ) -> None:
     """Answer the prompt a living run waits at; without a value it is confirmed."""
 
@@ -91,9 +89,9 @@ def answer(
 @app.command(work="top", epilog="Example: bench top")
 def top(
     session: Annotated[
-        Path | None, typer.Argument(help="the folder of a living run; default: the newest one in --out")
+        Path | None, Argument(help="the folder of a living run; default: the newest one in --out")
     ] = None,
-    out: Annotated[Path, typer.Option(help="folder of the sessions")] = Path("sessions"),
+    out: Annotated[Path, Option(help="folder of the sessions")] = Path("sessions"),
     language: Language = "en",
 ) -> None:
     """Watch a living run in the terminal, over ssh too; leaving it changes nothing."""

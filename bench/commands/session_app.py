@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from bench.commands.requests import (
     Acceptance,
@@ -23,7 +23,7 @@ from bench.commands.usage import App
 
 app = App()
 
-Fresh = Annotated[bool, typer.Option("--fresh", help="compute everything again, though it is kept from before")]
+Fresh = Annotated[bool, Option("--fresh", help="compute everything again, though it is kept from before")]
 
 
 @app.command(work="session", epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")
@@ -35,9 +35,9 @@ def replay(folder: RecordedSession, as_json: AsJson = False) -> None:
 def fit(
     *,
     session: RecordedSession,
-    method: Annotated[str | None, typer.Option(help="a method of the analysis; a wrong one lists them")] = None,
+    method: Annotated[str | None, Option(help="a method of the analysis; a wrong one lists them")] = None,
     make_up: Annotated[
-        list[Path] | None, typer.Option("--with", metavar="SESSION", help="a make-up session that completes this one")
+        list[Path] | None, Option("--with", metavar="SESSION", help="a make-up session that completes this one")
     ] = None,
     as_json: AsJson = False,
     fresh: Fresh = False,
@@ -56,12 +56,12 @@ def fit(
 def report(
     *,
     session: RecordedSession,
-    pdf: Annotated[bool, typer.Option("--pdf", help="write report.pdf too (extra 'pdf')")] = False,
+    pdf: Annotated[bool, Option("--pdf", help="write report.pdf too (extra 'pdf')")] = False,
     verify: Annotated[
-        bool, typer.Option("--verify", help="derive everything again from the raw bytes, compare, write nothing")
+        bool, Option("--verify", help="derive everything again from the raw bytes, compare, write nothing")
     ] = False,
     laboratory: Annotated[
-        Path | None, typer.Option(help="a laboratory file for the first page; the session keeps a copy of it")
+        Path | None, Option(help="a laboratory file for the first page; the session keeps a copy of it")
     ] = None,
     lang: Language = "en",
     as_json: AsJson = False,
@@ -92,16 +92,15 @@ def certificate(request: CertificateRequest) -> None:
 @app.command(epilog="Example: bench coefficients sessions/SCALE_FACTOR sessions/BIAS --out compensation")
 def coefficients(
     *,
-    sessions: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions of one unit")],
-    out: Annotated[Path, typer.Option(help="folder for coefficients.json and coefficients.h")] = Path(),
+    sessions: Annotated[list[Path], Argument(metavar="SESSION...", help="sessions of one unit")],
+    out: Annotated[Path, Option(help="folder for coefficients.json and coefficients.h")] = Path(),
     acceptance: AcceptanceOfUnit,
 ) -> None:
     """Merge the compensation of a scale-factor and a bias session of one unit; a bias only from the bias campaign."""
     from bench.commands import accept
     from bench.commands import session as work
 
-    if acceptance.asked():
-        accept.accept_in(sessions, acceptance)
+    accept.accept_in(sessions, acceptance)
     work.coefficients(sessions, out)
 
 
@@ -110,11 +109,9 @@ def coefficients(
 )
 def export(
     folder: RecordedSession,
-    form: Annotated[str, typer.Option("--to", metavar="FORMAT", help="csv, parquet, hdf5, mat, mcap; session")],
-    out: Annotated[Path | None, typer.Option(help="a new folder; default: SESSION-FORMAT here")] = None,
-    unit: Annotated[
-        str | None, typer.Option(metavar="SERIAL", help="with '--to session': which of several units")
-    ] = None,
+    form: Annotated[str, Option("--to", metavar="FORMAT", help="csv, parquet, hdf5, mat, mcap; session")],
+    out: Annotated[Path | None, Option(help="a new folder; default: SESSION-FORMAT here")] = None,
+    unit: Annotated[str | None, Option(metavar="SERIAL", help="with '--to session': which of several units")] = None,
 ) -> None:
     """Write events, readings, records, estimates and decoded frames as tables for other tools (extra 'python').
 
@@ -124,11 +121,9 @@ def export(
 
 @app.command(work="batch", epilog="Example: bench batch sessions --out batch")
 def batch(
-    named: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions, or folders of sessions")],
-    out: Annotated[Path, typer.Option(help="folder for batch.json and batch.html")] = Path(),
-    as_json: Annotated[
-        bool, typer.Option("--json", help="print batch.json on standard output and nothing else")
-    ] = False,
+    named: Annotated[list[Path], Argument(metavar="SESSION...", help="sessions, or folders of sessions")],
+    out: Annotated[Path, Option(help="folder for batch.json and batch.html")] = Path(),
+    as_json: Annotated[bool, Option("--json", help="print batch.json on standard output and nothing else")] = False,
 ) -> None:
     """Fit many sessions and compare their units: yield, distributions, the worst values."""
 
@@ -139,7 +134,7 @@ def batch(
 def recover(
     session: SessionFolder,
     make_up: Annotated[
-        Path | None, typer.Option(help="write the shortest sequence that makes up for what is missing")
+        Path | None, Option(help="write the shortest sequence that makes up for what is missing")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from bench.commands.requests import AsJson, Dask, Language, Place, RefitRequest, Select
 from bench.commands.usage import App
@@ -16,8 +16,8 @@ app = App(help="All sessions ever recorded: where they are, whole or not, and wh
 @app.command(work="archive.computing", epilog="Example: bench archive add sessions s3://calibrations/2026")
 def add(
     *,
-    folders: Annotated[list[str], typer.Argument(metavar="FOLDER|URL...", help="sessions, or folders of sessions")],
-    everything: Annotated[bool, typer.Option("--all", help="read those again that have not changed")] = False,
+    folders: Annotated[list[str], Argument(metavar="FOLDER|URL...", help="sessions, or folders of sessions")],
+    everything: Annotated[bool, Option("--all", help="read those again that have not changed")] = False,
     dask: Dask = None,
     place: Place,
     as_json: AsJson = False,
@@ -31,7 +31,7 @@ def add(
 def list_all(
     *,
     select: Select = None,
-    to: Annotated[Path | None, typer.Option(help="write them to a .csv or .parquet file")] = None,
+    to: Annotated[Path | None, Option(help="write them to a .csv or .parquet file")] = None,
     place: Place,
     as_json: AsJson = False,
 ) -> None:
@@ -46,7 +46,7 @@ def verify(*, select: Select = None, dask: Dask = None, place: Place, as_json: A
 @app.command(work="archive.listing", epilog="Example: bench archive where SIM-0001")
 def where(
     word: Annotated[
-        str, typer.Argument(help="serial number, certificate, software, or the beginning of the hash of a frame")
+        str, Argument(help="serial number, certificate, software, or the beginning of the hash of a frame")
     ],
     place: Place,
     as_json: AsJson = False,
@@ -65,8 +65,8 @@ def refit(request: RefitRequest, place: Place) -> None:
 @app.command(work="archive.listing", epilog="Example: bench archive changes trial --html changes.html")
 def changes(
     *,
-    trial: Annotated[str, typer.Argument(help="the folder of a refit, or the beginning of its name")],
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="write the report as a page")] = None,
+    trial: Annotated[str, Argument(help="the folder of a refit, or the beginning of its name")],
+    html: Annotated[Path | None, Option(metavar="FILE", help="write the report as a page")] = None,
     language: Language = "en",
     place: Place,
     as_json: AsJson = False,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def changes(trial: str, html: Path | None, language: str, place: Place, as_json:
     if html is not None:
         write_file(html, changes_html(report, language))
     if as_json:
-        print_sorted_json(report.as_json())
+        print_sorted_json(asdict(report))
     else:
         print_changes(console(), report, language)
         if html is not None:

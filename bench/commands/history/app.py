@@ -6,7 +6,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from bench.commands.requests import AsJson, Campaign, Place, Quantity, Unit, Wanted
 from bench.commands.usage import App
@@ -16,8 +16,8 @@ app = App(help="Earlier calibrations: drift, agreement, control charts, due date
 _LONGEST_DAYS = 365
 _DAY = ["%Y-%m-%d"]
 
-Session = Annotated[str, typer.Argument(help="name or folder of a session, or the beginning of its SHA-256")]
-Longest = Annotated[int, typer.Option("--max-interval", metavar="DAYS", min=1, max=3653, help="longest interval")]
+Session = Annotated[str, Argument(help="name or folder of a session, or the beginning of its SHA-256")]
+Longest = Annotated[int, Option("--max-interval", metavar="DAYS", min=1, max=3653, help="longest interval")]
 
 
 @app.command("list", work="history.show", epilog="Example: bench history list --uut SIM-1 --quantity dsf_n")
@@ -33,9 +33,9 @@ def show(session: Session, place: Place, as_json: AsJson = False) -> None:
 @app.command(work="history.show", epilog="Example: bench history compare --uut SIM-1 --quantity dsf_n --plot drift.svg")
 def compare(
     *,
-    sessions: Annotated[list[str] | None, typer.Argument(help="two sessions; without them all of a unit")] = None,
+    sessions: Annotated[list[str] | None, Argument(help="two sessions; without them all of a unit")] = None,
     wanted: Wanted,
-    plot: Annotated[Path | None, typer.Option(help="draw the clearest drifts as .svg or .png")] = None,
+    plot: Annotated[Path | None, Option(help="draw the clearest drifts as .svg or .png")] = None,
     max_interval: Longest = _LONGEST_DAYS,
     place: Place,
     as_json: AsJson = False,
@@ -50,7 +50,7 @@ def due(*, wanted: Wanted, max_interval: Longest = _LONGEST_DAYS, place: Place, 
 
 @app.command(work="history.show", epilog="Example: bench history export history.csv --uut SIM-1")
 def export(
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="a .csv or .parquet file")],
+    path: Annotated[Path, Argument(metavar="FILE", help="a .csv or .parquet file")],
     wanted: Wanted,
     place: Place,
     as_json: AsJson = False,
@@ -61,8 +61,8 @@ def export(
 @app.command("import", work="history.entering", epilog="Example: bench history import sessions/*")
 def import_sessions(
     *,
-    sessions: Annotated[list[Path], typer.Argument(help="folders of sessions")],
-    reason: Annotated[str, typer.Option(metavar="TEXT", help="why there is a new revision")] = "",
+    sessions: Annotated[list[Path], Argument(help="folders of sessions")],
+    reason: Annotated[str, Option(metavar="TEXT", help="why there is a new revision")] = "",
     place: Place,
     as_json: AsJson = False,
 ) -> None:
@@ -76,8 +76,8 @@ def import_sessions(
 )
 def approve_session(
     session: Session,
-    by: Annotated[str, typer.Option(metavar="NAME", help="who approves")],
-    statement: Annotated[str, typer.Option(help="what is approved, and for what use")],
+    by: Annotated[str, Option(metavar="NAME", help="who approves")],
+    statement: Annotated[str, Option(help="what is approved, and for what use")],
     place: Place,
     as_json: AsJson = False,
 ) -> None:
@@ -88,16 +88,14 @@ def approve_session(
 def charts(
     *,
     uut: Unit = None,
-    certificates: Annotated[bool, typer.Option("--certificates", help="those of all standards, by all units")] = False,
-    station: Annotated[
-        str | None, typer.Option("--bench", metavar="STATION", help="all calibrations on a station")
-    ] = None,
+    certificates: Annotated[bool, Option("--certificates", help="those of all standards, by all units")] = False,
+    station: Annotated[str | None, Option("--bench", metavar="STATION", help="all calibrations on a station")] = None,
     campaign: Campaign = None,
     quantity: Quantity = None,
     run_length: Annotated[
-        float | None, typer.Option(min=2.0, help="points to the first false signal; default: as frozen, or 200")
+        float | None, Option(min=2.0, help="points to the first false signal; default: as frozen, or 200")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="draw the charts as .svg or .png")] = None,
+    plot: Annotated[Path | None, Option(help="draw the charts as .svg or .png")] = None,
     place: Place,
     as_json: AsJson = False,
 ) -> None:
@@ -110,15 +108,13 @@ def charts(
 )
 def freeze(
     *,
-    until: Annotated[datetime, typer.Option(formats=_DAY, help="last day of the first phase")],
-    by: Annotated[str, typer.Option(metavar="NAME", help="who states it")],
-    reason: Annotated[str, typer.Option(metavar="TEXT", help="why this phase, or why a new one")],
-    since: Annotated[datetime | None, typer.Option("--from", formats=_DAY, help="first day; default: all")] = None,
+    until: Annotated[datetime, Option(formats=_DAY, help="last day of the first phase")],
+    by: Annotated[str, Option(metavar="NAME", help="who states it")],
+    reason: Annotated[str, Option(metavar="TEXT", help="why this phase, or why a new one")],
+    since: Annotated[datetime | None, Option("--from", formats=_DAY, help="first day; default: all")] = None,
     uut: Unit = None,
-    station: Annotated[
-        str | None, typer.Option("--bench", metavar="STATION", help="a station instead of a unit")
-    ] = None,
-    run_length: Annotated[float, typer.Option(help="points to the first false signal")] = 200.0,
+    station: Annotated[str | None, Option("--bench", metavar="STATION", help="a station instead of a unit")] = None,
+    run_length: Annotated[float, Option(help="points to the first false signal")] = 200.0,
     place: Place,
     as_json: AsJson = False,
 ) -> None:
@@ -131,9 +127,9 @@ def freeze(
 )
 def adjusted(
     session: Session,
-    state: Annotated[str, typer.Argument(help="as_found (before an adjustment) or as_left (after it)")],
-    what: Annotated[str, typer.Option(metavar="TEXT", help="what was adjusted or repaired")],
-    by: Annotated[str, typer.Option(metavar="NAME", help="who says so")],
+    state: Annotated[str, Argument(help="as_found (before an adjustment) or as_left (after it)")],
+    what: Annotated[str, Option(metavar="TEXT", help="what was adjusted or repaired")],
+    by: Annotated[str, Option(metavar="NAME", help="who says so")],
     place: Place,
     as_json: AsJson = False,
 ) -> None:

@@ -11,12 +11,11 @@ from collections.abc import Iterator
 from bench import __version__
 from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
 from bench.maths.verdict import WORST_FIRST
-from bench.report.accreditation import not_covered
 from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration
 from bench.report.dcc.elements import LANGUAGE, Element, dcc, leaf, words
-from bench.report.dcc.measurement import overdue
+from bench.report.dcc.measurement import identification, overdue
 from bench.report.dcc.results import STATUS, left_out
-from bench.report.laboratory import Contact, Laboratory, Person
+from bench.report.laboratory import Contact, Laboratory, Person, not_covered
 
 HASH_REF = "bench_{}Sha256"
 
@@ -80,21 +79,15 @@ def _identifications(calibration: Calibration) -> list[Element]:
     identifications = []
     if calibration.laboratory.order is not None:
         identifications.append(
-            _identification("basic_orderNo", calibration.laboratory.order, "identification.order", "customer")
+            identification("basic_orderNo", calibration.laboratory.order, "identification.order", "customer")
         )
     identifications.append(
-        _identification("bench_session", str(calibration.results["session"]), "identification.session")
+        identification("bench_session", str(calibration.results["session"]), "identification.session")
     )
     return identifications + [
-        _identification(HASH_REF.format(name), digest, f"identification.{name}_sha256")
+        identification(HASH_REF.format(name), digest, f"identification.{name}_sha256")
         for name, digest in calibration.hashes.items()
     ]
-
-
-def _identification(ref_type: str, value: str, key: str, issuer: str = "calibrationLaboratory") -> Element:
-    return dcc(
-        "identification", leaf("issuer", issuer), leaf("value", value), words("name", TEXTS(key)), refType=ref_type
-    )
 
 
 def _item(calibration: Calibration) -> Element:
@@ -107,8 +100,8 @@ def _item(calibration: Calibration) -> Element:
         leaf("model", uut["model"]),
         dcc(
             "identifications",
-            _identification("basic_serialNumber", str(uut["serial"]), "identification.serial", "manufacturer"),
-            None if own is None else _identification("bench_customerNo", own, "identification.customer_no", "customer"),
+            identification("basic_serialNumber", str(uut["serial"]), "identification.serial", "manufacturer"),
+            None if own is None else identification("bench_customerNo", own, "identification.customer_no", "customer"),
         ),
         id=ITEM_ID,
     )

@@ -112,8 +112,7 @@ def _description(table: Table, unit: SiUnit) -> str:
 
 def _columns(table: Table, unit: SiUnit) -> list[Element]:
     rows = table.estimates
-    columns = [_condition(table, name) for name in table.numeric]
-    columns += [_words(name, [_text(estimate.conditions[name]) for estimate in rows]) for name in table.texts]
+    columns = [_condition(table, name) for name in (*table.numeric, *table.texts)]
     columns += [dcc("quantity", words("name", name), words("noQuantity", text)) for name, text in table.common]
     columns.append(_values(table, unit))
     counted = ("n", "dropped") if rows[0].dof is None else ("n", "dropped", "dof")
@@ -122,16 +121,13 @@ def _columns(table: Table, unit: SiUnit) -> list[Element]:
 
 
 def _condition(table: Table, name: str) -> Element:
+    """Return a condition as a column of numbers or words."""
+    values = [estimate.conditions[name] for estimate in table.estimates]
     unit = condition_unit(name)
-    assert unit is not None
-    values = [si_number(estimate.conditions[name], unit) for estimate in table.estimates]
-    return dcc(
-        "quantity", words("name", name), number_list(values, unit.token), refType=f"bench_{camel('condition_' + name)}"
-    )
-
-
-def _words(name: str, values: Sequence[str]) -> Element:
-    listed = dcc("charsXMLList", text=" ".join(values))
+    if name in table.texts or unit is None:
+        listed = dcc("charsXMLList", text=" ".join(map(_text, values)))
+    else:
+        listed = number_list([si_number(value, unit) for value in values], unit.token)
     return dcc("quantity", words("name", name), listed, refType=f"bench_{camel('condition_' + name)}")
 
 

@@ -12,9 +12,8 @@ from pydantic import ValidationError
 from report_sample import estimate_entry, png_pages, sample_model, unsound
 
 from bench.analysis import Estimate, estimates_of
-from bench.report.accreditation import below_capability, not_covered
 from bench.report.first import FirstPage, days_of, first_page
-from bench.report.laboratory import Accreditation, Capability, Laboratory
+from bench.report.laboratory import Accreditation, Capability, Laboratory, below_capability, not_covered
 from bench.report.model import ReportModel
 from bench.report.tables import words_of
 
