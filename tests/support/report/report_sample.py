@@ -30,10 +30,7 @@ from bench.report.sheet import ROOM_pt
 from bench.session.fitted import Shown
 
 TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
-LEVELS_A = {
-    "gyro": (3e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.2),
-    "accelerometer": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2),
-}
+LEVELS_A = {"gyro": (3e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.2), "accelerometer": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)}
 _SLOT_s, _POINT_s = 9000.0, 120.0
 
 
