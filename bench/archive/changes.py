@@ -219,7 +219,7 @@ def _certificate(row: Row, members: Sequence[Row]) -> Concerned:
     )
 
 
-def verdict_text(verdict: str, quality: str, gone: str = "gone") -> str:
+def verdict_text(verdict: str, quality: str, gone: str) -> str:
     """Return how an estimate was judged, or why it was not; ``gone``: the word for one that there is not."""
     if not quality:
         return gone

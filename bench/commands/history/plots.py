@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bench.model.errors import InputError
-from bench.report.plots import BLUE, GREY, INK, VERMILION, drawing, svg_text
+from bench.report import plots
 from bench.session.output import writing
 from bench.store import Comparison, ParameterHistory, charts
 
@@ -69,7 +69,7 @@ def _write(
     shown = shown[:MOST_PANELS]
     columns = min(_PANELS_PER_ROW, len(shown)) or 1
     rows = math.ceil(len(shown) / columns) or 1
-    with writing(path), drawing():
+    with writing(path), plots.drawing():
         path.parent.mkdir(parents=True, exist_ok=True)
         size_in = (3.4 * columns + 0.4, 2.3 * rows + (1.2 if with_legend else 0.8))
         figure = Figure(figsize=size_in, layout="constrained")
@@ -86,9 +86,11 @@ def _write(
             handles, labels = figure.axes[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
         if simulated:
-            figure.text(0.5, 0.5, _WATERMARK, rotation=25, ha="center", va="center", fontsize=26, color=GREY, alpha=0.4)
+            figure.text(
+                0.5, 0.5, _WATERMARK, rotation=25, ha="center", va="center", fontsize=26, color=plots.GREY, alpha=0.4
+            )
         if path.suffix == ".svg":
-            path.write_text(svg_text(figure, "history"), encoding="utf-8")
+            path.write_text(plots.svg_text(figure, "history"), encoding="utf-8")
         else:
             FigureCanvasAgg(figure)
             figure.savefig(path, dpi=150, metadata={"Software": None})
@@ -101,22 +103,22 @@ def _draw_history(axes: Axes, history: ParameterHistory) -> None:
     scale = 1e9 if nano else 1.0
     year, value = history.t_year + _EPOCH_YEAR, scale * history.value
     expanded = scale * history.factor * history.std
-    axes.errorbar(year, value, yerr=expanded, fmt="none", ecolor=BLUE, elinewidth=0.6, alpha=0.5)
-    axes.plot(year, value, linestyle="none", marker="o", color=BLUE)
+    axes.errorbar(year, value, yerr=expanded, fmt="none", ecolor=plots.BLUE, elinewidth=0.6, alpha=0.5)
+    axes.plot(year, value, linestyle="none", marker="o", color=plots.BLUE)
     out = np.isin(history.rows, history.outside)
     if out.any():
-        axes.plot(year[out], value[out], linestyle="none", marker="s", color=VERMILION)
+        axes.plot(year[out], value[out], linestyle="none", marker="s", color=plots.VERMILION)
     if history.line:
         since = history.t_year[history.level == history.level[-1]]
         at = np.linspace(since[0], since[-1], _LINE_POINTS)
         line, reach = scale * history.line.at(at), scale * history.line.factor * history.line.std_at(at)
-        axes.fill_between(at + _EPOCH_YEAR, line - reach, line + reach, color=INK, alpha=0.15, linewidth=0.0)
-        axes.plot(at + _EPOCH_YEAR, line, color=INK)
+        axes.fill_between(at + _EPOCH_YEAR, line - reach, line + reach, color=plots.INK, alpha=0.15, linewidth=0.0)
+        axes.plot(at + _EPOCH_YEAR, line, color=plots.INK)
         action = 3.0 * scale * history.chart.sigma if history.chart else math.nan
         for sign in (-1.0, 1.0):
-            axes.plot(at + _EPOCH_YEAR, line + sign * action, color=GREY, linestyle=(0, (4, 2)))
+            axes.plot(at + _EPOCH_YEAR, line + sign * action, color=plots.GREY, linestyle=(0, (4, 2)))
     for limit in filter(math.isfinite, (scale * history.low, scale * history.high)):
-        axes.axhline(limit, color=VERMILION, linewidth=0.9)
+        axes.axhline(limit, color=plots.VERMILION, linewidth=0.9)
     middle, span = float(year[0] + year[-1]) / 2.0, float(year[-1] - year[0])
     if span == 0.0:
         axes.set_xlim(middle - _LEAST_YEARS, middle + _LEAST_YEARS)
@@ -130,16 +132,16 @@ def _draw_chart(axes: Axes, series: charts.ChartedSeries) -> None:
     year, score = series.t_year + _EPOCH_YEAR, series.score / limits.shewhart
     ewma = np.append(unjudged, lines.ewma / limits.ewma)
     up, down = (np.append(unjudged, line / limits.cusum) for line in (lines.cusum_up, lines.cusum_down))
-    axes.plot(year[: series.first], score[: series.first], "o", color=GREY, label="first phase")
-    axes.plot(year[series.first :], score[series.first :], "o", color=BLUE, label="Shewhart")
-    axes.plot(year, ewma, color=INK, label="EWMA")
-    axes.plot(year, up, color=BLUE, linestyle=(0, (4, 2)), label="CUSUM")
-    axes.plot(year, down, color=BLUE, linestyle=(0, (4, 2)))
+    axes.plot(year[: series.first], score[: series.first], "o", color=plots.GREY, label="first phase")
+    axes.plot(year[series.first :], score[series.first :], "o", color=plots.BLUE, label="Shewhart")
+    axes.plot(year, ewma, color=plots.INK, label="EWMA")
+    axes.plot(year, up, color=plots.BLUE, linestyle=(0, (4, 2)), label="CUSUM")
+    axes.plot(year, down, color=plots.BLUE, linestyle=(0, (4, 2)))
     for limit in (-1.0, 1.0):
-        axes.axhline(limit, color=VERMILION, linewidth=0.9, label="limit" if limit > 0.0 else None)
+        axes.axhline(limit, color=plots.VERMILION, linewidth=0.9, label="limit" if limit > 0.0 else None)
     at = np.isin(np.arange(score.size), [place for _, place, _ in series.signals])
     worst = np.nanmax(np.abs([score, ewma, up, down]), axis=0, initial=0.0)
-    axes.plot(year[at], np.zeros(int(at.sum())), "s", color=VERMILION, label="signal")
+    axes.plot(year[at], np.zeros(int(at.sum())), "s", color=plots.VERMILION, label="signal")
     axes.set_ylim(-1.15 * max(1.0, worst.max()), 1.15 * max(1.0, worst.max()))
     axes.set_title(series.label)
     axes.set_ylabel("Statistic / limit")

@@ -10,7 +10,7 @@ import subprocess
 from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -140,7 +140,7 @@ def after_the_run(folder: Path) -> dict[str, Any]:
 def session_document(folder: Path, results: dict[str, Any], duration_s: float) -> dict[str, Any]:
     """Return the entry ``session`` of the state document of a run that is over: outcome, duration and files."""
     files = {what: (folder / name).is_file() for what, name in FILES.items()}
-    return {"outcome": outcome_of(folder, results).document(), "duration_s": duration_s, "files": files}
+    return {"outcome": asdict(outcome_of(folder, results)), "duration_s": duration_s, "files": files}
 
 
 def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
