@@ -19,11 +19,8 @@ from plan_sample import planned
 
 from bench.analysis import Analysis, build_results, estimate, with_uncertainty
 from bench.model.quality import Quality
-from bench.model.texts import Texts
 from bench.plan import Step
-from bench.report import RunStory, Section, Surrounding, TemperatureTrace, report_model
-from bench.report.document import document_files, typeset
-from bench.report.first import FirstPage
+from bench.report import RunStory, Surrounding, TemperatureTrace, report_model
 from bench.report.model import ReportModel
 from bench.report.plots.style import drawing
 from bench.report.sheet import ROOM_pt
@@ -197,14 +194,6 @@ def small_model() -> ReportModel:
     model = sample_model()
     rows = [row for row in model.results["estimates"] if row["conditions"].get("channel", 1) == 1]
     return replace(model, results={**model.results, "estimates": rows}, residuals=())
-
-
-def png_pages(
-    model: ReportModel, sections: list[Section], words: Texts, dots_per_inch: float, first: FirstPage | None = None
-) -> list[bytes]:
-    """The pages of the PDF as pictures."""
-    pages = typeset(document_files(model, sections, words, first), format="png", ppi=dots_per_inch)
-    return pages if isinstance(pages, list) else [pages]
 
 
 POINTS_PER_INCH, LEAST_pt = 72.0, 6.5
