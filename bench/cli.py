@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer import Argument, Option
 from typer.exceptions import Abort, TyperException
 
 import bench
@@ -60,10 +61,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
     trust_lab: Annotated[
-        bool, typer.Option("--trust-lab", help="On Windows: load the code of this lab folder, which I have looked at.")
+        bool, Option("--trust-lab", help="On Windows: load the code of this lab folder, which I have looked at.")
     ] = False,
 ) -> None:
     """Take the options of ``bench`` itself."""
@@ -72,51 +73,42 @@ def options(
         os.environ[TRUST] = "1"
 
 
-@app.command(epilog="Example: bench init our_lab --name 'Our laboratory' --model NGU --serial 17")
+@app.command(work="lab.init", epilog="Example: bench init our_lab --name 'Our laboratory' --model NGU --serial 17")
 def init(
-    folder: Annotated[Path, typer.Argument(help="a new folder")],
-    name: Annotated[str | None, typer.Option(help="of the laboratory")] = None,
-    model: Annotated[str | None, typer.Option(help="of the unit under test")] = None,
-    serial: Annotated[str | None, typer.Option(help="its serial number")] = None,
-    station: Annotated[str | None, typer.Option(help="the simulated bench to begin with")] = None,
-) -> int:
+    folder: Annotated[Path, Argument(help="a new folder")],
+    name: Annotated[str | None, Option(help="of the laboratory")] = None,
+    model: Annotated[str | None, Option(help="of the unit under test")] = None,
+    serial: Annotated[str | None, Option(help="its serial number")] = None,
+    station: Annotated[str | None, Option(help="the simulated bench to begin with")] = None,
+) -> None:
     """Make a laboratory's own folder: sequences, stations, frames and code of its own."""
-    from bench.commands.lab import init as work
-
-    return work.init(folder, {"name": name, "model": model, "serial": serial, "station": station})
 
 
-@app.command("list", epilog="Example: bench list sequences")
-def list_all(
+@app.command("list", work="lab.listing", epilog="Example: bench list sequences")
+def print_list(
     kind: Annotated[
-        str | None, typer.Argument(help="sequences, stations, frames, instruments or analyses; default: all")
+        str | None, Argument(help="sequences, stations, frames, instruments or analyses; default: all")
     ] = None,
-    json: AsJson = False,
-) -> int:
+    as_json: AsJson = False,
+) -> None:
     """List what a sequence or a command can name, and where it comes from: this lab folder or an installation."""
-    from bench.commands.lab import listing as work
-
-    return work.print_list(kind, json)
 
 
 @app.command(epilog="Example: bench check scale_factor_38h --plot timetable.svg")
-def check(request: CheckRequest) -> int:
+def check(request: CheckRequest) -> None:
     """Load, compile and check everything without touching an instrument; with --live the pre-flight of a run."""
     gc.disable()  # nothing of a check goes round in circles, and to look for that takes a tenth of its time
     try:
         from bench.commands import check as work
 
-        return work.check(request)
+        work.check(request)
     finally:
         gc.enable()
 
 
-@app.command(epilog="Example: bench plan scale_factor_38h --lag '27 min' --out shorter.yaml")
-def plan(request: PlanRequest) -> int:
+@app.command(work="planning.plan", epilog="Example: bench plan scale_factor_38h --lag '27 min' --out shorter.yaml")
+def plan(request: PlanRequest) -> None:
     """Find the shortest sequence that reaches an uncertainty, and say what each change buys and what is still seen."""
-    from bench.commands.planning import plan as work
-
-    return work.plan(request)
 
 
 @app.command(epilog="Example: bench run scale_factor_38h --clock virtual --seed 1 --out sessions")
@@ -128,37 +120,30 @@ def run(request: RunRequest) -> int:
     return work.run(request)
 
 
-@app.command(epilog="Example: bench resume sessions/20000101T000000Z_scale_factor_38h_SIM-1")
+@app.command(work="resume", epilog="Example: bench resume sessions/20000101T000000Z_scale_factor_38h_SIM-1")
 def resume(
-    session: SessionFolder,
-    sequence: Annotated[
-        str | None, typer.Option(help="refuse to go on unless this sequence gives the same plan")
-    ] = None,
+    folder: SessionFolder,
+    sequence: Annotated[str | None, Option(help="refuse to go on unless this sequence gives the same plan")] = None,
     history: Annotated[
         str | None,
-        typer.Option(metavar="URL", help="URL of the calibration history; default: beside the session"),
+        Option(metavar="URL", help="URL of the calibration history; default: beside the session"),
     ] = None,
     take_over: TakeOver = False,
-    json: AsJson = False,
-) -> int:
+    as_json: AsJson = False,
+) -> None:
     """Go on with a run that crashed, lost its power, was stopped or ended by a fault; from the session's own plan."""
-    from bench.commands import resume as work
-
-    return work.resume(session, sequence, history, json, take_over=take_over)
 
 
 @app.command(epilog="Example: bench decode vn100_binary F00379 --csv vn100.csv")
 def decode(
     frame: Annotated[
         str,
-        typer.Argument(help="a frame file, or the name of a shipped one", autocompletion=completing("frames")),
+        Argument(help="a frame file, or the name of a shipped one", autocompletion=completing("frames")),
     ],
-    file: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],
-    csv: Annotated[Path | None, typer.Option(help="write the decoded fields")] = None,
-    parquet: Annotated[Path | None, typer.Option(help="write the decoded fields (extra 'parquet')")] = None,
-    explained: Annotated[
-        bool, typer.Option("--explain", help="instead: what the capture itself says of its frames")
-    ] = False,
+    file: Annotated[Path, Argument(help="a raw capture of any length; - reads standard input")],
+    csv: Annotated[Path | None, Option(help="write the decoded fields")] = None,
+    parquet: Annotated[Path | None, Option(help="write the decoded fields (extra 'parquet')")] = None,
+    explained: Annotated[bool, Option("--explain", help="instead: what the capture itself says of its frames")] = False,
     json: AsJson = False,
 ) -> int:
     """Decode any raw capture with a frame definition; counts of good, bad and lost frames; status 1 if none is good."""
@@ -175,10 +160,10 @@ def decode(
 
 @app.command("import", epilog="Example: bench import docs/mappings/tckit_1v_ramp.yaml log.dsv --out sessions")
 def import_(
-    mapping: Annotated[Path, typer.Argument(help="a mapping: what the columns of the log mean; the log with --guess")],
-    file: Annotated[Path | None, typer.Argument(help="a log: text, NumPy, MATLAB, HDF5, MCAP, a ROS bag")] = None,
+    mapping: Annotated[Path, Argument(help="a mapping: what the columns of the log mean; the log with --guess")],
+    file: Annotated[Path | None, Argument(help="a log: text, NumPy, MATLAB, HDF5, MCAP, a ROS bag")] = None,
     out: SessionsOut = Path("sessions"),
-    guess: Annotated[bool, typer.Option("--guess", help="propose a mapping for a log, on standard output")] = False,
+    guess: Annotated[bool, Option("--guess", help="propose a mapping for a log, on standard output")] = False,
 ) -> int:
     """Turn a log of another system into a session; results and report if the mapping names an analysis."""
     if guess:
@@ -193,68 +178,52 @@ def import_(
 
 
 @app.command(
+    work="sim",
     epilog="Examples: bench sim af_rack_sim · bench sim fault mute dmm · bench sim fault state",
     context_settings={"ignore_unknown_options": True},  # "chamber_runaway -2" is a value
 )
 def sim(
     words: Annotated[
         list[str],
-        typer.Argument(metavar="STATION | fault [NAME [TARGET] [VALUE]...]", help="a station, or a fault to switch"),
+        Argument(metavar="STATION | fault [NAME [TARGET] [VALUE]...]", help="a station, or a fault to switch"),
     ],
-    folder: Annotated[Path, typer.Option("--dir", help="folder of the served bench")] = Path("bench-sim"),
-    rate: Annotated[float, typer.Option(help="how many times faster than real time the bench runs")] = 1.0,
-    seed: Annotated[int, typer.Option(help="of the simulated bench", min=0)] = 1,
+    folder: Annotated[Path, Option("--dir", help="folder of the served bench")] = Path("bench-sim"),
+    rate: Annotated[float, Option(help="how many times faster than real time the bench runs")] = 1.0,
+    seed: Annotated[int, Option(help="of the simulated bench", min=0)] = 1,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="world.OPTION=VALUE", help="change an option of the world")
+        list[str] | None, Option("--set", metavar="world.OPTION=VALUE", help="change an option of the world")
     ] = None,
-    clean: Annotated[bool, typer.Option("--clean", help="instruments as after power-on, not as last left")] = False,
-) -> int:
+    clean: Annotated[bool, Option("--clean", help="instruments as after power-on, not as last left")] = False,
+) -> None:
     """Serve a simulated bench in real time until Ctrl-C; with fault: list faults, switch one, clear, state."""
-    from bench.commands import sim as work
-
-    return work.sim(words, folder, rate, seed, settings or [], clean=clean)
 
 
-@app.command(epilog="Example: bench study time_sync --dask local:2 --out study")
-def study(request: StudyRequest) -> int:
+@app.command(work="study", epilog="Example: bench study time_sync --dask local:2 --out study")
+def study(request: StudyRequest) -> None:
     """Repeat a published simulation study, many runs of each case, and hold it against the published numbers."""
-    from bench.commands import study as work
-
-    return work.study(request)
 
 
-@app.command(epilog="Example: bench serve --out sessions")
-def serve(request: ServeRequest) -> int:
+@app.command(work="serve", epilog="Example: bench serve --out sessions")
+def serve(request: ServeRequest) -> None:
     """Serve the live page: runs, sessions and calibrations of a folder; a process of its own that no run waits for."""
-    from bench.commands import serve as work
-
-    return work.serve(request)
 
 
-@app.command(epilog="Example: bench schema --vscode")
+@app.command(work="schema", epilog="Example: bench schema --vscode")
 def schema(
-    folder: Annotated[Path, typer.Option("--out", help="folder for the schema files")] = Path(".bench-schemas"),
-    vscode: Annotated[bool, typer.Option("--vscode", help="register them in .vscode/settings.json")] = False,
-) -> int:
+    folder: Annotated[Path, Option("--out", help="folder for the schema files")] = Path(".bench-schemas"),
+    vscode: Annotated[bool, Option("--vscode", help="register them in .vscode/settings.json")] = False,
+) -> None:
     """Write JSON Schemas of sequence, frame, station and results files for editors."""
-    from bench.commands import schema as work
-
-    return work.schema(folder, vscode)
 
 
-@app.command(epilog="Example: bench doctor --station my_bench --bundle bundle.zip")
+@app.command(work="doctor", epilog="Example: bench doctor --station my_bench --bundle bundle.zip")
 def doctor(
     station: StationName = None,
     out: SessionsOut = Path("sessions"),
-    bundle: Annotated[
-        Path | None, typer.Option(help="write what was found, versions and the station file as a ZIP")
-    ] = None,
-    json: AsJson = False,
-) -> int:
+    bundle: Annotated[Path | None, Option(help="write what was found, versions and the station file as a ZIP")] = None,
+    as_json: AsJson = False,
+) -> None:
     """Is this machine fit for a run? Clock, suspend, power, memory, versions; and the station file, if one is named."""
-    from bench.commands import doctor as work
-
-    return work.doctor(station, out, bundle, json)
 
 
 @app.command()

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from bench.archive.evidence import Evidence
 from bench.maths.verdict import verdict_words
+from bench.report import grouped
 from bench.store import StoredTrial
 
 Row = Mapping[str, Any]
@@ -102,10 +104,6 @@ class Changes:
     certificates: tuple[Concerned, ...]
     standards: tuple[Evidence, ...]
 
-    def as_json(self) -> dict[str, Any]:
-        """Return it as one JSON document."""
-        return asdict(self)
-
 
 def changes_of(stored: StoredTrial, sessions: Mapping[str, Row], standards: Sequence[Evidence]) -> Changes:
     """Compare what a trial gave with what is released.
@@ -167,10 +165,8 @@ def is_flip(row: Row) -> bool:
 
 
 def _quantities(rows: Sequence[Row]) -> Iterator[QuantityChange]:
-    by_quantity: dict[tuple[str, str, str], list[Row]] = {}
-    for row in rows:
-        if row["quantity"] and row["released_quality"]:
-            by_quantity.setdefault((row["campaign"], row["quantity"], row["unit"]), []).append(row)
+    known = [row for row in rows if row["quantity"] and row["released_quality"]]
+    by_quantity = grouped(known, itemgetter("campaign", "quantity", "unit"))
     for (campaign, quantity, unit), members in sorted(by_quantity.items()):
         in_u = np.array([change for row in members if (change := change_in_u(row)) is not None])
         yield QuantityChange(
@@ -196,9 +192,7 @@ def _uut(row: Row) -> str:
 
 def _concerned(stored: StoredTrial, rows: Sequence[Row]) -> Iterator[Concerned]:
     """Yield the certificates that a trial concerns, the largest change first, those without a result before them."""
-    by_session: dict[str, list[Row]] = {}
-    for row in rows:
-        by_session.setdefault(row["session_sha256"], []).append(row)
+    by_session = grouped(rows, itemgetter("session_sha256"))
     concerned = [
         _certificate(row, by_session[row["session_sha256"]])
         for row in stored.certificates
@@ -225,7 +219,7 @@ def _certificate(row: Row, members: Sequence[Row]) -> Concerned:
     )
 
 
-def verdict_text(verdict: str, quality: str, gone: str = "gone") -> str:
+def verdict_text(verdict: str, quality: str, gone: str) -> str:
     """Return how an estimate was judged, or why it was not; ``gone``: the word for one that there is not."""
     if not quality:
         return gone

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.analysis import number
 from bench.archive.changes import Changes, Concerned, verdict_text
-from bench.model.texts import ENGLISH, Texts
+from bench.model.texts import Texts
 from bench.report import Section, Table, page, words_of
 from bench.store import conditions_text
 
@@ -16,7 +16,7 @@ _MOST_ROWS = 400
 Row = tuple[str, ...]
 
 
-def changes_html(report: Changes, language: str = ENGLISH) -> str:
+def changes_html(report: Changes, language: str) -> str:
     """Return the page, in a language of ``texts/``."""
     words = Texts(FOLDER, language)
     title, subtitle, verdict = head_of(report, words)

@@ -23,7 +23,7 @@ from bench.analysis import (
 from bench.commands.console import say, warn
 from bench.commands.requests import CertificateRequest
 from bench.model.clock import NS, WallClock
-from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
+from bench.model.errors import BenchError, InputError, SessionDamaged
 from bench.model.events import Environment
 from bench.model.extras import missing_extra
 from bench.record import SessionReader, layout
@@ -54,7 +54,7 @@ NO_HISTORY = "B-STORE-007"
 REL_TOL = 1e-9  # in another environment floats agree to this, and no better
 
 
-def certificate(request: CertificateRequest) -> int:
+def certificate(request: CertificateRequest) -> None:
     """Write the certificate; nothing is written unless the recording gives every number of results.json again.
 
     Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -017, B-YAML-..., B-CLI-007;
@@ -82,7 +82,6 @@ def certificate(request: CertificateRequest) -> int:
     say(f"wrote    {path}{held}")
     if untold is not None:
         warn(f"{untold}; the certificate is written, the same command enters it later")
-    return ExitStatus.PASS
 
 
 def _entered(request: CertificateRequest, text: str, calibration: Calibration) -> BenchError | None:

@@ -18,7 +18,7 @@ from bench.commands.requests import CheckRequest
 from bench.frame import Pace, pace_of
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
-from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.stopping import UNTIL
 from bench.model.systems import declared_by
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from bench.run.preflight import Report
 
 
-def check(request: CheckRequest) -> int:
+def check(request: CheckRequest) -> None:
     """Check a sequence; print steps, duration, finish time, disk use and hazards; draw the timetable if asked.
 
     Raises: InputErrors; with ``live``, after the table, InputError B-RUN-080 or InstrumentError B-RUN-081.
@@ -57,7 +57,6 @@ def check(request: CheckRequest) -> int:
         _print(console(), plan, summary, decoding, request.plot, report, lines)
     if report is not None and (refusal := report.refusal()) is not None:
         raise refusal
-    return ExitStatus.PASS
 
 
 def start_utc_ns(plan: Plan) -> int:

@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.model.clock import NS, WallClock
-from bench.model.errors import ExitStatus
 from bench.model.units import hours
 
 PLAIN_COLUMNS = 110
@@ -91,12 +90,11 @@ def plain_table(title: str) -> Table:
     return Table(title=title or None, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
 
 
-def print_json(document: Any, **form: Any) -> int:
-    """Print one JSON document on standard output; return the exit status. ``form``: further settings of the writer."""
+def print_json(document: Any, **form: Any) -> None:
+    """Print one JSON document on standard output. ``form``: further settings of the writer."""
     sys.stdout.write(json.dumps(document, indent=1, **form) + "\n")
-    return ExitStatus.PASS
 
 
-def print_sorted_json(document: Any) -> int:
+def print_sorted_json(document: Any) -> None:
     """Print a JSON document with its keys in order, and no number that JSON does not have."""
-    return print_json(document, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    print_json(document, sort_keys=True, ensure_ascii=False, allow_nan=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.commands.console import say
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import InputError
 from bench.model.posix import unix_socket
 from bench.model.units import parse_quantity
 from bench.run.control.local_socket import LONGEST_LINE, find_socket
@@ -50,40 +50,39 @@ def _refused(folder: Path, command: str, why: str) -> InputError:
     return InputError("B-CTRL-002", why, where=folder, next_step=advice)
 
 
-def pause(folder: Path, reason: str) -> int:
+def pause(folder: Path, reason: str) -> None:
     """Let a run stand still until it is resumed."""
-    return _passed_on(folder, "pause", reason)
+    _passed_on(folder, "pause", reason)
 
 
-def abort(folder: Path, reason: str) -> int:
+def abort(folder: Path, reason: str) -> None:
     """End a run at its next check; its bench is made safe and its session closed."""
-    return _passed_on(folder, "abort", reason)
+    _passed_on(folder, "abort", reason)
 
 
-def shelve(folder: Path, alarm: str, duration: str, reason: str) -> int:
+def shelve(folder: Path, alarm: str, duration: str, reason: str) -> None:
     """Shelve an alarm of a run for a while. Raises: InputError B-CTRL-004 for what is no duration; as ``ask``."""
     try:
         seconds = parse_quantity(duration, "s")
     except ValueError as error:
         advice = "for example --for '30 min'"
         raise InputError("B-CTRL-004", str(error), where="--for", next_step=advice) from error
-    return _passed_on(folder, "shelve", reason, alarm=alarm, seconds=seconds)
+    _passed_on(folder, "shelve", reason, alarm=alarm, seconds=seconds)
 
 
-def answer(folder: Path, value: str) -> int:
+def answer(folder: Path, value: str) -> None:
     """Answer the prompt a run waits at. Raises: as ``ask``; B-CTRL-002 too if nothing is asked."""
     asked = ask(folder, "status").get("prompt")
     if not isinstance(asked, dict):
         advice = "'bench top' shows what the run does"
         raise InputError("B-CTRL-002", "the run asks nothing", where=folder, next_step=advice)
     say(asked["text"])
-    return _passed_on(folder, "answer", prompt=asked["id"], value=value or None)
+    _passed_on(folder, "answer", prompt=asked["id"], value=value or None)
 
 
-def _passed_on(folder: Path, command: str, reason: str = "", **about: object) -> int:
+def _passed_on(folder: Path, command: str, reason: str = "", **about: object) -> None:
     """Pass a command on, its reason on one line, and say what the run says to it."""
     say(ask(folder, command, " ".join(reason.split()), **about)["text"])
-    return ExitStatus.PASS
 
 
 def release(folder: Path) -> bool:

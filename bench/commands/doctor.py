@@ -14,7 +14,7 @@ from rich.console import Console
 from bench.commands.console import console, headed_table, print_json, say
 from bench.commands.origin import named_file
 from bench.model.clock import WallClock
-from bench.model.errors import ExitStatus, InstallationError
+from bench.model.errors import InstallationError
 from bench.model.installed import (
     KINDS,
     OWN,
@@ -38,7 +38,7 @@ _COLUMNS = ("", "looked at", "found", "due")
 _MARKS = {Status.OK: "ok", Status.WARN: "WARN", Status.FAIL: "FAIL", Status.SKIPPED: "-"}
 
 
-def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -> int:
+def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -> None:
     """Look at what is installed, at the machine and at a station file; write a bundle for whoever is to help, if asked.
 
     The bundle holds what was found, versions and the station file; no session, no environment, no name of a user.
@@ -69,7 +69,6 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
             say(f"bundle: {bundle}")
     if (refusal := report.refusal()) is not None:
         raise refusal
-    return ExitStatus.PASS
 
 
 def _installed() -> list[Finding]:

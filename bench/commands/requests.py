@@ -12,50 +12,54 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from bench.commands.usage import completing
 from bench.model.errors import InputError
+from bench.model.segments import session_segments
 
 if TYPE_CHECKING:
     from bench.store import Filters
 
-SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
-SessionsOut = Annotated[Path, typer.Option(help="folder for sessions")]
-AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
-Language = Annotated[str, typer.Option("--lang", metavar="LANGUAGE", help="en or ko")]
+
+def _recorded(folder: Path) -> Path:
+    """Refuse a folder without a recording before what decodes and fits is loaded. Raises: InputError B-REC-010."""
+    session_segments(folder)
+    return folder
+
+
+_SESSION = "the folder of a session"
+SessionFolder = Annotated[Path, Argument(metavar="SESSION", help=_SESSION)]
+RecordedSession = Annotated[Path, Argument(metavar="SESSION", help=_SESSION, callback=_recorded)]
+SessionsOut = Annotated[Path, Option(help="folder for sessions")]
+AsJson = Annotated[bool, Option("--json", help="print one JSON document on standard output and nothing else")]
+Language = Annotated[str, Option("--lang", metavar="LANGUAGE", help="en or ko")]
 SequenceName = Annotated[
-    str, typer.Argument(help="a sequence file, or the name of a shipped one", autocompletion=completing("sequences"))
+    str, Argument(help="a sequence file, or the name of a shipped one", autocompletion=completing("sequences"))
 ]
 StationName = Annotated[
     str | None,
-    typer.Option(
-        help="a station file or name; default: the one the sequence names", autocompletion=completing("stations")
-    ),
+    Option(help="a station file or name; default: the one the sequence names", autocompletion=completing("stations")),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="change a parameter of the sequence or world.<option>"),
+    Option("--set", metavar="KEY=VALUE", help="change a parameter of the sequence or world.<option>"),
 ]
-Uncommissioned = Annotated[
-    str, typer.Option(metavar="REASON", help="use drivers that were never tried on these instruments")
-]
+Uncommissioned = Annotated[str, Option(metavar="REASON", help="use drivers that were never tried on these instruments")]
 TakeOver = Annotated[
-    bool, typer.Option("--take-over", help="you are at the bench: send home a guard that cannot confirm everything off")
+    bool, Option("--take-over", help="you are at the bench: send home a guard that cannot confirm everything off")
 ]
-Unit = Annotated[str | None, typer.Option(metavar="SERIAL", help="serial number, or 'MODEL SERIAL'")]
-Campaign = Annotated[str | None, typer.Option(help="such as scale_factor")]
-Quantity = Annotated[str | None, typer.Option(help="such as dsf_n")]
+Unit = Annotated[str | None, Option(metavar="SERIAL", help="serial number, or 'MODEL SERIAL'")]
+Campaign = Annotated[str | None, Option(help="such as scale_factor")]
+Quantity = Annotated[str | None, Option(help="such as dsf_n")]
 Select = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         metavar="NAME=VALUE",
         help="uut, campaign, station, verdict, standard, certificate (of a standard), since, until (days)",
     ),
 ]
-Dask = Annotated[
-    str | None, typer.Option(metavar="tcp://HOST:PORT|local:N", help="on a Dask cluster, or in N processes")
-]
+Dask = Annotated[str | None, Option(metavar="tcp://HOST:PORT|local:N", help="on a Dask cluster, or in N processes")]
 
 
 @dataclass(frozen=True)
@@ -65,14 +69,12 @@ class CheckRequest:
     sequence: SequenceName
     station: StationName = None
     settings: Settings = None
-    plot: Annotated[Path | None, typer.Option(help="draw the timetable as SVG")] = None
-    live: Annotated[
-        bool, typer.Option("--live", help="look at the real bench too; reads only, switches nothing on")
-    ] = False
+    plot: Annotated[Path | None, Option(help="draw the timetable as SVG")] = None
+    live: Annotated[bool, Option("--live", help="look at the real bench too; reads only, switches nothing on")] = False
     predict: Annotated[
-        bool, typer.Option("--predict", help="predict uncertainties even where that takes much longer than the check")
+        bool, Option("--predict", help="predict uncertainties even where that takes much longer than the check")
     ] = False
-    out: Annotated[Path, typer.Option(help="folder for sessions, whose disk --live tries")] = Path("sessions")
+    out: Annotated[Path, Option(help="folder for sessions, whose disk --live tries")] = Path("sessions")
     json: AsJson = False
     uncommissioned: Uncommissioned = ""
 
@@ -84,17 +86,17 @@ class RunRequest:
     sequence: SequenceName
     station: StationName = None
     settings: Settings = None
-    clock: Annotated[
-        str | None, typer.Option(help="virtual or wall; default: virtual on a simulated station, else wall")
-    ] = None
-    seed: Annotated[int, typer.Option(help="of the simulated bench", min=0)] = 1
+    clock: Annotated[str | None, Option(help="virtual or wall; default: virtual on a simulated station, else wall")] = (
+        None
+    )
+    seed: Annotated[int, Option(help="of the simulated bench", min=0)] = 1
     out: SessionsOut = Path("sessions")
-    truth: Annotated[bool, typer.Option("--truth", help="write the simulated truth beside the session")] = False
+    truth: Annotated[bool, Option("--truth", help="write the simulated truth beside the session")] = False
     history: Annotated[
-        str | None, typer.Option(metavar="URL", help="calibration history; default: history.sqlite in --out")
+        str | None, Option(metavar="URL", help="calibration history; default: history.sqlite in --out")
     ] = None
     json: AsJson = False
-    ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False
+    ask: Annotated[bool, Option("--ask", help="put the prompts to a person on a simulated station too")] = False
     uncommissioned: Uncommissioned = ""
 
 
@@ -103,17 +105,15 @@ class PlanRequest:
     """``bench plan``."""
 
     sequence: SequenceName
-    station: Annotated[
-        str | None, typer.Option(help="a station file or name", autocompletion=completing("stations"))
-    ] = None
+    station: Annotated[str | None, Option(help="a station file or name", autocompletion=completing("stations"))] = None
     targets: Annotated[
         list[str] | None,
-        typer.Option("--target", metavar="QUANTITY=U", help="95 %; default: random parts and coefficients as today"),
+        Option("--target", metavar="QUANTITY=U", help="95 %; default: random parts and coefficients as today"),
     ] = None
-    within: Annotated[str | None, typer.Option(metavar="TIME", help="the best plan in this time")] = None
-    lag: Annotated[str | None, typer.Option(metavar="TIME", help="of the unit behind the chamber's set-point")] = None
-    out: Annotated[Path | None, typer.Option(help="write the sequence")] = None
-    plot: Annotated[Path | None, typer.Option(help="draw hours against uncertainty as SVG")] = None
+    within: Annotated[str | None, Option(metavar="TIME", help="the best plan in this time")] = None
+    lag: Annotated[str | None, Option(metavar="TIME", help="of the unit behind the chamber's set-point")] = None
+    out: Annotated[Path | None, Option(help="write the sequence")] = None
+    plot: Annotated[Path | None, Option(help="draw hours against uncertainty as SVG")] = None
     json: AsJson = False
 
 
@@ -121,72 +121,66 @@ class PlanRequest:
 class CertificateRequest:
     """``bench certificate``."""
 
-    session: SessionFolder
-    laboratory: Annotated[Path | None, typer.Option(metavar="FILE", help="YAML: laboratory, customer, who signs")] = (
+    session: RecordedSession
+    laboratory: Annotated[Path | None, Option(metavar="FILE", help="YAML: laboratory, customer, who signs")] = None
+    out: Annotated[Path | None, Option(help="default: certificate.xml in the session's folder")] = None
+    schema: Annotated[
+        Path | None, Option(metavar="XSD", help="validate against this dcc.xsd (extra 'certificate')")
+    ] = None
+    specimen: Annotated[bool, Option("--specimen", help="a marked specimen; the only one a simulated session gets")] = (
+        False
+    )
+    history: Annotated[str | None, Option(metavar="URL", help="where it is entered; default: beside the session")] = (
         None
     )
-    out: Annotated[Path | None, typer.Option(help="default: certificate.xml in the session's folder")] = None
-    schema: Annotated[
-        Path | None, typer.Option(metavar="XSD", help="validate against this dcc.xsd (extra 'certificate')")
-    ] = None
-    specimen: Annotated[
-        bool, typer.Option("--specimen", help="a marked specimen; the only one a simulated session gets")
-    ] = False
-    history: Annotated[
-        str | None, typer.Option(metavar="URL", help="where it is entered; default: beside the session")
-    ] = None
 
 
 @dataclass(frozen=True)
 class StudyRequest:
     """``bench study``; ``dask``: where to compute, None for this process."""
 
-    name: Annotated[str, typer.Argument(help="which study; a wrong one lists those that are installed")]
-    runs: Annotated[int | None, typer.Option(help="Monte Carlo runs of each case; default 50, with --quick 6")] = None
-    seed: Annotated[int, typer.Option(help="of all errors that are drawn", min=0)] = 1
-    offsets: Annotated[str, typer.Option(metavar="MS,MS,...", help="time offsets, milliseconds; 0 among them")] = (
-        "0,10,20,30"
+    name: Annotated[str, Argument(help="which study; a wrong one lists those that are installed")]
+    runs: Annotated[int | None, Option(help="Monte Carlo runs of each case; default 50, with --quick 6")] = None
+    seed: Annotated[int, Option(help="of all errors that are drawn", min=0)] = 1
+    offsets: Annotated[str, Option(metavar="MS,MS,...", help="time offsets, milliseconds; 0 among them")] = "0,10,20,30"
+    quick: Annotated[bool, Option("--quick", help="few runs, a shorter flight; what needs 50 runs is not judged")] = (
+        False
     )
-    quick: Annotated[
-        bool, typer.Option("--quick", help="few runs, a shorter flight; what needs 50 runs is not judged")
-    ] = False
     dask: Annotated[
         str | None,
-        typer.Option(metavar="tcp://HOST:PORT|local:N", help="compute on a Dask cluster, or in N processes"),
+        Option(metavar="tcp://HOST:PORT|local:N", help="compute on a Dask cluster, or in N processes"),
     ] = None
-    out: Annotated[Path, typer.Option(help="folder for study.json and report.html")] = Path("study")
-    json: Annotated[bool, typer.Option("--json", help="print study.json on standard output and nothing else")] = False
+    out: Annotated[Path, Option(help="folder for study.json and report.html")] = Path("study")
+    json: Annotated[bool, Option("--json", help="print study.json on standard output and nothing else")] = False
 
 
 @dataclass(frozen=True)
 class ServeRequest:
     """``bench serve``; ``out`` None: the folder ``sessions``."""
 
-    out: Annotated[Path | None, typer.Option(help="folder of the sessions to show; default: sessions")] = None
-    host: Annotated[str, typer.Option(help="address to listen on")] = "127.0.0.1"
-    port: Annotated[int, typer.Option(help="0: any free one", min=0, max=65535)] = 8321
-    cert: Annotated[Path | None, typer.Option(help="TLS certificate, PEM")] = None
-    key: Annotated[Path | None, typer.Option(help="TLS key, PEM")] = None
-    behind_proxy: Annotated[str | None, typer.Option(metavar="URL", help="people reach it at this https address")] = (
+    out: Annotated[Path | None, Option(help="folder of the sessions to show; default: sessions")] = None
+    host: Annotated[str, Option(help="address to listen on")] = "127.0.0.1"
+    port: Annotated[int, Option(help="0: any free one", min=0, max=65535)] = 8321
+    cert: Annotated[Path | None, Option(help="TLS certificate, PEM")] = None
+    key: Annotated[Path | None, Option(help="TLS key, PEM")] = None
+    behind_proxy: Annotated[str | None, Option(metavar="URL", help="people reach it at this https address")] = None
+    rotate: Annotated[bool, Option("--rotate", help="new tokens and a new key: logs everybody out")] = False
+    history: Annotated[str | None, Option(metavar="URL", help="of calibrations; default: history.sqlite in --out")] = (
         None
     )
-    rotate: Annotated[bool, typer.Option("--rotate", help="new tokens and a new key: logs everybody out")] = False
-    history: Annotated[
-        str | None, typer.Option(metavar="URL", help="of calibrations; default: history.sqlite in --out")
-    ] = None
-    mqtt: Annotated[
-        str | None, typer.Option(metavar="URL", help="tell a broker of every run: mqtts://USER@HOST/PREFIX")
-    ] = None
+    mqtt: Annotated[str | None, Option(metavar="URL", help="tell a broker of every run: mqtts://USER@HOST/PREFIX")] = (
+        None
+    )
 
 
 @dataclass(frozen=True)
 class RefitRequest:
     """``bench archive refit``; ``with_standards``: a file, None for those that were recorded."""
 
-    to: Annotated[Path, typer.Option(metavar="FOLDER", help="for the outcome; the same one goes on")]
-    method: Annotated[str | None, typer.Option(help="a method of the analyses; default: their own")] = None
+    to: Annotated[Path, Option(metavar="FOLDER", help="for the outcome; the same one goes on")]
+    method: Annotated[str | None, Option(help="a method of the analyses; default: their own")] = None
     with_standards: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="standards in place of recorded certificates")
+        Path | None, Option(metavar="FILE", help="standards in place of recorded certificates")
     ] = None
     select: Select = None
     dask: Dask = None
@@ -198,10 +192,10 @@ class Acceptance:
 
     accept: Annotated[
         list[str] | None,
-        typer.Option(metavar="QUANTITY", help="release doubtful values: dsf_n, or 'dsf_n channel=2'"),
+        Option(metavar="QUANTITY", help="release doubtful values: dsf_n, or 'dsf_n channel=2'"),
     ] = None
-    by: Annotated[str, typer.Option(metavar="NAME", help="who accepts")] = ""
-    reason: Annotated[str, typer.Option(metavar="TEXT", help="why it is accepted")] = ""
+    by: Annotated[str, Option(metavar="NAME", help="who accepts")] = ""
+    reason: Annotated[str, Option(metavar="TEXT", help="why it is accepted")] = ""
 
     def asked(self) -> Sequence[str]:
         """Return the quantities to accept, none if nothing is asked. Raises: InputError B-ACC-003."""
@@ -216,7 +210,7 @@ class AcceptanceOfUnit(Acceptance):
     """The same of the sessions of one unit."""
 
     accept: Annotated[
-        list[str] | None, typer.Option(metavar="QUANTITY", help="release doubtful values, as 'bench fit' does")
+        list[str] | None, Option(metavar="QUANTITY", help="release doubtful values, as 'bench fit' does")
     ] = None
 
 
@@ -226,11 +220,9 @@ class Place:
 
     url: Annotated[
         str | None,
-        typer.Option("--history", metavar="URL", help="sqlite:///FILE or postgresql://...; default: $BENCH_HISTORY"),
+        Option("--history", metavar="URL", help="sqlite:///FILE or postgresql://...; default: $BENCH_HISTORY"),
     ] = None
-    out: Annotated[Path | None, typer.Option(help="folder of the sessions, with history.sqlite; default: sessions")] = (
-        None
-    )
+    out: Annotated[Path | None, Option(help="folder of the sessions, with history.sqlite; default: sessions")] = None
 
     def of(self, sessions: Sequence[str] = ()) -> str:
         """Return the URL; the first session that is a folder says where its history lies, unless ``out`` does."""

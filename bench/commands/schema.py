@@ -8,14 +8,14 @@ from typing import Any
 
 from bench.analysis import results_schema
 from bench.commands.console import say
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import InputError
 from bench.model.systems import system_refusals
 from bench.plan import json_schemas, mapping_schema, vscode_settings
 from bench.session.coefficients import all_modules
 from bench.session.output import write_file
 
 
-def schema(folder: Path, vscode: bool) -> int:
+def schema(folder: Path, vscode: bool) -> None:
     """Write one schema file per kind of file; with ``vscode`` also register them in .vscode/settings.json."""
     kinds: dict[str, Any] = {**json_schemas(), "results": results_schema(), "mapping": mapping_schema()}
     kinds |= {module.NAME: module.coefficients_schema() for module in all_modules()}
@@ -26,7 +26,6 @@ def schema(folder: Path, vscode: bool) -> int:
         say(f"without {offer.what} of {offer.release}: {error}")
     if vscode:
         _register(folder)
-    return ExitStatus.PASS
 
 
 def _register(folder: Path) -> None:

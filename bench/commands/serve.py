@@ -16,7 +16,7 @@ import typer
 
 from bench.commands.requests import ServeRequest
 from bench.model.clock import WallClock
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import InputError
 from bench.web.app import create_app
 from bench.web.security.audit import Audit
 from bench.web.security.tokens import FILE, Tokens, obtain_tokens, private_folder
@@ -27,7 +27,7 @@ BACKLOG = 128
 LOOPBACK_NAMES = {"localhost", "127.0.0.1", "::1"}
 
 
-def serve(request: ServeRequest) -> int:
+def serve(request: ServeRequest) -> None:
     """Serve until Ctrl-C or SIGTERM.
 
     Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, StoreError B-STORE-001, before
@@ -44,7 +44,6 @@ def serve(request: ServeRequest) -> int:
         app = create_app(serving, tell)
         announce = partial(_announce, serving, listener, clear, proxy)
         serve_until_told(server_of(app, request.cert, request.key), listener, announce)
-    return ExitStatus.PASS
 
 
 def _shown(request: ServeRequest) -> Path:

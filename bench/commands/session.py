@@ -71,7 +71,7 @@ def _stored_results(folder: Path) -> Mapping[str, Any]:
     return stored
 
 
-def coefficients(folders: Sequence[Path], out: Path) -> int:
+def coefficients(folders: Sequence[Path], out: Path) -> None:
     """Fit the sessions again, merge their coefficients and write both files.
 
     Raises: InputError B-COEF-001 to -007; SessionDamaged for a session that is not whole.
@@ -82,7 +82,6 @@ def coefficients(folders: Sequence[Path], out: Path) -> int:
     for source in merged.document["sources"]:
         for result in source["missing"]:
             say(f"MISSING  {result}")
-    return ExitStatus.PASS
 
 
 def _of_folder(folder: Path) -> Coefficients:

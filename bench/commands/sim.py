@@ -15,7 +15,7 @@ import typer
 from bench.commands.check import settings_of
 from bench.commands.origin import named_file
 from bench.model.clock import NS, WallClock
-from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.errors import InputError, InputErrors
 from bench.model.posix import require
 from bench.plan import Findings, Station, check_station, load_station, served_station
 from bench.run.bench.served_world import told
@@ -27,19 +27,20 @@ MOST_RATE = 1000.0
 
 
 def sim(
-    words: Sequence[str], folder: Path, rate: float, seed: int, settings: Sequence[str], *, clean: bool = False
-) -> int:
+    words: Sequence[str], folder: Path, rate: float, seed: int, settings: Sequence[str] | None, *, clean: bool = False
+) -> None:
     """Serve the station named by the only word, or switch faults: ``fault [NAME [TARGET] [VALUE]...]``."""
     for word in words:
         if word.startswith("-") and not _is_number(word):
             message = f"{word!r} is no option"
             raise InputError("B-SIM-017", message, next_step="bench sim --help shows how it is used")
     if words[0] == FAULT:
-        return fault(words[1:], folder)
+        fault(words[1:], folder)
+        return
     if len(words) > 1:
         message = f"{words[1]!r} is one word too many"
         raise InputError("B-SIM-017", message, next_step="bench sim STATION, or bench sim fault")
-    return serve(words[0], folder, rate, seed, settings, clean=clean)
+    serve(words[0], folder, rate, seed, settings or (), clean=clean)
 
 
 def _is_number(word: str) -> bool:
@@ -50,7 +51,7 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[str], *, clean: bool = False) -> int:
+def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[str], *, clean: bool = False) -> None:
     """Serve a simulated station until SIGINT or SIGTERM; its instruments are as their last user left them, or clean.
 
     Raises: InputError B-SIM-016 (the station has no world), B-SIM-017 (bad rate), B-SIM-013, B-SIM-014.
@@ -76,7 +77,6 @@ def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[st
         bench.wait()
     finally:
         bench.close()
-    return ExitStatus.PASS
 
 
 def _station(name: str, settings: Sequence[str]) -> Station:
@@ -112,7 +112,7 @@ def _announce(station: Station, bench: Any, path: Path) -> None:
     typer.echo("ready")
 
 
-def fault(words: Sequence[str], folder: Path) -> int:
+def fault(words: Sequence[str], folder: Path) -> None:
     """List the faults, or hand the words to the bench that lives in ``folder`` and print its reply.
 
     Raises: InputError B-SIM-015 (no bench lives there), or the bench's own.
@@ -120,10 +120,9 @@ def fault(words: Sequence[str], folder: Path) -> int:
     process = importlib.import_module(PROCESS)
     if not words:
         typer.echo("\n".join([*process.fault_listing(), "clear", "state"]))
-        return ExitStatus.PASS
+        return
     reply = told(folder / process.CONTROL, words)
     if "state" in reply:
         typer.echo(json.dumps(reply["state"], indent=1))
     else:
         typer.echo("\n".join(f"on: {line}" for line in reply["lines"]) or "no fault is on")
-    return ExitStatus.PASS

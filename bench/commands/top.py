@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.commands.console import console, say
 from bench.model.clock import WallClock
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, check_language
 from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.guard.last_words import guard_lines
@@ -25,7 +25,7 @@ SOCKETS = ("live.sock", "live.path")
 AGAIN_S = 1.0
 
 
-def top(session: Path | None, out: Path, language: str = ENGLISH) -> int:
+def top(session: Path | None, out: Path, language: str = ENGLISH) -> None:
     """Watch the run of a session, or the newest run that answers in ``out``; without a terminal print its state once.
 
     On a terminal it waits for a run to appear in ``out``; one that draws ASCII only is shown English.
@@ -47,7 +47,7 @@ def top(session: Path | None, out: Path, language: str = ENGLISH) -> int:
     look = Look(catalogue(ENGLISH if glyphs == ASCII else language), glyphs)
     if not on_terminal:
         _print(watch.seen, look)
-        return ExitStatus.PASS
+        return
     fits, folder = PartialFits(WallClock()), Path(watch.seen.folder)
 
     async def fitted() -> Mapping[str, Any] | None:
@@ -55,7 +55,6 @@ def top(session: Path | None, out: Path, language: str = ENGLISH) -> int:
         return fits.of(folder.name)
 
     TopApp(watch.seen, look, watch.look, fitted).run(mouse=False)  # so that text can be marked and copied
-    return ExitStatus.PASS
 
 
 def _candidates(out: Path) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import wraps
+from importlib import import_module
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any, ClassVar, NoReturn, Protocol
@@ -160,10 +161,24 @@ class App(typer.Typer):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**{**self.settings, **settings})
 
-    def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
-        """Register a command, as ``typer.Typer.command`` does."""
+    def command(self, name: str | None = None, work: str = "", **settings: Any) -> Callable[[Any], Any]:
+        """Register a command, as ``typer.Typer.command`` does.
+
+        ``work``: the module of ``bench.commands`` whose function of the same name carries it out; "" where it does so
+        itself.
+        """
         register = super().command(name, **{"cls": Command, **settings})
-        return lambda function: register(spread(function))
+        return lambda function: register(spread(carried_out(function, work) if work else function))
+
+
+def carried_out(function: Callable[..., Any], work: str) -> Callable[..., Any]:
+    """Return a command with the arguments of a function; its work is loaded once the command is given."""
+
+    @wraps(function)
+    def command(**values: Any) -> Any:
+        return getattr(import_module(f"bench.commands.{work}"), function.__name__)(**values)
+
+    return command
 
 
 def spread(function: Callable[..., Any]) -> Callable[..., Any]:

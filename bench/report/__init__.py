@@ -1,6 +1,5 @@
 """Reports of a campaign: a self-contained HTML page, the same as PDF, and the picture of the timetable."""
 
-from bench.report.accreditation import below_capability
 from bench.report.assemble import report_model
 from bench.report.batch.document import batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Outcome
@@ -20,10 +19,10 @@ from bench.report.dcc import (
 )
 from bench.report.document import Report, page, study_html
 from bench.report.first import days_of
-from bench.report.laboratory import LABORATORY_FILE, Laboratory, laboratory_of, load_laboratory
+from bench.report.laboratory import LABORATORY_FILE, Laboratory, below_capability, laboratory_of, load_laboratory
 from bench.report.model import ReportModel, RunStory, Surrounding, TemperatureTrace
 from bench.report.sections import Section
-from bench.report.tables import FOLDER, Table, analysis_tables, words_of
+from bench.report.tables import FOLDER, Table, analysis_tables, grouped, words_of
 
 __all__ = [
     "CERTIFICATE_FILE",
@@ -51,6 +50,7 @@ __all__ = [
     "below_capability",
     "certificate_text",
     "days_of",
+    "grouped",
     "laboratory_of",
     "load_laboratory",
     "nobody",

@@ -8,17 +8,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from bench.analysis import Estimate, Figure, Table
 from bench.model.quality import Quality
 from bench.plan import Step
-from bench.report.model import (
-    Record,
-    RecordCounts,
-    ReportModel,
-    Residual,
-    RunStory,
-    TemperatureTrace,
-)
+from bench.record import RecordRow
+from bench.report.model import RecordCounts, ReportModel, Residual
 from bench.report.timetable import timetable
 
 _ORIGIN = ("sequence", "station", "clock", "seed", "links", "settings", "software")
@@ -28,35 +21,23 @@ _STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")
 
 def report_model(
     results: Mapping[str, Any],
-    rows: Sequence[Record],
+    rows: Sequence[RecordRow],
     plan_steps: Sequence[Step],
-    trace: TemperatureTrace | None,
     manifest: Mapping[str, Any],
-    *,
-    prepare_s: float | None = None,
+    prepare_s: float,
     residuals: Iterable[Mapping[str, Any]] = (),
-    components: Iterable[Mapping[str, Any]] = (),
-    prompts: Iterable[Mapping[str, Any]] = (),
-    figures: Iterable[Figure] = (),
-    tables: Iterable[Table] = (),
-    notes: Iterable[str] = (),
-    run: RunStory | None = None,
-    main: Sequence[str] = (),
-    predicted: Sequence[Estimate] = (),
 ) -> ReportModel:
-    """Gather what a report shows; nothing is fitted here and nothing is read from disk.
+    """Gather what a report shows of a session; nothing is fitted here and nothing is read from disk.
+
+    What an analysis and the run itself say is put into it by whoever knows it.
 
     Args:
         results: the document of results.json.   rows: the records as cut, in order.
-        plan_steps: the compiled plan ((), if the session has none).   trace: temperatures of the run, if any.
+        plan_steps: the compiled plan ((), if the session has none).   prepare_s: length of the preparation.
         manifest: the session's manifest; "campaign", "standards", "title" and the entries on versions are read.
-        prepare_s: length of the preparation; by default up to the end of its last step.
         residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
-            or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
-        prompts: operator prompts and answers.   figures, tables, notes: of the analysis.   run: what happened.
-        main: quantities that the first page states.   predicted: estimates as the plan predicts them.
+            or "residual_A", optionally "std_ppm"}.
     """
-    ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(
         title=str(manifest.get("title") or results.get("campaign", "Campaign")),
         results=results,
@@ -64,23 +45,14 @@ def report_model(
         standards=manifest.get("standards", {}),
         origin={name: manifest[name] for name in _ORIGIN if name in manifest},
         identities=manifest.get("identities", {}),
-        timetable=timetable(plan_steps, ready_s),
-        trace=trace or TemperatureTrace(),
+        timetable=timetable(plan_steps, prepare_s),
         residuals=tuple(residual for item in residuals if (residual := _residual(item)) is not None),
-        components=tuple(components),
         counts=record_counts(rows),
-        prompts=tuple(prompts),
-        figures=tuple(figures),
-        tables=tuple(tables),
-        notes=tuple(notes),
         started_utc=started_utc(str(results.get("session", ""))),
-        run=run or RunStory(),
-        main=tuple(main),
-        predicted=tuple(predicted),
     )
 
 
-def record_counts(rows: Sequence[Record]) -> RecordCounts:
+def record_counts(rows: Sequence[RecordRow]) -> RecordCounts:
     """Count records and frames, and every quality flag by name (one record may carry several)."""
     flags: Counter[str] = Counter()
     for row in rows:
@@ -96,7 +68,7 @@ def record_counts(rows: Sequence[Record]) -> RecordCounts:
     )
 
 
-def _by_channel(rows: Sequence[Record]) -> dict[int, tuple[int, int, int, int, int]]:
+def _by_channel(rows: Sequence[RecordRow]) -> dict[int, tuple[int, int, int, int, int]]:
     counts: dict[int, tuple[int, int, int, int, int]] = {}
     for row in rows:
         channel = row.window.conditions.get("channel")
@@ -116,10 +88,6 @@ def started_utc(session: str) -> str:
     if match and match[1] == _NO_YEAR:
         return ""
     return "{}-{}-{}T{}:{}:{}Z".format(*match.groups()) if match else ""
-
-
-def _prepare_s(steps: Sequence[Step]) -> float:
-    return max((step.at_s + step.duration_s for step in steps if step.phase == "prepare"), default=0.0)
 
 
 def _residual(item: Mapping[str, Any]) -> Residual | None:

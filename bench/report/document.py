@@ -7,7 +7,7 @@ the packages.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib import import_module
@@ -79,11 +79,7 @@ class Report:
         Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed, B-TXT-002 without a font.
         """
         check_font(self._words.language)
-        return bytes(_typeset(document_files(self._model, self.sections, self._words, self._first), "pdf", None))
-
-    def pages(self, dots_per_inch: float = 100.0) -> list[bytes]:
-        """Return the pages of the PDF as PNG pictures. Raises: InputError B-REP-001."""
-        return png_pages(self._model, self.sections, self._words, dots_per_inch, self._first)
+        return bytes(typeset(document_files(self._model, self.sections, self._words, self._first), format="pdf"))
 
 
 def page(
@@ -167,32 +163,10 @@ def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Sect
     ]
 
 
-def png_pages(
-    model: ReportModel,
-    sections: list[Section],
-    words: Texts,
-    dots_per_inch: float,
-    first: FirstPage | None = None,
-) -> list[bytes]:
-    """Return the same pages as pictures, for eyes and tests. Raises: InputError B-REP-001."""
-    pages = _typeset(document_files(model, sections, words, first), "png", dots_per_inch)
-    return pages if isinstance(pages, list) else [pages]
-
-
-def _typeset(files: dict[str, bytes], form: str, dots_per_inch: float | None) -> Any:
-    return _typst()(
-        files,
-        format=form,
-        ppi=dots_per_inch,
-        font_paths=list(map(str, folders())),
-        ignore_system_fonts=True,
-        timestamp=_NO_DATE,
-    )
-
-
-def _typst() -> Callable[..., Any]:
+def typeset(files: dict[str, bytes], **form: Any) -> Any:
+    """Return a document set by typst; ``form``: what it is written as. Raises: InputError B-REP-001."""
     try:
-        compiler: Callable[..., Any] = import_module("typst").compile
+        compiler = import_module("typst").compile
     except ImportError as error:
         raise InputError(
             "B-REP-001",
@@ -200,7 +174,8 @@ def _typst() -> Callable[..., Any]:
             where="--pdf",
             next_step="pip install 'inertial-bench[pdf]'; report.html prints to paper too",
         ) from error
-    return compiler
+    fonts = list(map(str, folders()))
+    return compiler(files, font_paths=fonts, ignore_system_fonts=True, timestamp=_NO_DATE, **form)
 
 
 def document_files(

@@ -16,7 +16,17 @@ from bench.model.texts import Texts, told
 from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, alike_of, brief, channel_title, documents_table, kind_of, named
+from bench.report.tables import (
+    Table,
+    alike_of,
+    brief,
+    channel_title,
+    documents_table,
+    grouped,
+    kind_of,
+    named,
+    table_of,
+)
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
@@ -30,7 +40,6 @@ _WITHIN = {"A": (-9, 0), "s": (-12, 0), "m": (-12, 0)}  # powers in use: microse
 _LAST_UNIT = re.compile(r"(.+)_(degC_min|deg_s|[A-Za-z]+)$")
 _MOST_ACROSS = 3  # units side by side that a page has room for
 _CAPTIONS = {"unit": "others.by_unit", "column": "others.by_axis", "axis": "others.by_axis"}
-Row = Estimate
 Channel = Mapping[str, Any]  # of the campaign
 
 
@@ -42,7 +51,7 @@ def scale_factor_tables(model: ReportModel, words: Texts) -> list[Table]:
 
 
 def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: Mapping[int, Channel]) -> Table:
-    entries: dict[tuple[Any, Any], dict[str, Row]] = {}
+    entries: dict[tuple[Any, Any], dict[str, Estimate]] = {}
     for quantity in _SCALE_FACTOR:
         for row in model.estimates(quantity):
             conditions = row.conditions
@@ -64,7 +73,7 @@ def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: 
     return Table(caption, (*headers, *sensor, words("scale_factor.rows")), rows, stub=2)
 
 
-def _currents(entries: Mapping[Any, Mapping[str, Row]], by_number: Mapping[int, Channel]) -> list[float]:
+def _currents(entries: Mapping[Any, Mapping[str, Estimate]], by_number: Mapping[int, Channel]) -> list[float]:
     """Return the errors at full scale, ampere, as far as they are known."""
     pairs = [
         (row, by_number.get(number, {}).get("full_scale_A")) for (number, _), entry in entries.items()
@@ -75,7 +84,7 @@ def _currents(entries: Mapping[Any, Mapping[str, Row]], by_number: Mapping[int, 
 
 
 def _scale_factor_row(
-    key: tuple[Any, Any], entry: Mapping[str, Row], channel: Channel, scale: float
+    key: tuple[Any, Any], entry: Mapping[str, Estimate], channel: Channel, scale: float
 ) -> tuple[str, ...]:
     first = next(iter(entry.values()))
     ppm = [value_text(entry.get(name)) for name in _SCALE_FACTOR]
@@ -89,7 +98,7 @@ def _scale_factor_row(
     return (str(key[0]), number(key[1], 1), number(measured, 2), *ppm, *at_full_scale, used)
 
 
-def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> str:
+def _at_full_scale(row: Estimate | None, full_scale: float | None, factor: float) -> str:
     if row is None or full_scale is None or not is_sound(row):
         return "–"
     scale = 1e-6 * full_scale * factor
@@ -98,7 +107,7 @@ def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> 
 
 def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     """Return temperature coefficients, one row per channel and quantity, about the reference temperature."""
-    entries: dict[tuple[str, str], dict[str, Row]] = {}
+    entries: dict[tuple[str, str], dict[str, Estimate]] = {}
     for row in model.rows:
         quantity, _, order = row.quantity.rpartition("_")
         if order in _COEFFICIENTS:
@@ -121,7 +130,7 @@ def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(caption, headers, tuple(lines), stub=2)
 
 
-def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dict[str, Row]]) -> None:
+def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dict[str, Estimate]]) -> None:
     """Add the value of a quantity at its reference temperature where the fit gives no constant."""
     for row in model.rows:
         conditions = row.conditions
@@ -132,7 +141,7 @@ def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dic
                 entry["tc0"] = row
 
 
-def value_text(row: Row | None, scale: float = 1.0) -> str:
+def value_text(row: Estimate | None, scale: float = 1.0) -> str:
     """Return a value with its expanded uncertainty, times ``scale``; a dash for none."""
     return "–" if row is None else stated_value(brief(row), scale)
 
@@ -159,14 +168,14 @@ def pivot_tables(model: ReportModel, words: Texts, *, residuals: bool = False) -
     return tables
 
 
-def _by_title(model: ReportModel, words: Texts, rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+def _by_title(model: ReportModel, words: Texts, rows: Sequence[Estimate]) -> list[tuple[str, list[Estimate]]]:
     """Return rows by quantity; where a further condition tells several apart, such as the polarity, by that too."""
     values: dict[tuple[str, str], set[str]] = {}
     for row in rows:
         for name, value in row.conditions.items():
             if name not in _COMMON:
                 values.setdefault((row.quantity, name), set()).add(str(value))
-    titled: dict[str, list[Row]] = {}
+    titled: dict[str, list[Estimate]] = {}
     for row in rows:
         quantity, conditions = row.quantity, row.conditions
         apart = {name: value for name, value in conditions.items() if len(values.get((quantity, name), ())) > 1}
@@ -175,7 +184,7 @@ def _by_title(model: ReportModel, words: Texts, rows: Sequence[Row]) -> list[tup
     return list(titled.items())
 
 
-def _further(model: ReportModel) -> list[Row]:
+def _further(model: ReportModel) -> list[Estimate]:
     return [
         row
         for row in model.rows
@@ -183,12 +192,12 @@ def _further(model: ReportModel) -> list[Row]:
     ]
 
 
-def _pivots(row: Row) -> bool:
+def _pivots(row: Estimate) -> bool:
     """Return True for a quantity known once by channel and set temperature."""
     return row.conditions.keys() >= _PIVOT and "repeat" not in row.conditions
 
 
-def readable(rows: Sequence[Row]) -> tuple[float, str]:
+def readable(rows: Sequence[Estimate]) -> tuple[float, str]:
     """Return factor and unit for printing values of one quantity with their uncertainties."""
     return prefixed(rows[0].unit, [size or 0.0 for row in rows for size in (row.value, row.expanded_uncertainty)])
 
@@ -225,7 +234,7 @@ def channel_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(words("others.by_channel"), (words("column.channel"), *headers), body)
 
 
-def _once_per_channel(row: Row) -> bool:
+def _once_per_channel(row: Estimate) -> bool:
     conditions = row.conditions
     return "channel" in conditions and not {"temperature_degC", "repeat"} & conditions.keys()
 
@@ -241,17 +250,17 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
         title = model.title_of(row.quantity, words.language)
         stated = "–" if row.value is None else unit_text(unit)  # of nothing no unit is stated
         rows.append((title, where or "–", value_text(row, scale), stated))
-    headers = map(words, ("column.quantity", "column.conditions", "column.value_expanded", "column.unit"))
+    headers = ("column.quantity", "column.conditions", "column.value_expanded", "column.unit")
     shared = words("others.alike", conditions=conditions_text(words, alike, model.analysis)) if alike else ""
-    return Table(f"{words('others.table')} {shared}".rstrip(), tuple(headers), tuple(rows), stub=2) if rows else None
+    return table_of(words, f"{words('others.table')} {shared}".rstrip(), headers, rows, stub=2)
 
 
-def without_channel(model: ReportModel) -> list[Row]:
+def without_channel(model: ReportModel) -> list[Estimate]:
     """Return estimates that no table of channels shows."""
     return [row for row in _further(model) if not _pivots(row) and not _once_per_channel(row)]
 
 
-def pivot_of(row: Row) -> str | None:
+def pivot_of(row: Estimate) -> str | None:
     """Return the condition that is set across: the unit, the column of a matrix, an axis; None if there is none."""
     return next((name for name in PIVOTS if name in row.conditions), None)
 
@@ -310,11 +319,8 @@ def _label_and_unit(words: Texts, name: str, campaign: str) -> tuple[str, str]:
 
 def coverage_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what is stated for each quantity: how many values, their standard and expanded uncertainties, and k."""
-    by_quantity: dict[str, list[Row]] = {}
-    for row in model.rows:
-        by_quantity.setdefault(row.quantity, []).append(row)
     rows = []
-    for quantity, group in by_quantity.items():
+    for quantity, group in grouped(model.rows, lambda row: row.quantity).items():
         if not any(row.expanded_uncertainty for row in group):
             continue  # a count, or what nobody stated an uncertainty of
         scale, unit = readable(group)
@@ -327,7 +333,7 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
         title = model.title_of(quantity, words.language)
         rows.append((title, unit_text(unit), str(len(group)), *spans))
     headers = ("column.quantity", "column.unit", "coverage.count", "coverage.u", "coverage.k", "coverage.U")
-    return Table(words("coverage.table"), tuple(map(words, headers)), tuple(rows), stub=2) if rows else None
+    return table_of(words, words("coverage.table"), headers, rows, stub=2)
 
 
 def span(words: Texts, values: Sequence[float], text_of: Callable[[float], str]) -> str:
@@ -363,14 +369,12 @@ def _component_text(name: str, value: Any, title: Callable[[str], str]) -> Any:
 
 def across_tables(model: ReportModel, words: Texts) -> list[Table]:
     """Return units or axes across, one table for each three of them; () if no estimate has such a condition."""
-    by_caption: dict[str, list[Row]] = {}
-    for row in without_channel(model):
-        if (name := pivot_of(row)) is not None:
-            by_caption.setdefault(_CAPTIONS[name], []).append(row)
+    pivoted = [row for row in without_channel(model) if pivot_of(row) is not None]
+    by_caption = grouped(pivoted, lambda row: _CAPTIONS[str(pivot_of(row))])
     return [table for caption, rows in by_caption.items() for table in _tables(model, words, caption, rows)]
 
 
-def _tables(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row]) -> list[Table]:
+def _tables(model: ReportModel, words: Texts, caption: str, rows: Sequence[Estimate]) -> list[Table]:
     names = list(dict.fromkeys(_across(row) for row in rows))
     parts = [names[start : start + _MOST_ACROSS] for start in range(0, len(names), _MOST_ACROSS)]
     captions = [words(caption), *(words("table.continued", caption=words(caption)) for _ in parts[1:])]
@@ -380,13 +384,14 @@ def _tables(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row])
     ]
 
 
-def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]) -> Table:
-    lines: dict[tuple[str, str], list[Row]] = {}
-    for row in rows:
+def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Estimate], names: Sequence[str]) -> Table:
+
+    def line(row: Estimate) -> tuple[str, str]:
         rest = {name: value for name, value in row.conditions.items() if name != pivot_of(row)}
-        lines.setdefault((row.quantity, conditions_text(words, rest, model.analysis)), []).append(row)
+        return row.quantity, conditions_text(words, rest, model.analysis)
+
     body = []
-    for (quantity, where), group in lines.items():
+    for (quantity, where), group in grouped(rows, line).items():
         scale, unit = readable(group)
         by_name = {_across(row): value_text(row, scale) for row in group}
         title = model.title_of(quantity, words.language)
@@ -397,5 +402,5 @@ def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], 
     return Table(caption, headers, tuple(body), stub=3)
 
 
-def _across(row: Row) -> str:
+def _across(row: Estimate) -> str:
     return str(row.conditions[str(pivot_of(row))])

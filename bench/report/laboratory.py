@@ -1,15 +1,23 @@
-"""The laboratory file: what a calibration report and a certificate state and a session does not know."""
+"""The laboratory file: what a calibration report and a certificate state and a session does not know.
+
+An accreditation covers real, sound results within the declared scope, with U not below the calibration and measurement
+capability (CMC): a smaller U would claim more than the laboratory was accredited for.
+
+Source: ILAC-P14:09/2020 (reported uncertainties against the CMC); ILAC-P8 (use of the mark).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
+from bench.analysis import Estimate, is_sound, number, unit_text
 from bench.model.errors import InputError
-from bench.model.units import quantity
+from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Name, StrictModel, load_yaml
 from bench.plan import Date, Stated
 
@@ -20,6 +28,7 @@ Number = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._/-]{
 Country = Annotated[str, StringConstraints(pattern=r"^[A-Z]{2}$")]
 Temperature = Annotated[float, *quantity("degC", -40.0, 60.0)]
 Humidity = Annotated[float, *quantity("1", 0.0, 1.0)]
+_EQUAL = 1.0 - 1e-9  # a U that is the CMC itself, computed another way
 
 
 class Contact(StrictModel):
@@ -186,3 +195,59 @@ def laboratory_of(session: Path) -> Laboratory | None:
     """Return the laboratory that a session's report was written with, None without one. Raises: as above."""
     path = session / LABORATORY_FILE
     return load_laboratory(path) if path.is_file() else None
+
+
+def not_covered(accreditation: Accreditation, method: str, rows: Iterable[Estimate]) -> dict[str, str]:
+    """Return why results may not be stated under an accreditation, by quantity; {} if all may.
+
+    Args: method: the analysis that gave them.   rows: entries of results.json.
+    """
+    by_quantity: dict[str, list[str]] = {}
+    for row in rows:
+        reason = _reason(accreditation.scope, method, row)
+        if reason:
+            by_quantity.setdefault(str(row.quantity), []).append(reason)
+    return {
+        quantity: reasons[0] + (f", and {len(reasons) - 1} more of it" if len(reasons) > 1 else "")
+        for quantity, reasons in by_quantity.items()
+    }
+
+
+def below_capability(accreditation: Accreditation, method: str, rows: Iterable[Estimate]) -> dict[str, str]:
+    """Return only those of the reasons that are an uncertainty below the CMC of a result within the scope."""
+    within = [row for row in rows if is_sound(row) and _matching(accreditation.scope, method, row)]
+    return not_covered(accreditation, method, within)
+
+
+def _reason(scope: Sequence[Capability], method: str, row: Estimate) -> str:
+    if not is_sound(row):
+        return f"is {row.quality}"
+    lines = _matching(scope, method, row)
+    if not lines:
+        return f"{number(row.value)} {unit_text(row.unit)} by {method} is outside the scope"
+    expanded = row.expanded_uncertainty or 0.0
+    least = min(line.cmc[0] for line in lines) / _factor(row.unit)
+    if expanded >= least * _EQUAL:
+        return ""
+    unit = unit_text(row.unit)
+    return f"U = {number(float(f'{expanded:.3g}'))} {unit} is below the CMC of {number(float(f'{least:.6g}'))} {unit}"
+
+
+def _matching(scope: Sequence[Capability], method: str, row: Estimate) -> list[Capability]:
+    """Return the lines of the scope that a result falls under; none if its unit is not one that a scope can state."""
+    unit = read_quantity(f"1 {row.unit}")
+    if unit is None or row.value is None:
+        return []
+    value = float(row.value) * unit[0]
+    return [
+        line
+        for line in scope
+        if (line.quantity, line.method, line.cmc[1]) == (row.quantity, method, unit[1])
+        and line.range[0][0] <= value <= line.range[1][0]
+    ]
+
+
+def _factor(unit: str) -> float:
+    known = read_quantity(f"1 {unit}")
+    assert known is not None
+    return known[0]

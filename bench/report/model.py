@@ -5,53 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from bench.analysis import Estimate, Figure, Floats, Table, estimates_of, unit_text
 from bench.model.texts import ENGLISH
 from bench.model.titles import quantity_title, sequence_title
-from bench.plan import Step
 
 _CLOCK_OF_A_LOG = "log"  # in the manifest of what was imported
 
 
 def _no_floats() -> Floats:
     return np.empty(0)
-
-
-class Window(Protocol):
-    """The conditions of a record, for example {"channel": 1, "temperature_degC": -10.0}."""
-
-    @property
-    def conditions(self) -> Mapping[str, Any]: ...
-
-
-class Record(Protocol):
-    """The fields of a cut record that the page on quality reads."""
-
-    @property
-    def window(self) -> Window: ...
-    @property
-    def frames(self) -> int: ...
-    @property
-    def lost(self) -> int: ...
-    @property
-    def bad(self) -> int: ...
-    @property
-    def quality(self) -> int: ...
-
-
-class TimedPlan(Protocol):
-    """A compiled plan, as far as its timetable is concerned."""
-
-    @property
-    def title(self) -> str: ...
-    @property
-    def steps(self) -> Sequence[Step]: ...
-    @property
-    def prepare_s(self) -> float: ...
 
 
 @dataclass(frozen=True)

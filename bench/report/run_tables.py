@@ -16,7 +16,7 @@ from bench.model.texts import Texts
 from bench.model.titles import campaign_title
 from bench.report.estimate_tables import prefixed
 from bench.report.model import ReportModel
-from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of
+from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of, table_of
 
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")
 _OF_FRAMES = ("frames", "lost", "bad")
@@ -72,9 +72,9 @@ def environment_table(model: ReportModel, words: Texts) -> Table | None:
         _place(surrounding.name, surrounding.laboratory, words): surrounding.degC
         for surrounding in model.run.surroundings
     }
-    rows = tuple((name, *_span(values)) for name, values in places.items() if np.isfinite(values).any())
+    rows = ((name, *_span(values)) for name, values in places.items() if np.isfinite(values).any())
     headers = ("environment.place", "environment.least", "environment.mean", "environment.greatest", "environment.n")
-    return Table(words("environment.table"), tuple(map(words, headers)), rows) if rows else None
+    return table_of(words, words("environment.table"), headers, rows)
 
 
 def _place(name: str, laboratory: bool, words: Texts) -> str:
@@ -106,14 +106,14 @@ def quality_table(model: ReportModel, words: Texts) -> Table | None:
 
 def channel_quality_table(model: ReportModel, words: Texts) -> Table | None:
     """Return records and frames of each channel, where records belong to one."""
-    rows = tuple((str(channel), *map(number, counts)) for channel, counts in model.counts.by_channel.items())
-    headers = (words("column.channel"), *(words(f"quality.by_channel.{name}") for name in _COUNTS))
-    return Table(words("quality.by_channel"), headers, rows) if rows else None
+    rows = ((str(channel), *map(number, counts)) for channel, counts in model.counts.by_channel.items())
+    headers = ("column.channel", *(f"quality.by_channel.{name}" for name in _COUNTS))
+    return table_of(words, words("quality.by_channel"), headers, rows)
 
 
 def prompt_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the operator was asked, what was allowed, the answer and who gave it."""
-    rows = tuple(
+    rows = (
         (
             cell(prompt.get("step")),
             unit_text(cell(prompt.get("text"))),
@@ -124,7 +124,7 @@ def prompt_table(model: ReportModel, words: Texts) -> Table | None:
         for prompt in model.prompts
     )
     headers = ("column.step", "prompts.text", "prompts.allowed", "prompts.answer", "prompts.by")
-    return Table(words("prompts.table"), tuple(map(words, headers)), rows, prose=True) if rows else None
+    return table_of(words, words("prompts.table"), headers, rows, prose=True)
 
 
 def _allowed(prompt: Mapping[str, Any]) -> str:
@@ -198,7 +198,7 @@ def provenance(pairs: Mapping[str, Any], words: Texts) -> dict[str, Any]:
 
 def standards_table(model: ReportModel, words: Texts) -> Table | None:
     """Return the standards register: which instrument, which certificate, until when, applied corrections."""
-    rows = tuple(
+    rows = (
         (
             role_of(words, role),
             cell(entry.get("model", entry.get("driver"))),
@@ -211,8 +211,8 @@ def standards_table(model: ReportModel, words: Texts) -> Table | None:
         )
         for role, entry in sorted(model.standards.items())
     )
-    headers = tuple(words(f"column.{name}") for name in _HEADERS)
-    return Table(words("standards.table"), headers, rows, prose=True) if rows else None
+    headers = (f"column.{name}" for name in _HEADERS)
+    return table_of(words, words("standards.table"), headers, rows, prose=True)
 
 
 def _days_left(words: Texts, model: ReportModel, entry: Mapping[str, Any]) -> str:

@@ -11,7 +11,6 @@ from functools import partial
 from string import ascii_uppercase
 
 from bench.model.texts import Texts, told
-from bench.report.agreement_tables import agreement_parts
 from bench.report.estimate_tables import (
     across_tables,
     channel_table,
@@ -38,7 +37,7 @@ from bench.report.run_tables import (
     written_by,
 )
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
-from bench.report.verdict_tables import assumption_table, verdict_table
+from bench.report.verdict_tables import agreement_parts, assumption_table, verdict_table
 
 
 @dataclass(frozen=True)

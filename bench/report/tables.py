@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench import analysis
 from bench.analysis import Estimate, cell, header, number, unit_text
@@ -51,7 +51,31 @@ class Table:
     goes_on: bool = False
 
 
+def table_of(
+    words: Texts,
+    caption: str,
+    heads: Iterable[str],
+    rows: Iterable[tuple[str, ...]],
+    *,
+    stub: int = 1,
+    prose: bool = False,
+) -> Table | None:
+    """Return a table with headings of the catalogue, by their keys; None without rows."""
+    lines = tuple(rows)
+    return Table(caption, tuple(map(words, heads)), lines, stub=stub, prose=prose) if lines else None
+
+
 Title = Callable[[str], str]
+Key = TypeVar("Key")
+Item = TypeVar("Item")
+
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return items by key, in the order in which they come."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def spaced(name: str) -> str:

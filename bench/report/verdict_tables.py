@@ -1,26 +1,43 @@
-"""Tables of the verdicts: each judged value with its limit; what casts doubt, and what no data can show."""
+"""Tables of the verdicts: each judged value with its limit; doubt, what no data can show, what was predicted."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
-from bench.analysis import Estimate, doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
+from bench.analysis import (
+    NOTED,
+    ORDINARY,
+    Agreement,
+    Estimate,
+    agreements,
+    doubt_lines,
+    is_sound,
+    limits_of,
+    limits_text,
+    number,
+    significant,
+    unit_text,
+    use_of,
+)
 from bench.maths.verdict import meaning_of, worst
 from bench.model.systems import is_size
 from bench.model.texts import Texts, told
 from bench.model.titles import sizes_of_assumptions
-from bench.report.estimate_tables import readable, value_text
+from bench.report.estimate_tables import prefixed, readable, span, two_places, value_text
 from bench.report.model import ReportModel
-from bench.report.tables import Table, sentence
+from bench.report.tables import Table, grouped, sentence, table_of
 
 _HEADERS = ("quantity", "channel", "judged", "worst", "limit", "unit", "conformance", "verdicts")
 _ASSUMED = ("taken_for_granted", "unseen", "effect", "shown_by")
 _CHANNEL = 1  # its column
 _NO_CHANNEL = "–"
+_AGREED = (
+    "column.quantity", "column.unit", "coverage.count", "agreement.predicted", "agreement.achieved", "agreement.ratio",
+)  # fmt: skip
 
 
 def verdict_counts(model: ReportModel) -> Counter[str]:
@@ -60,19 +77,17 @@ def assumption_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the data cannot show: each assumption with the size that passes unseen; None if none is named."""
     taken = model.results.get("assumptions", ())
     title = partial(model.title_of, language=words.language)
-    rows = tuple(tuple(sentence(told(entry[name], words.language), title) for name in _ASSUMED) for entry in taken)
-    headers = tuple(words(f"column.{name}") for name in _ASSUMED)
+    rows = (tuple(sentence(told(entry[name], words.language), title) for name in _ASSUMED) for entry in taken)
+    headers = (f"column.{name}" for name in _ASSUMED)
     sizes = sizes_of_assumptions(model.analysis, words.language)
-    return Table(f"{words('assumptions.table')} {sizes}".rstrip(), headers, rows, prose=True) if rows else None
+    return table_of(words, f"{words('assumptions.table')} {sizes}".rstrip(), headers, rows, prose=True)
 
 
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
     analysis = model.analysis
-    judged: dict[tuple[str, Any], list[Estimate]] = {}
-    for row in model.rows:
-        if limits_of(row) is not None and row.verdict != "none":
-            judged.setdefault((row.quantity, row.conditions.get("channel", _NO_CHANNEL)), []).append(row)
+    limited = [row for row in model.rows if limits_of(row) is not None and row.verdict != "none"]
+    judged = grouped(limited, lambda row: (row.quantity, row.conditions.get("channel", _NO_CHANNEL)))
     rows = tuple(
         (model.title_of(quantity, words.language), *_row(words, channel, group, size=is_size(analysis, quantity)))
         for (quantity, channel), group in judged.items()
@@ -90,16 +105,16 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(caption, headers, cells, stub=2 if channels else 1)
 
 
-def _use(row: Estimate) -> float:
+def used(row: Estimate) -> float:
     """Return how much of its limits a value with its interval uses."""
     limits = limits_of(row)
     if limits is None or not is_sound(row):
         return -math.inf
-    return use_of(float(row.value), limits, float(row.expanded_uncertainty))
+    return use_of(float(row.value), limits, float(row.expanded_uncertainty or 0.0))
 
 
 def _row(words: Texts, channel: Any, group: Sequence[Estimate], *, size: bool) -> tuple[str, ...]:
-    worst = max(group, key=lambda row: (_use(row), abs(row.value or 0.0)))
+    worst = max(group, key=lambda row: (used(row), abs(row.value or 0.0)))
     scale, unit = readable([worst])
     counted = Counter(str(row.verdict) for row in group)
     probability = worst.conformance_probability
@@ -121,3 +136,45 @@ def _counted(words: Texts, verdict: str, count: int) -> str:
 def percent(probability: float) -> str:
     """Per cent, never rounded up to certainty."""
     return "> 99.99 %" if probability > 0.9999 else f"{100.0 * probability:.2f} %"
+
+
+def agreement_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], Table | None]:
+    """Return the sentences and the table; none where nothing was predicted."""
+    by_quantity = grouped(agreements(model.predicted, model.rows), lambda pair: pair.predicted.quantity)
+    planned = [entry.quantity for entry in model.predicted]
+    rows = (_agreed_row(model, words, group, planned.count(quantity)) for quantity, group in by_quantity.items())
+    caption = words("agreement.table", per_cent=number(100.0 * NOTED), ordinary=number(100.0 * ORDINARY))
+    return tuple(_sentences(model, words, by_quantity)), table_of(words, caption, _AGREED, rows, stub=2)
+
+
+def _agreed_row(model: ReportModel, words: Texts, group: Sequence[Agreement], planned: int) -> tuple[str, ...]:
+    before, after = (
+        [float(entry.expanded_uncertainty) for entry in entries]
+        for entries in ([pair.predicted for pair in group], [pair.achieved for pair in group])
+    )
+    quantity, unit = group[0].predicted.quantity, group[0].predicted.unit
+    scale, shown = prefixed(unit, [*before, *after])
+    count = str(planned) if len(group) == planned else words("agreement.count", known=len(group), planned=planned)
+    spans = (span(words, [scale * U for U in values], significant) for values in (before, after))
+    ratio = span(words, [pair.ratio for pair in group], two_places)
+    return model.title_of(quantity, words.language), unit_text(shown), count, *spans, ratio
+
+
+def _sentences(model: ReportModel, words: Texts, by_quantity: dict[str, list[Agreement]]) -> Iterator[str]:
+    """Yield one sentence for each error that has grown, one for what none explains, one for what is below."""
+    noted: dict[tuple[bool, str], list[str]] = {}
+    for quantity, group in by_quantity.items():
+        outside = [pair for pair in group if pair.is_noted]
+        for cause, pairs in grouped(outside, lambda pair: (pair.ratio > 1.0, pair.grown)).items():
+            side = "above" if cause[0] else "below"
+            most = max((pair.ratio for pair in pairs), key=lambda ratio: abs(ratio - 1.0))
+            name = model.title_of(quantity, words.language)
+            counted = words(
+                f"agreement.counted_{side}", quantity=name, count=len(pairs), of=len(group), most=two_places(most)
+            )
+            noted.setdefault(cause, []).append(counted)
+    per_cent = number(100.0 * NOTED)
+    for (above, grown), listed in noted.items():
+        key = "above_by" if above and grown else "above" if above else "below"
+        error = told(grown, words.language)
+        yield words(f"agreement.{key}", per_cent=per_cent, error=error, quantities="; ".join(listed))

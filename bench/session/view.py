@@ -285,22 +285,18 @@ def report_of(view: SessionView, results: Document, analysis: Analysis, laborato
 def model_of(view: SessionView, results: Document, analysis: Analysis) -> ReportModel:
     """Return everything that the report shows, before any drawing."""
     noted = [seen.sentence for seen in weigh(analysis.evidence).noted]
-    return report_model(
-        results,
-        view.rows,
-        view.plan_steps,
-        temperature_trace(view),
-        view.manifest,
-        prepare_s=float(view.manifest["planned"]["prepare_s"]),
-        residuals=analysis.residuals,
-        components=analysis.components,
-        prompts=[prompt.document() for _, prompt in view.events_of(Prompt)],
-        figures=analysis.figures,
-        tables=analysis.tables,
-        notes=[*([INCOMPLETE] if view.incomplete else []), *noted, *analysis.notes, *punctuality(view), *view.remarks],
+    prepare_s = float(view.manifest["planned"]["prepare_s"])
+    return replace(
+        report_model(results, view.rows, view.plan_steps, view.manifest, prepare_s, analysis.residuals),
+        trace=temperature_trace(view),
+        components=tuple(analysis.components),
+        prompts=tuple(prompt.document() for _, prompt in view.events_of(Prompt)),
+        figures=tuple(analysis.figures),
+        tables=tuple(analysis.tables),
+        notes=(*([INCOMPLETE] if view.incomplete else []), *noted, *analysis.notes, *punctuality(view), *view.remarks),
         run=_story(view),
         main=main_quantities(view),
-        predicted=predicted_of(view, analysis.method),
+        predicted=tuple(predicted_of(view, analysis.method)),
     )
 
 

@@ -17,6 +17,7 @@ from starlette.types import Lifespan
 from bench.model.errors import BenchError
 from bench.web import commands, pages, runs
 from bench.web.hub import Hub
+from bench.web.live import end_tasks
 from bench.web.recorded.listing import FILES, run_folder
 from bench.web.security import login
 from bench.web.security.gate import Gate
@@ -34,7 +35,6 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
     Args: tell: tells others of the runs for as long as the server serves.
     """
     hub = Hub(serving)
-    hub.lease = serving.lease.document
     lookout = Lookout(hub)
 
     @asynccontextmanager
@@ -46,8 +46,7 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
             yield
         finally:
             if telling is not None:
-                telling.cancel()
-                await asyncio.gather(telling, return_exceptions=True)
+                await end_tasks(telling)
             await lookout.stop()
             await hub.stop()
 

@@ -9,14 +9,14 @@ from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
-from bench.model.clock import Clock, pause
+from bench.model.clock import pause
 from bench.model.errors import BenchError
 from bench.record import OPEN_MARKER, TrendWindow
 from bench.run.feed.client import FeedGone, FeedReply
 from bench.session.partial_fits import PartialFits
-from bench.web.live import FeedLine, LiveRun, listens
+from bench.web.live import FeedLine, LiveRun, end_tasks, listens
 from bench.web.now import now_of, silent_row
 from bench.web.points import Points
 from bench.web.recorded.listing import Row, RunList, run_folder
@@ -24,6 +24,7 @@ from bench.web.recorded.past import HistoryQuery, Past
 from bench.web.recorded.replaying import ReplayRun
 from bench.web.room import Viewer
 from bench.web.security.refusal import Refusal
+from bench.web.serving import Serving
 
 WORK_THREADS = 4  # history, recordings, lists; some may wait for a trend that is being made
 LISTED_S = 1.0  # a list of runs waits no longer for any of them
@@ -34,33 +35,14 @@ _Result = TypeVar("_Result")
 Watched = LiveRun | ReplayRun
 
 
-class Serving(Protocol):
-    """A server, as far as its hub needs to know it."""
-
-    @property
-    def out(self) -> Path:
-        """Folder of the sessions."""
-
-    @property
-    def history(self) -> str | None:
-        """URL of the calibration history; None: the one of the folder."""
-
-    @property
-    def clock(self) -> Clock:
-        """Time of the page server."""
-
-
 class Hub:
-    """Living runs and recordings on their way to browsers. Made anywhere, started and stopped on the event loop.
-
-    ``lease`` gives who holds the command, as the state document says it; set by whoever keeps the lease.
-    """
+    """Living runs and recordings on their way to browsers. Made anywhere, started and stopped on the event loop."""
 
     def __init__(self, serving: Serving) -> None:
         self.serving = serving
         self.runs = RunList(serving.out)
         self.past = Past()
-        self.lease: Callable[[], dict[str, Any] | None] = lambda: None
+        self.lease = serving.lease.document  # who holds the command, as the state document says it
         self._lines: dict[str, FeedLine] = {}  # of runs whose state was asked for
         self._work = ThreadPoolExecutor(WORK_THREADS, "work")
         self._live: dict[str, LiveRun] = {}
@@ -76,9 +58,7 @@ class Hub:
         """Let go of everything; runs do not notice."""
         tasks = [task for tasks in self._tasks.values() for task in tasks]
         tasks += [self._warming] if self._warming is not None else []
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end_tasks(*tasks)
         self.past.stop()
         for line in self._lines.values():
             line.close()
@@ -131,9 +111,7 @@ class Hub:
 
     async def history(self, run: str, query: HistoryQuery) -> TrendWindow:
         """Return signals of a run over time. Raises: Refusal B-WEB-013, InputError for a signal that is not there."""
-        return await self.work(
-            self.past.history, self.folder(run), query.signals, query.t0_utc_s, query.t1_utc_s, query.n
-        )
+        return await self.work(self.past.history, self.folder(run), query)
 
     async def listed(self) -> tuple[list[Row], int]:
         """Return rows of all runs, newest first, living ones as they are now; and how many could not be read yet."""
@@ -184,7 +162,7 @@ class Hub:
         finally:
             live.room.viewers.discard(viewer)
             if not live.room.viewers and self._live.pop(run, None) is not None:
-                await _ended(self._tasks.pop(run))
+                await end_tasks(*self._tasks.pop(run))
 
     def _enter(self, run: str) -> LiveRun:
         folder = self.serving.out / run
@@ -221,7 +199,7 @@ class Hub:
         try:
             yield replay
         finally:
-            await _ended([task])
+            await end_tasks(task)
 
     async def _warm(self) -> None:
         figures = await self.work(import_module, "bench.web.figures")
@@ -233,9 +211,3 @@ class Hub:
                 await self.work(figures.run_figures, outline or {})
         while (await self.work(self.runs.rows))[1]:
             await pause(_WARM_S)
-
-
-async def _ended(tasks: list[asyncio.Task[None]]) -> None:
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)

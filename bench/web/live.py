@@ -177,6 +177,13 @@ class FeedLine:
         return await _exchange(*self._ends, since, state)
 
 
+async def end_tasks(*tasks: asyncio.Future[Any]) -> None:
+    """Cancel tasks, and return when each of them has ended."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
 async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, since: int, state: bool) -> FeedReply:
     writer.write(request(since, state))
     header, packed = lengths(await reader.readexactly(LENGTHS_BYTES))

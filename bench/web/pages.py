@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mimetypes
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -56,32 +57,34 @@ def _modules(first: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _page(request: Request, template: str, *, status: int = 200, **values: object) -> Response:
+def page_of(
+    request: Request, template: str, *, status: int = 200, headers: Mapping[str, str] | None = None, **values: object
+) -> Response:
+    """Return a page in the language of the browser; ``values``: what its template names."""
     language = language_of(request)
-    page = templates().get_template(template)
     known: dict[str, object] = {
         "t": Texts(_HERE, language),
         "language": language,
         "languages": {code: Texts(_HERE, code)("language.name") for code in languages(_HERE)},
     }
-    return HTMLResponse(page.render(**known, **values), status)
+    return HTMLResponse(templates().get_template(template).render(**known, **values), status, headers)
 
 
 async def index(request: Request) -> Response:
     """``GET /``: living runs, sessions, calibration history; the page asks for them itself."""
-    return _page(request, "index.html.j2", modules=_modules("start.js"))
+    return page_of(request, "index.html.j2", modules=_modules("start.js"))
 
 
 async def run_page(request: Request) -> Response:
     """``GET /runs/{run}``: the live or replay page of one run."""
-    return _page(request, "run.html.j2", modules=_modules("page.js"), run=request.path_params["run"])
+    return page_of(request, "run.html.j2", modules=_modules("page.js"), run=request.path_params["run"])
 
 
 def refused(request: Request, refusal: Refusal) -> Response:
     """Return what was not done: a page for who opened an address in a browser, JSON for a script."""
     if "text/html" not in request.headers.get("accept", ""):
         return refusal.response()
-    return _page(request, "refused.html.j2", status=refusal.status, code=refusal.code, text=refusal.text)
+    return page_of(request, "refused.html.j2", status=refusal.status, code=refusal.code, text=refusal.text)
 
 
 async def texts(request: Request) -> Response:

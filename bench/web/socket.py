@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from bench.model.errors import BenchError
-from bench.web.hub import Hub
-from bench.web.room import Room, Viewer
+from bench.web.hub import Hub, Watched
+from bench.web.live import end_tasks
+from bench.web.room import Viewer
 
 NO_SUCH_RUN = 4404
 TOO_SLOW = 4408  # has not taken a single message for so long that nobody can be there
@@ -33,18 +33,7 @@ async def socket(websocket: WebSocket) -> None:
             await websocket.close(NO_SUCH_RUN, error.code)
 
 
-class Shown(Protocol):
-    """What a page looks at."""
-
-    @property
-    def room(self) -> Room:
-        """Where it is shown."""
-
-    async def move(self, said: Mapping[str, Any]) -> None:
-        """Take what a viewer of a recording says."""
-
-
-async def serve_viewer(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:
+async def serve_viewer(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
     """Until one of both ends: what the page says, and what it is sent."""
     tasks = [
         asyncio.create_task(_listen(websocket, viewer, watched)),
@@ -55,12 +44,10 @@ async def serve_viewer(websocket: WebSocket, viewer: Viewer, watched: Shown) -> 
         for task in done:
             task.result()
     finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end_tasks(*tasks)
 
 
-async def _send(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:
+async def _send(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
     while True:
         await viewer.wait()
         if viewer.stale:
@@ -79,7 +66,7 @@ async def _send(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:
             return
 
 
-async def _listen(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:
+async def _listen(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
     with suppress(WebSocketDisconnect):
         while True:
             try:

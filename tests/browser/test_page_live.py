@@ -51,6 +51,8 @@ def test_three_viewers_see_the_run(browser: Browser, server: PageServer, shown: 
         expect(page.locator("#wait")).to_contain_text("soak 55 \u00b0C")
         expect(page.locator("#step")).to_contain_text("7 of 18")
         expect(page.locator("#operator")).not_to_be_empty()
+        expect(page.locator("#links thead th").nth(5)).to_have_text("Jumps")
+        expect(page.locator("#links tbody td").nth(5)).to_have_text("4")
         for name in ("pause", "resume", "abort", "take"):  # a viewer has no commands
             expect(page.locator(f"#{name}")).to_be_hidden()
         keys_can_be_turned_off(page)

@@ -53,7 +53,7 @@ def refused(asked: CertificateRequest, code: str, status: int = ExitStatus.BAD_I
 
 def written(asked: CertificateRequest, name: str = "certificate.xml") -> bytes:
     """Return the certificate that is written; nothing is wrong in it."""
-    assert certificate(asked) == ExitStatus.PASS
+    certificate(asked)
     xml = (asked.out or asked.session / name).read_bytes()
     assert problems(xml) == []
     return xml

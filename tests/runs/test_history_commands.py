@@ -10,9 +10,9 @@ import pytest
 from archive_sample import sha256_of
 from rehearsal import ROOT, main_of
 
+from bench.commands.history.plots import MOST_PANELS
 from bench.model.errors import ExitStatus
 from bench.record import SessionReader
-from bench.report.plots.history import MOST_PANELS
 from bench.store import Filters, list_calibrations, record_calibration
 
 GOLDEN = ROOT / "tests" / "golden" / "sessions" / "0.1.0" / "20000101T000000Z_golden_GOLDEN"

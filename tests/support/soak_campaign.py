@@ -21,6 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -54,6 +55,7 @@ LIVED_THROUGH = (
 MOST_SIGMA = 5.0
 HEAT_MAY_STAY_degC = 1.0  # above the hard limit, until the guard has looked and acted
 HOUR_S = 3600.0
+QUIET: Any = SimpleNamespace(**dict.fromkeys(("step", "record", "message"), lambda *_: None))
 
 
 def watchers(plan: Plan) -> list[Any]:
@@ -76,22 +78,6 @@ def soak_plan(folder: Path) -> Plan:
     plan = compile_sequence(HERE / "soak.yaml", load_station(station), {})
     assert check_plan(plan, plan.station) == []
     return plan
-
-
-class Quiet:
-    """A listener that keeps what was said."""
-
-    def __init__(self) -> None:
-        self.messages: list[str] = []
-
-    def step(self, step: object, at_s: float) -> None:
-        return None
-
-    def record(self, row: object) -> None:
-        return None
-
-    def message(self, text: str) -> None:
-        self.messages.append(text)
 
 
 @dataclass
@@ -164,7 +150,7 @@ def soak_one(
     with patch.object(simulation, "open_world", open_world):
         try:
             done = conduct(
-                plan, clock=clock, seed=seed, out=folder, operator=SimulatedOperator(), listener=Quiet(),
+                plan, clock=clock, seed=seed, out=folder, operator=SimulatedOperator(), listener=QUIET,
                 keep_events=KEPT_EVENTS, beside=besides,
             )  # fmt: skip
         except Exception as error:  # before a session exists: still the bench must be safe

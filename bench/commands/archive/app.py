@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from bench.commands.requests import AsJson, Dask, Language, Place, RefitRequest, Select
 from bench.commands.usage import App
@@ -13,75 +13,62 @@ from bench.commands.usage import App
 app = App(help="All sessions ever recorded: where they are, whole or not, and what they would give today.")
 
 
-@app.command(epilog="Example: bench archive add sessions s3://calibrations/2026")
+@app.command(work="archive.computing", epilog="Example: bench archive add sessions s3://calibrations/2026")
 def add(
     *,
-    folders: Annotated[list[str], typer.Argument(metavar="FOLDER|URL...", help="sessions, or folders of sessions")],
-    everything: Annotated[bool, typer.Option("--all", help="read those again that have not changed")] = False,
+    folders: Annotated[list[str], Argument(metavar="FOLDER|URL...", help="sessions, or folders of sessions")],
+    everything: Annotated[bool, Option("--all", help="read those again that have not changed")] = False,
     dask: Dask = None,
     place: Place,
-    json: AsJson = False,
-) -> int:
+    as_json: AsJson = False,
+) -> None:
     """Enter sessions, every byte of them verified; what is known and has not changed is passed over."""
-    from bench.commands.archive import computing as work
-
-    return work.add(place.of(), folders, everything, dask, json)
 
 
-@app.command("list", epilog="Example: bench archive list --select uut=SIM-1 --select since=2026-01-01")
+@app.command(
+    "list", work="archive.listing", epilog="Example: bench archive list --select uut=SIM-1 --select since=2026-01-01"
+)
 def list_all(
     *,
     select: Select = None,
-    to: Annotated[Path | None, typer.Option(help="write them to a .csv or .parquet file")] = None,
+    to: Annotated[Path | None, Option(help="write them to a .csv or .parquet file")] = None,
     place: Place,
-    json: AsJson = False,
-) -> int:
+    as_json: AsJson = False,
+) -> None:
     """One line per session, in order of time."""
-    from bench.commands.archive import listing as work
-
-    return work.list_all(place.of(), select or [], to, json)
 
 
-@app.command(epilog="Example: bench archive verify --dask local:4")
-def verify(*, select: Select = None, dask: Dask = None, place: Place, json: AsJson = False) -> int:
+@app.command(work="archive.computing", epilog="Example: bench archive verify --dask local:4")
+def verify(*, select: Select = None, dask: Dask = None, place: Place, as_json: AsJson = False) -> None:
     """Read sessions again, every byte; exit status 5 if one is damaged, changed or gone."""
-    from bench.commands.archive import computing as work
-
-    return work.verify(place.of(), select or [], dask, json)
 
 
-@app.command(epilog="Example: bench archive where SIM-0001")
+@app.command(work="archive.listing", epilog="Example: bench archive where SIM-0001")
 def where(
     word: Annotated[
-        str, typer.Argument(help="serial number, certificate, software, or the beginning of the hash of a frame")
+        str, Argument(help="serial number, certificate, software, or the beginning of the hash of a frame")
     ],
     place: Place,
-    json: AsJson = False,
-) -> int:
+    as_json: AsJson = False,
+) -> None:
     """Which sessions and certificates depend on a unit, a standard, a certificate, a frame or a release."""
-    from bench.commands.archive import listing as work
-
-    return work.where(place.of(), word, json)
 
 
-@app.command(epilog="Example: bench archive refit --with-standards corrected.yaml --to trial --dask local:2")
-def refit(request: RefitRequest, place: Place) -> int:
+@app.command(
+    work="archive.computing",
+    epilog="Example: bench archive refit --with-standards corrected.yaml --to trial --dask local:2",
+)
+def refit(request: RefitRequest, place: Place) -> None:
     """Compute sessions again from their raw bytes, beside the released values; exit status 1 if one gives none."""
-    from bench.commands.archive import computing as work
-
-    return work.refit(place.of(), request)
 
 
-@app.command(epilog="Example: bench archive changes trial --html changes.html")
+@app.command(work="archive.listing", epilog="Example: bench archive changes trial --html changes.html")
 def changes(
     *,
-    trial: Annotated[str, typer.Argument(help="the folder of a refit, or the beginning of its name")],
-    html: Annotated[Path | None, typer.Option(metavar="FILE", help="write the report as a page")] = None,
-    lang: Language = "en",
+    trial: Annotated[str, Argument(help="the folder of a refit, or the beginning of its name")],
+    html: Annotated[Path | None, Option(metavar="FILE", help="write the report as a page")] = None,
+    language: Language = "en",
     place: Place,
-    json: AsJson = False,
-) -> int:
+    as_json: AsJson = False,
+) -> None:
     """What a refit would change: quantities, verdicts, certificates, and the last good evidence of each standard."""
-    from bench.commands.archive import listing as work
-
-    return work.changes(place.of(), trial, html, lang, json)

@@ -11,7 +11,7 @@ from bench.archive.places import Finding, Kind
 from bench.archive.trial import Asked, refit_sessions
 from bench.archive.work import Compute, computed_here
 from bench.commands.console import TaskLines, console, print_json
-from bench.commands.requests import RefitRequest
+from bench.commands.requests import Place, RefitRequest
 from bench.model.errors import ExitStatus
 from bench.session.register import load_register
 from bench.store import list_sessions, selection_of
@@ -26,14 +26,16 @@ def compute_at(dask: str | None) -> Compute:
     return partial(completed_on_cluster, dask)
 
 
-def add(url: str, folders: Sequence[str], everything: bool, dask: str | None, as_json: bool) -> int:
+def add(folders: Sequence[str], everything: bool, dask: str | None, place: Place, as_json: bool) -> int:
     """Enter sessions; returns 5 if one is damaged, 3 if one cannot be read now, else 0."""
-    return _tell(index.add(url, folders, compute_at(dask), TaskLines().done, again=everything), "entered", as_json)
+    findings = index.add(place.of(), folders, compute_at(dask), TaskLines().done, again=everything)
+    return _tell(findings, "entered", as_json)
 
 
-def verify(url: str, select: Sequence[str], dask: str | None, as_json: bool) -> int:
+def verify(select: Sequence[str] | None, dask: str | None, place: Place, as_json: bool) -> int:
     """Read sessions of the archive again; returns 5 if one is damaged, changed or gone, 3 if one cannot be read now."""
-    rows = list_sessions(url, selection_of(select))
+    url = place.of()
+    rows = list_sessions(url, selection_of(select or ()))
     return _tell(index.verify(url, rows, compute_at(dask), TaskLines(len(rows)).done), "verified", as_json)
 
 
@@ -62,10 +64,10 @@ def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def refit(url: str, request: RefitRequest) -> int:
+def refit(request: RefitRequest, place: Place) -> int:
     """Compute sessions again; returns 1 if one gives no results, else 0."""
     register = {} if request.with_standards is None else load_register(request.with_standards)
-    select = request.select or []
+    url, select = place.of(), request.select or []
     rows = list_sessions(url, selection_of(select))
     asked = Asked(request.method, register, dict(word.split("=", 1) for word in select))
     done = refit_sessions(url, rows, asked, request.to, compute_at(request.dask), TaskLines())

@@ -5,28 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from bench.commands.usage import App
 
 app = App(help="Begin a frame definition.")
 
 
-@app.command(epilog="Example: bench frame new capture.bin --name my_device --out frames/my_device.yaml")
+@app.command(
+    work="frame.explain", epilog="Example: bench frame new capture.bin --name my_device --out frames/my_device.yaml"
+)
 def new(
-    capture: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],
-    name: Annotated[str, typer.Option(help="of the definition")] = "my_device",
-    out: Annotated[Path | None, typer.Option(help="the file; default: standard output")] = None,
-) -> int:
+    capture: Annotated[Path, Argument(help="a raw capture of any length; - reads standard input")],
+    name: Annotated[str, Option(help="of the definition")] = "my_device",
+    out: Annotated[Path | None, Option(help="the file; default: standard output")] = None,
+) -> None:
     """Write a first definition from a capture: sync bytes, length and check, as its bytes show them."""
-    from bench.commands.frame import explain as work
-
-    return work.new(capture, name, out)
 
 
-@app.command(epilog="Example: bench frame check frames/my_device.yaml")
-def check(frame: Annotated[str, typer.Argument(help="a frame file, or the name of one")]) -> int:
+@app.command(work="frame.decode", epilog="Example: bench frame check frames/my_device.yaml")
+def check(frame: Annotated[str, Argument(help="a frame file, or the name of one")]) -> None:
     """Check a definition against its golden frames, and say how fast it is decoded here."""
-    from bench.commands.frame import decode as work
-
-    return work.check(frame)

@@ -110,10 +110,9 @@ def _nothing_good(counted: Counted) -> str:
     return f"nothing good: {begin} frame of a possible length in {seen.bytes} bytes"
 
 
-def check(frame: str) -> int:
+def check(frame: str) -> None:
     """Print what a definition describes and how it is decoded. Raises: InputErrors with every mistake in it."""
     definition = load_frame(named_file("frames", frame))
     messages = ", ".join(definition.messages)
     say(f"{definition.name}: messages {messages}; golden frames are right; sha256 {definition.sha256}")
     say(str(pace_of(definition, WallClock())))
-    return ExitStatus.PASS

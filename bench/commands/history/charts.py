@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from datetime import date
+from datetime import datetime
 from pathlib import Path
 
 from rich.console import Console
 
 from bench.commands.console import console, print_sorted_json, say
-from bench.commands.history.show import named
-from bench.commands.history.tables import rows_table
+from bench.commands.history.show import named, rows_table
 from bench.commands.requests import Place
 from bench.maths.control.limits import KINDS
 from bench.model.clock import NS, utc_text
@@ -21,24 +20,25 @@ _HEADS = ("parameter", "point", "rules", "since", "size", "U 95 %", "unit")
 
 
 def charts(
-    place: Place,
-    filters: Filters,
-    *,
+    uut: str | None,
     certificates: bool,
     station: str | None,
+    campaign: str | None,
+    quantity: str | None,
     run_length: float | None,
     plot: Path | None,
+    place: Place,
     as_json: bool,
 ) -> int:
     """Chart a unit, a station or all certificates; exit status 1 if a real one gives a signal."""
-    if certificates + (station is not None) + (filters.uut is not None) > 1:
+    if certificates + (station is not None) + (uut is not None) > 1:
         raise InputError(
             "B-CLI-011",
             "charts are of one unit, of one bench, or of the certificates",
             where="bench history charts",
             next_step="give one of --uut SERIAL, --bench STATION and --certificates",
         )
-    url = place.of()
+    url, filters = place.of(), Filters(uut, campaign, quantity)
     if certificates:
         subject = control.chart_certificates(url, filters, run_length)
     elif station is not None:
@@ -57,30 +57,34 @@ def charts(
     return ExitStatus.VERDICT_FAIL if signalled and not subject.simulated else ExitStatus.PASS
 
 
-def freeze_phase(
-    place: Place,
-    subject: tuple[str, str | None],
-    days: tuple[date | None, date],
-    run_length: float,
+def freeze(
+    until: datetime,
     by: str,
     reason: str,
+    since: datetime | None,
+    uut: str | None,
+    station: str | None,
+    run_length: float,
+    place: Place,
     as_json: bool,
-) -> int:
+) -> None:
     """State the first phase of a unit or a station."""
+    subject = ("unit", uut) if station is None else ("station", station)
+    days = None if since is None else since.date(), until.date()
     done = control.freeze(place.of(), subject, days, run_length, by, reason)
     if as_json:
-        return print_sorted_json(done)
-    say(f"{done['name']}: {done['calibrations']} calibrations until {done['until_utc'][:10]}, by {by}")
-    return ExitStatus.PASS
+        print_sorted_json(done)
+    else:
+        say(f"{done['name']}: {done['calibrations']} calibrations until {done['until_utc'][:10]}, by {by}")
 
 
-def adjusted(place: Place, session: str, state: str, what: str, by: str, as_json: bool) -> int:
+def adjusted(session: str, state: str, what: str, by: str, place: Place, as_json: bool) -> None:
     """State that a calibration shows its unit before or after an adjustment."""
     done = state_calibration(place.of([session]), named(session), state, what, by)
     if as_json:
-        return print_sorted_json({"session": done["session"], "state": state, "what": what, "stated_by": by})
-    say(f"{done['session']}: {state.replace('_', ' ')}, {what}")
-    return ExitStatus.PASS
+        print_sorted_json({"session": done["session"], "state": state, "what": what, "stated_by": by})
+    else:
+        say(f"{done['session']}: {state.replace('_', ' ')}, {what}")
 
 
 def _print(out: Console, subject: control.ChartedSubject) -> None:

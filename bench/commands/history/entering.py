@@ -19,18 +19,18 @@ from bench.store import Recorded, StoreError, digest_of_file, record_calibration
 NO_ANALYSIS = "none"
 
 
-def import_sessions(place: Place, folders: list[Path], reason: str, as_json: bool) -> int:
+def import_sessions(sessions: list[Path], reason: str, place: Place, as_json: bool) -> int:
     """Add each session; what cannot be added is said, and the others are added all the same.
 
     ``sessions/*`` also names the history itself, files of simulated truth and recordings without an analysis: with
     other names beside them these are passed over, each with a line.
     """
-    url = place.of([str(folder) for folder in folders])
+    url = place.of([str(folder) for folder in sessions])
     done: list[Recorded] = []
     status: int = ExitStatus.PASS
-    for folder in folders:
+    for folder in sessions:
         try:
-            if len(folders) > 1 and (why := _no_calibration(folder)):
+            if len(sessions) > 1 and (why := _no_calibration(folder)):
                 warn(f"{'skipped':<10} {folder}: {why}")
             else:
                 done.append(import_session(url, folder, reason))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bench.commands.console import console, say
 from bench.commands.schema import schema
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import InputError
 from bench.model.lab import FILE
 from bench.model.lab_code import CODE
 from bench.model.shipped import find_shipped, shipped_folder, shipped_names
@@ -56,7 +56,7 @@ _FORMS = {
 _DEFAULTS = {"model": "unit", "serial": "1", "station": FIRST_STATION}
 
 
-def init(folder: Path, given: dict[str, str | None]) -> int:
+def init(folder: Path, **given: str | None) -> None:
     """Write a lab folder; what the command line does not say is asked on a terminal, else taken as proposed.
 
     Raises: InputError B-LAB-002 if the folder is there and not empty, B-LAB-003 for an answer that cannot be used,
@@ -80,7 +80,6 @@ def init(folder: Path, given: dict[str, str | None]) -> int:
     first = _PLACES["first_check"] in contents
     then = f"try: cd {folder} && bench check first_check" if first else f"sequences go into {folder}/sequences"
     say(f"lab folder {folder}: {answers.name}; {then}")
-    return ExitStatus.PASS
 
 
 def _make_folders(folder: Path) -> None:

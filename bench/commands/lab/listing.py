@@ -12,7 +12,7 @@ from rich import box
 from rich.table import Table
 
 from bench.commands.console import console, print_json, say
-from bench.model.errors import ExitStatus, InputError, InstallationError
+from bench.model.errors import InputError, InstallationError
 from bench.model.installed import Refusal, driver_packages, driver_refusals
 from bench.model.lab import Lab, lab_here
 from bench.model.lab_code import CodeKind, check_readable, own_code_names, refused_twice
@@ -33,7 +33,7 @@ class Entry:
     origin: str
 
 
-def print_list(kind: str | None, as_json: bool) -> int:
+def print_list(kind: str | None, as_json: bool) -> None:
     """Print sequences, stations, frames, instruments and analyses, or those of one kind, each with its origin.
 
     Raises: InputError B-CLI-011 for another kind, B-LAB-001; InstallationError.
@@ -44,7 +44,7 @@ def print_list(kind: str | None, as_json: bool) -> int:
     entries = [entry for entry in _entries(lab) if kind in (None, entry.kind)]
     if as_json:
         print_json([asdict(entry) for entry in entries])
-        return ExitStatus.PASS
+        return
     for word in WORDS:
         rows = [entry for entry in entries if entry.kind == word]
         table = Table("name", "title", "from", box=box.SIMPLE_HEAD, title=word, title_justify="left")
@@ -54,7 +54,6 @@ def print_list(kind: str | None, as_json: bool) -> int:
             console().print(table)
     where = "no lab folder here (bench init)" if lab is None else f"lab folder: {lab.name}, {lab.folder}"
     say(where)
-    return ExitStatus.PASS
 
 
 def _entries(lab: Lab | None) -> Iterator[Entry]:

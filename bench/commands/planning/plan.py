@@ -9,7 +9,7 @@ from pathlib import Path
 from bench.commands.check import checked_plan
 from bench.commands.console import console, print_json
 from bench.commands.requests import PlanRequest
-from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.errors import InputError, InputErrors
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN
 from bench.plan import Plan, check_plan, compile_sequence
@@ -20,7 +20,7 @@ _EXAMPLES = {"--within": "'26 h'", "--lag": "'27 min'"}
 _FACTORS = (1.0, 1.25, 1.6, 2.0, 3.0)  # of the targets, for the figure
 
 
-def plan(request: PlanRequest) -> int:
+def plan(request: PlanRequest) -> None:
     """Find a plan, check it as it will be written, write it, and print what it gains and loses.
 
     Raises: InputError B-DES-...; InputErrors if what is written does not compile.
@@ -47,7 +47,6 @@ def plan(request: PlanRequest) -> int:
             out.print(f"  {line}")
         if request.out is not None:
             out.print(f"  written      {request.out}")
-    return ExitStatus.PASS
 
 
 def _seconds(option: str, text: str | None) -> float | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bench.maths.verdict import meaning_of, worst
@@ -111,33 +111,21 @@ def _verdict(batch: Batch, words: Texts) -> tuple[str, str]:
     return meaning_of(worst(batch.outcomes.values())).look, text
 
 
-def _sections(batch: Batch, words: Texts) -> list[Section]:
+def _sections(batch: Batch, words: Texts) -> Iterator[Section]:
     from bench.report import plots  # with matplotlib
 
-    left_out, worst = left_out_table(batch, words), worst_table(batch, words)
     mixed = batch.simulated and len(set(batch.simulated)) < len({part.session for part in batch.parts})
     notes = (words("batch.mixed", sessions=", ".join(batch.simulated)),) if mixed else ()
     said = (*notes, words("batch.how"))
-    return [
-        Section("yield", words("batch.section.yield"), said, (yield_table(batch, words),)),
-        Section("left-out", words("batch.section.left_out"), (), (left_out,) if left_out else ()),
-        Section(
-            "worst",
-            words("batch.section.worst"),
-            (words("batch.said.worst"),) if worst else (),
-            (worst,) if worst else (),
-        ),
-        Section("strips", words("batch.section.strips"), (), (), tuple(plots.strip_pictures(batch, words))),
-        Section(
-            "quantities",
-            words("batch.section.quantities"),
-            (words("batch.said.quantities"),) if batch.values else (),
-            tuple(spread_tables(batch, words)),
-        ),
-        Section(
-            "units",
-            words("batch.section.units"),
-            (words("batch.said.units"),) if batch.parts else (),
-            (unit_table(batch, words),) if batch.parts else (),
-        ),
-    ]
+    yield Section("yield", words("batch.section.yield"), said, (yield_table(batch, words),))
+    if left_out := left_out_table(batch, words):
+        yield Section("left-out", words("batch.section.left_out"), (), (left_out,))
+    if worst := worst_table(batch, words):
+        yield Section("worst", words("batch.section.worst"), (words("batch.said.worst"),), (worst,))
+    yield Section("strips", words("batch.section.strips"), pictures=tuple(plots.strip_pictures(batch, words)))
+    if batch.values:
+        tables = tuple(spread_tables(batch, words))
+        yield Section("quantities", words("batch.section.quantities"), (words("batch.said.quantities"),), tables)
+    if batch.parts:
+        units = (unit_table(batch, words),)
+        yield Section("units", words("batch.section.units"), (words("batch.said.units"),), units)

@@ -9,7 +9,7 @@ from bench.model.texts import Texts
 from bench.model.titles import campaign_title, quantity_title
 from bench.report.batch.model import Batch, Member, Quantity, Spread, Unit, Yield
 from bench.report.estimate_tables import conditions_text, prefixed
-from bench.report.tables import Table
+from bench.report.tables import Table, table_of
 from bench.report.verdict_tables import percent
 
 _MOST_ROWS = 400
@@ -121,12 +121,12 @@ def _limits(quantity: Quantity, limits: tuple[float, float] | None, scale: float
 
 def worst_table(batch: Batch, words: Texts) -> Table | None:
     """Return the values that most likely are outside their limits; None if nothing is judged."""
-    rows = tuple(_worst_row(quantity, member, words) for quantity, member in batch.worst)
+    rows = (_worst_row(quantity, member, words) for quantity, member in batch.worst)
     heads = (
         "batch.unit", "batch.quantity", "batch.conditions", "batch.value", "batch.limit", "batch.measure",
         "batch.conformance", "batch.verdict", "batch.session",
     )  # fmt: skip
-    return Table(words("batch.worst_table"), tuple(map(words, heads)), rows, stub=3) if rows else None
+    return table_of(words, words("batch.worst_table"), heads, rows, stub=3)
 
 
 def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, ...]:
@@ -146,6 +146,6 @@ def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, .
 
 def left_out_table(batch: Batch, words: Texts) -> Table | None:
     """Return sessions that are not, or not wholly, in the batch."""
-    rows = tuple((left_out.session, left_out.code, left_out.text) for left_out in batch.left_out)
+    rows = ((left_out.session, left_out.code, left_out.text) for left_out in batch.left_out)
     heads = ("batch.session", "batch.code", "batch.why")
-    return Table(words("batch.left_out_table"), tuple(map(words, heads)), rows, prose=True) if rows else None
+    return table_of(words, words("batch.left_out_table"), heads, rows, prose=True)

@@ -6,16 +6,16 @@ Statements say what it is and is not; coverage, traceability, decision rule, ver
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 
 from bench import __version__
 from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
 from bench.maths.verdict import WORST_FIRST
-from bench.report.accreditation import not_covered
 from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration
 from bench.report.dcc.elements import LANGUAGE, Element, dcc, leaf, words
-from bench.report.dcc.measurement import overdue
+from bench.report.dcc.measurement import identification, overdue
 from bench.report.dcc.results import STATUS, left_out
-from bench.report.laboratory import Contact, Laboratory, Person
+from bench.report.laboratory import Contact, Laboratory, Person, not_covered
 
 HASH_REF = "bench_{}Sha256"
 
@@ -31,7 +31,7 @@ def administrative(calibration: Calibration) -> Element:
         _laboratory(calibration),
         dcc("respPersons", *(_person(person) for person in calibration.laboratory.responsible)),
         _contact("customer", calibration.laboratory.customer),
-        statements(calibration),
+        dcc("statements", *_statements(calibration)),
     )
 
 
@@ -79,21 +79,15 @@ def _identifications(calibration: Calibration) -> list[Element]:
     identifications = []
     if calibration.laboratory.order is not None:
         identifications.append(
-            _identification("basic_orderNo", calibration.laboratory.order, "identification.order", "customer")
+            identification("basic_orderNo", calibration.laboratory.order, "identification.order", "customer")
         )
     identifications.append(
-        _identification("bench_session", str(calibration.results["session"]), "identification.session")
+        identification("bench_session", str(calibration.results["session"]), "identification.session")
     )
     return identifications + [
-        _identification(HASH_REF.format(name), digest, f"identification.{name}_sha256")
+        identification(HASH_REF.format(name), digest, f"identification.{name}_sha256")
         for name, digest in calibration.hashes.items()
     ]
-
-
-def _identification(ref_type: str, value: str, key: str, issuer: str = "calibrationLaboratory") -> Element:
-    return dcc(
-        "identification", leaf("issuer", issuer), leaf("value", value), words("name", TEXTS(key)), refType=ref_type
-    )
 
 
 def _item(calibration: Calibration) -> Element:
@@ -106,8 +100,8 @@ def _item(calibration: Calibration) -> Element:
         leaf("model", uut["model"]),
         dcc(
             "identifications",
-            _identification("basic_serialNumber", str(uut["serial"]), "identification.serial", "manufacturer"),
-            None if own is None else _identification("bench_customerNo", own, "identification.customer_no", "customer"),
+            identification("basic_serialNumber", str(uut["serial"]), "identification.serial", "manufacturer"),
+            None if own is None else identification("bench_customerNo", own, "identification.customer_no", "customer"),
         ),
         id=ITEM_ID,
     )
@@ -135,24 +129,32 @@ def _person(person: Person) -> Element:
     return dcc("respPerson", dcc("person", words("name", person.name)), leaf("role", person.role), signs)
 
 
-def statements(calibration: Calibration) -> Element:
-    """Return the element statements."""
-    laboratory = calibration.laboratory
-    return dcc(
-        "statements",
-        *_specimen(calibration),
-        _statement(TEXTS("statement.scope"), norm="ISO/IEC 17025:2017", reference="7.8.2.1 l)"),
-        _statement(TEXTS("statement.coverage"), "basic_methodMeasurementUncertainty", norm="JCGM 100:2008"),
-        _statement(laboratory.traceability, "bench_traceability", norm="ISO/IEC 17025:2017", reference="7.8.4.1 c)"),
-        *_overdue(calibration),
-        *_of_the_laboratory(laboratory),
-        *_accreditation(calibration),
-        *_conformity(calibration),
-        *_not_reported(calibration),
-        _quality(calibration),
-        *(_statement(note, "bench_note") for note in calibration.results.get("notes", ())),
-        *(_statement(text, "bench_laboratoryStatement") for text in laboratory.statements),
-    )
+def _statements(calibration: Calibration) -> Iterator[Element]:
+    """Yield every statement in its order; standards that are overdue only a specimen can have."""
+    laboratory, estimates = calibration.laboratory, calibration.estimates
+    if calibration.specimen:
+        key = "statement.simulated" if calibration.simulated else "statement.specimen"
+        yield _statement(TEXTS(key), "bench_specimen")
+    yield _statement(TEXTS("statement.scope"), norm="ISO/IEC 17025:2017", reference="7.8.2.1 l)")
+    yield _statement(TEXTS("statement.coverage"), "basic_methodMeasurementUncertainty", norm="JCGM 100:2008")
+    yield _statement(laboratory.traceability, "bench_traceability", norm="ISO/IEC 17025:2017", reference="7.8.4.1 c)")
+    if late := overdue(calibration.manifest.get("standards", {}), calibration.began, calibration.ended):
+        yield _statement(TEXTS("statement.overdue", standards="; ".join(late)), "bench_overdue")
+    yield from _of_the_laboratory(laboratory)
+    yield from _accreditation(calibration)
+    yield from _conformity(calibration)
+    if names := Counter(estimate.quantity for estimate in estimates if is_sound(estimate) and left_out(estimate)):
+        listed = ", ".join(f"{count} {name}" for name, count in sorted(names.items()))
+        yield _statement(TEXTS("statement.left_out", listed=listed), "bench_leftOut")
+    if counted := Counter(str(estimate.quality) for estimate in estimates if not is_sound(estimate)):
+        counts = ", ".join(f"{counted[name]} {name}" for name in (REFUSED, DOUBTFUL) if counted[name])
+        why = " ".join(doubt_lines(estimates))  # accepted values stay out too
+        yield _statement(TEXTS("statement.not_sound", counts=counts, why=why), "bench_notSound")
+    yield _statement(TEXTS("statement.quality", **calibration.results["quality"]), "bench_quality")
+    for note in calibration.results.get("notes", ()):
+        yield _statement(note, "bench_note")
+    for text in laboratory.statements:
+        yield _statement(text, "bench_laboratoryStatement")
 
 
 def _statement(
@@ -166,13 +168,6 @@ def _statement(
         leaf("conformity", conformity),
         refType=ref_type,
     )
-
-
-def _specimen(calibration: Calibration) -> list[Element]:
-    if not calibration.specimen:
-        return []
-    key = "statement.simulated" if calibration.simulated else "statement.specimen"
-    return [_statement(TEXTS(key), "bench_specimen")]
 
 
 def _of_the_laboratory(laboratory: Laboratory) -> list[Element]:
@@ -203,12 +198,6 @@ def _accreditation(calibration: Calibration) -> list[Element]:
     return [_statement(text, "bench_accreditation")]
 
 
-def _overdue(calibration: Calibration) -> list[Element]:
-    """Only a specimen can have them: a certificate is refused."""
-    late = overdue(calibration.manifest.get("standards", {}), calibration.began, calibration.ended)
-    return [_statement(TEXTS("statement.overdue", standards="; ".join(late)), "bench_overdue")] if late else []
-
-
 def _conformity(calibration: Calibration) -> list[Element]:
     counted = Counter(estimate.verdict for estimate in calibration.estimates if estimate.verdict in STATUS)
     if not counted:
@@ -222,26 +211,3 @@ def _conformity(calibration: Calibration) -> list[Element]:
         _statement(TEXTS(f"rule.{rule}"), "bench_decisionRule", norm="JCGM 106:2012", reference="ILAC-G8:09/2019"),
         _statement(judged, "basic_conformity", conformity=STATUS[worst]),
     ]
-
-
-def _not_reported(calibration: Calibration) -> list[Element]:
-    sound = [estimate for estimate in calibration.estimates if is_sound(estimate)]
-    names = Counter(estimate.quantity for estimate in sound if left_out(estimate))
-    listed = ", ".join(f"{count} {name}" for name, count in sorted(names.items()))
-    statements = [_statement(TEXTS("statement.left_out", listed=listed), "bench_leftOut")] if names else []
-    return statements + _not_sound(calibration)
-
-
-def _not_sound(calibration: Calibration) -> list[Element]:
-    """Return how many estimates are left out as doubtful or refused, and why; accepted values stay out too."""
-    estimates = calibration.estimates
-    why = doubt_lines(estimates)
-    counted = Counter(str(estimate.quality) for estimate in estimates if not is_sound(estimate))
-    counts = ", ".join(f"{counted[name]} {name}" for name in (REFUSED, DOUBTFUL) if counted[name])
-    text = TEXTS("statement.not_sound", counts=counts, why=" ".join(why))
-    return [_statement(text, "bench_notSound")] if counts else []
-
-
-def _quality(calibration: Calibration) -> Element:
-    quality = calibration.results["quality"]
-    return _statement(TEXTS("statement.quality", **quality), "bench_quality")

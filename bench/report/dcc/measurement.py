@@ -207,15 +207,16 @@ def _standard(calibration: Calibration, role: str, entry: Mapping[str, Any]) -> 
         leaf("model", _said(entry, "model")),
         dcc(
             "identifications",
-            dcc(
-                "identification",
-                leaf("issuer", "manufacturer"),
-                leaf("value", _said(entry, "serial")),
-                words("name", TEXTS("identification.serial")),
-                refType="basic_serialNumber",
-            ),
+            identification("basic_serialNumber", _said(entry, "serial"), "identification.serial", "manufacturer"),
         ),
         id=equipment_id(role),
+    )
+
+
+def identification(ref_type: str, value: str, key: str, issuer: str = "calibrationLaboratory") -> Element:
+    """Return the element identification; ``key``: of its name in words."""
+    return dcc(
+        "identification", leaf("issuer", issuer), leaf("value", value), words("name", TEXTS(key)), refType=ref_type
     )
 
 

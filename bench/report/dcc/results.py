@@ -17,6 +17,7 @@ from bench.maths.verdict import coverage_factor
 from bench.report.dcc.calibration import TEXTS, Calibration
 from bench.report.dcc.dsi import PLAIN, SiUnit, condition_unit, estimate_unit, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
+from bench.report.tables import grouped
 
 PROBABILITY = "0.95"
 _SAME_K = 1e-3
@@ -49,13 +50,10 @@ def left_out(estimate: Estimate) -> bool:
 
 def tables_of(estimates: Sequence[Estimate]) -> list[Table]:
     """Return tables in the order of results.json; every estimate that can be given is in one of them."""
-    groups: dict[tuple[Any, ...], list[Estimate]] = {}
-    for estimate in estimates:
-        if not left_out(estimate):
-            groups.setdefault(_key(estimate), []).append(estimate)
+    shown = [estimate for estimate in estimates if not left_out(estimate)]
     return [
         Table(quantity, unit, numeric, texts, common, tuple(rows))
-        for (quantity, unit, numeric, texts, common, *_), rows in groups.items()
+        for (quantity, unit, numeric, texts, common, *_), rows in grouped(shown, _key).items()
     ]
 
 
@@ -114,8 +112,7 @@ def _description(table: Table, unit: SiUnit) -> str:
 
 def _columns(table: Table, unit: SiUnit) -> list[Element]:
     rows = table.estimates
-    columns = [_condition(table, name) for name in table.numeric]
-    columns += [_words(name, [_text(estimate.conditions[name]) for estimate in rows]) for name in table.texts]
+    columns = [_condition(table, name) for name in (*table.numeric, *table.texts)]
     columns += [dcc("quantity", words("name", name), words("noQuantity", text)) for name, text in table.common]
     columns.append(_values(table, unit))
     counted = ("n", "dropped") if rows[0].dof is None else ("n", "dropped", "dof")
@@ -124,16 +121,13 @@ def _columns(table: Table, unit: SiUnit) -> list[Element]:
 
 
 def _condition(table: Table, name: str) -> Element:
+    """Return a condition as a column of numbers or words."""
+    values = [estimate.conditions[name] for estimate in table.estimates]
     unit = condition_unit(name)
-    assert unit is not None
-    values = [si_number(estimate.conditions[name], unit) for estimate in table.estimates]
-    return dcc(
-        "quantity", words("name", name), number_list(values, unit.token), refType=f"bench_{camel('condition_' + name)}"
-    )
-
-
-def _words(name: str, values: Sequence[str]) -> Element:
-    listed = dcc("charsXMLList", text=" ".join(values))
+    if name in table.texts or unit is None:
+        listed = dcc("charsXMLList", text=" ".join(map(_text, values)))
+    else:
+        listed = number_list([si_number(value, unit) for value in values], unit.token)
     return dcc("quantity", words("name", name), listed, refType=f"bench_{camel('condition_' + name)}")
 
 

@@ -15,7 +15,7 @@ from bench.model.texts import Texts
 from bench.model.titles import quantity_title
 from bench.report.estimate_tables import condition_head, condition_scale, condition_value, readable
 from bench.report.model import ReportModel
-from bench.report.tables import kind_of
+from bench.report.tables import grouped, kind_of
 
 ROOM_pt = 493.0  # the width of an A4 page inside its margins
 _LETTER_pt, _GAP_pt = 4.15, 4.6  # of the type of 6.5 pt that the tables are set in
@@ -24,7 +24,6 @@ _TEMPERATURE = "temperature_degC"
 _ACROSS = (_TEMPERATURE, "axis", "column", "unit")
 MEASURED = "unit_temperature_degC"
 NOT_SOUND = "†"
-Row = Estimate
 Key = tuple[Any, ...]
 
 
@@ -48,7 +47,7 @@ class _Grid:
     scale: float
     names: tuple[str, ...]
     across: str | None
-    rows: Mapping[tuple[Key, Any], Row]
+    rows: Mapping[tuple[Key, Any], Estimate]
     cut: bool = False
 
     @property
@@ -75,7 +74,7 @@ class _Grid:
         return replace(self, rows=rows, cut=True)
 
 
-def main_rows(model: ReportModel) -> list[Row]:
+def main_rows(model: ReportModel) -> list[Estimate]:
     """Return the estimates that the first page shows: of the declared quantities, else all with an uncertainty.
 
     What another method gives is there to compare with, and stands behind; but for a quantity that no other gives.
@@ -88,7 +87,7 @@ def main_rows(model: ReportModel) -> list[Row]:
     return declared or [row for row in entries if row.expanded_uncertainty or not is_sound(row)]
 
 
-def _of_quantity(rows: Sequence[Row], name: str) -> list[Row]:
+def _of_quantity(rows: Sequence[Estimate], name: str) -> list[Estimate]:
     return [row for row in rows if row.quantity == name]
 
 
@@ -97,21 +96,19 @@ class Shown:
     """The main results as the page has room for them; ``rows``: the estimates that are in the tables."""
 
     blocks: tuple[Block, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[Estimate, ...]
     notes: tuple[str, ...]
 
 
 def shown_results(model: ReportModel, words: Texts) -> Shown:
     """Return tables of the main results, and what a reader must know of them."""
-    by_quantity: dict[str, list[Row]] = {}
-    for row in main_rows(model):
-        by_quantity.setdefault(str(row.quantity), []).append(row)
     analysis = model.analysis
     grids = [
-        _grid(analysis, quantity_title(analysis, name, words.language), rows) for name, rows in by_quantity.items()
+        _grid(analysis, quantity_title(analysis, name, words.language), rows)
+        for name, rows in grouped(main_rows(model), lambda row: str(row.quantity)).items()
     ]
     blocks: list[Block] = []
-    shown: list[Row] = []
+    shown: list[Estimate] = []
     lines = 0
     for made, rows in (part for alike in _alike(grids) for part in _made(alike, words)):
         lines += len(made.rows) + len(made.foot) + 3
@@ -121,7 +118,7 @@ def shown_results(model: ReportModel, words: Texts) -> Shown:
     return Shown(tuple(blocks), tuple(shown), tuple(_notes(words, shown, lines > MOST_LINES)))
 
 
-def _notes(words: Texts, shown: Sequence[Row], cut: bool) -> Iterator[str]:
+def _notes(words: Texts, shown: Sequence[Estimate], cut: bool) -> Iterator[str]:
     if not shown:
         yield words("first.results.none")
     if not all(map(is_sound, shown)):
@@ -130,10 +127,8 @@ def _notes(words: Texts, shown: Sequence[Row], cut: bool) -> Iterator[str]:
         yield words("first.results.further")
 
 
-def _grid(campaign: str, title: str, rows: Sequence[Row]) -> _Grid:
-    shapes: dict[frozenset[str], list[Row]] = {}
-    for row in rows:
-        shapes.setdefault(frozenset(row.conditions), []).append(row)
+def _grid(campaign: str, title: str, rows: Sequence[Estimate]) -> _Grid:
+    shapes = grouped(rows, lambda row: frozenset(row.conditions))
     chosen = max(shapes.values(), key=lambda group: (_TEMPERATURE in group[0].conditions, len(group)))
     names = [name for name in chosen[0].conditions if name != MEASURED]
     varying = [name for name in names if len({_plain(row.conditions[name]) for row in chosen}) > 1]
@@ -169,33 +164,33 @@ def _ordered(values: Sequence[Any]) -> list[Any]:
 
 def _alike(grids: Sequence[_Grid]) -> list[list[_Grid]]:
     """Return grids that have the same rows, or, of those without, the same columns."""
-    groups: dict[Any, list[_Grid]] = {}
-    for grid in grids:
-        columns = () if grid.down != [()] else tuple(map(str, grid.columns))
-        groups.setdefault((grid.names, tuple(grid.down), columns), []).append(grid)
-    return list(groups.values())
+
+    def shape(grid: _Grid) -> Key:
+        return grid.names, tuple(grid.down), () if grid.down != [()] else tuple(map(str, grid.columns))
+
+    return list(grouped(grids, shape).values())
 
 
-def _made(grids: Sequence[_Grid], words: Texts) -> Iterator[tuple[Block, list[Row]]]:
+def _made(grids: Sequence[_Grid], words: Texts) -> Iterator[tuple[Block, list[Estimate]]]:
     if not grids[0].names:
         for start in range(0, len(grids), MOST_ROWS):
             part = grids[start : start + MOST_ROWS]
             yield _list(part, words), [row for grid in part for row in grid.rows.values()]
         return
-    with_U = _table(grids, words, _full)
+    with_U = _table(grids, words, True)
     if _width_pt(with_U) <= ROOM_pt:
         yield with_U, _shown(grids)
         return
     together: list[_Grid] = []
     for grid in (grid.thinned(_MOST_ACROSS) for grid in grids):
-        if together and _width_pt(_table([*together, grid], words, _short)) > ROOM_pt:
-            yield _table(together, words, _short), _shown(together)
+        if together and _width_pt(_table([*together, grid], words, False)) > ROOM_pt:
+            yield _table(together, words, False), _shown(together)
             together = []
         together.append(grid)
-    yield _table(together, words, _short), _shown(together)
+    yield _table(together, words, False), _shown(together)
 
 
-def _shown(grids: Sequence[_Grid]) -> list[Row]:
+def _shown(grids: Sequence[_Grid]) -> list[Estimate]:
     keys = grids[0].down[:MOST_ROWS]
     return [row for grid in grids for (key, _), row in grid.rows.items() if key in keys]
 
@@ -212,21 +207,21 @@ def _list(grids: Sequence[_Grid], words: Texts) -> Block:
         found = [grid.rows.get(((), value)) for value in columns]
         known = [row for row in found if row is not None]
         last = (_verdict(words, known),) if judged else ()
-        rows.append((grid.heading, *(_full(row, grid) for row in found), _factors(known), *last))
+        rows.append((grid.heading, *(_cell(row, grid, True) for row in found), _factors(known), *last))
     headers = (words("column.quantity"), *values, "k", *((words("first.results.verdict"),) if judged else ()))
     return Block(words("first.results.list"), (), headers, tuple(rows))
 
 
-def _table(grids: Sequence[_Grid], words: Texts, text: Any) -> Block:
-    """Return rows down and quantities side by side; where ``text`` gives values alone, U stands below them."""
+def _table(grids: Sequence[_Grid], words: Texts, with_u: bool) -> Block:
+    """Return rows down and quantities side by side; where U does not stand with the values, it stands below them."""
     keys = grids[0].down
     body, foot, headers = [], [], [_down(words, grids[0])]
     for key in keys[:MOST_ROWS]:
-        cells = [text(grid.rows.get((key, value)), grid) for grid in grids for value in grid.columns]
+        cells = [_cell(grid.rows.get((key, value)), grid, with_u) for grid in grids for value in grid.columns]
         body.append((_label(words, grids[0], key), *cells))
     below = [[row for (_, at), row in grid.rows.items() if at == value] for grid in grids for value in grid.columns]
     headers += ["" if value is None else _across(words, grid, value) for grid in grids for value in grid.columns]
-    if text is _short:
+    if not with_u:
         foot += _below(words, grids, below)
     foot.append(("k", *map(_factors, below)))
     if any(row.verdict != "none" for rows in below for row in rows):
@@ -234,13 +229,13 @@ def _table(grids: Sequence[_Grid], words: Texts, text: Any) -> Block:
     groups = (("", 1), *((grid.heading, len(grid.columns)) for grid in grids))
     more = words("first.results.more", shown=MOST_ROWS, all=len(keys)) if len(keys) > MOST_ROWS else ""
     some = words("first.results.columns") if any(grid.cut for grid in grids) else ""
-    caption = words("first.results.short" if text is _short else "first.results.full")
+    caption = words("first.results.full" if with_u else "first.results.short")
     return Block(
         " ".join(part for part in (caption, some, more) if part), groups, tuple(headers), tuple(body), tuple(foot)
     )
 
 
-def _below(words: Texts, grids: Sequence[_Grid], below: Sequence[Sequence[Row]]) -> list[tuple[str, ...]]:
+def _below(words: Texts, grids: Sequence[_Grid], below: Sequence[Sequence[Estimate]]) -> list[tuple[str, ...]]:
     """Return the largest U of each column, for each kind of channel where there are several."""
     kinds = dict.fromkeys(row.conditions.get("kind", "") for rows in below for row in rows)
     scales = [grid.scale for grid in grids for _ in grid.columns]
@@ -262,33 +257,29 @@ def _width_pt(block: Block) -> float:
     return total
 
 
-def _full(row: Row | None, grid: _Grid) -> str:
+def _cell(row: Estimate | None, grid: _Grid, with_u: bool) -> str:
+    """Return a value, with its expanded uncertainty or to the digits that this leaves it."""
     if row is None or not is_sound(row) or row.value is None:
         return _unsound(row, grid)
-    expanded = row.expanded_uncertainty
-    return with_uncertainty(row.value * grid.scale, None if expanded is None else expanded * grid.scale)
+    value, expanded = row.value * grid.scale, row.expanded_uncertainty
+    if with_u:
+        return with_uncertainty(value, None if expanded is None else expanded * grid.scale)
+    return number(value, decimals_for(expanded * grid.scale) if expanded else None)
 
 
-def _short(row: Row | None, grid: _Grid) -> str:
-    if row is None or not is_sound(row) or row.value is None:
-        return _unsound(row, grid)
-    expanded = row.expanded_uncertainty or 0.0
-    return number(row.value * grid.scale, decimals_for(expanded * grid.scale) if expanded else None)
-
-
-def _unsound(row: Row | None, grid: _Grid) -> str:
+def _unsound(row: Estimate | None, grid: _Grid) -> str:
     if row is None or row.value is None:
         return "–" if row is None else NOT_SOUND
     value = row.value * grid.scale
     return f"{number(value if grid.places is not None else float(f'{value:.3g}'), grid.places)} {NOT_SOUND}"
 
 
-def _largest(rows: Sequence[Row], scale: float) -> str:
+def _largest(rows: Sequence[Estimate], scale: float) -> str:
     known = [row.expanded_uncertainty * scale for row in rows if row.expanded_uncertainty]
     return number(max(known), decimals_for(max(known))) if known else "–"
 
 
-def _factors(rows: Sequence[Row]) -> str:
+def _factors(rows: Sequence[Estimate]) -> str:
     known = sorted(row.coverage_factor for row in rows if row.expanded_uncertainty)
     if not known:
         return "–"
@@ -296,7 +287,7 @@ def _factors(rows: Sequence[Row]) -> str:
     return low if low == high else f"{low}–{high}"
 
 
-def _verdict(words: Texts, rows: Sequence[Row]) -> str:
+def _verdict(words: Texts, rows: Sequence[Estimate]) -> str:
     found = worst(row.verdict for row in rows)
     return "–" if found == "none" else words(f"verdict.{found}")
 

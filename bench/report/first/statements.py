@@ -7,22 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimate, is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
+from bench.analysis import Estimate, is_sound, limits_of, limits_text, number, unit_text, with_uncertainty
 from bench.maths.verdict import NON_BINARY, meaning_of
 from bench.model.systems import analysis_declaration, is_size
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title, value_title
-from bench.report.accreditation import not_covered
 from bench.report.dcc import method_of
 from bench.report.estimate_tables import conditions_text, readable
 from bench.report.first.results import MEASURED
-from bench.report.laboratory import Laboratory
+from bench.report.laboratory import Laboratory, not_covered
 from bench.report.model import ReportModel
 from bench.report.tables import named, role_of
-from bench.report.verdict_tables import percent
+from bench.report.verdict_tables import percent, used
 
 _MOST_STANDARDS = 12
-Row = Estimate
 Statement = tuple[str, str]
 
 
@@ -43,13 +41,13 @@ def statements(
     yield words("first.validity"), words("first.validity.log" if model.of_a_log else "first.validity.text")
 
 
-def _judged(model: ReportModel) -> list[Row]:
+def _judged(model: ReportModel) -> list[Estimate]:
     return [row for row in model.rows if limits_of(row) is not None and row.verdict != "none" and is_sound(row)]
 
 
-def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
+def _nearest(model: ReportModel, judged: Sequence[Estimate], words: Texts) -> str:
     """Return the judged value whose interval uses most of its limits, and how much it leaves; any beyond uses more."""
-    row = max(judged, key=_use)
+    row = max(judged, key=used)
     limits = limits_of(row)
     assert limits is not None
     scale, unit = readable([row])
@@ -77,13 +75,7 @@ def _rounded(size: float) -> str:
     return number(float(f"{abs(size):.3g}"))
 
 
-def _use(row: Row) -> float:
-    limits = limits_of(row)
-    assert limits is not None
-    return use_of(float(row.value), limits, float(row.expanded_uncertainty or 0.0))
-
-
-def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
+def decision(model: ReportModel, judged: Sequence[Estimate], words: Texts) -> str:
     """Return the rule in words, and the greatest probability that one of its statements is wrong.
 
     Of an accepted value it is the probability that the true value is outside its limits; of a refused one, inside.
@@ -107,7 +99,7 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     return " ".join(said)
 
 
-def _risk(row: Row) -> float:
+def _risk(row: Estimate) -> float:
     inside = row.conformance_probability or 0.0
     return 1.0 - inside if meaning_of(row.verdict).accepts else inside
 
@@ -209,7 +201,7 @@ def _of_the_laboratory(laboratory: Laboratory, not_accredited: Sequence[str], wo
         yield words("first.accreditation"), words(key, **by)
 
 
-def mark_refused(model: ReportModel, laboratory: Laboratory, shown: Sequence[Row], words: Texts) -> list[str]:
+def mark_refused(model: ReportModel, laboratory: Laboratory, shown: Sequence[Estimate], words: Texts) -> list[str]:
     """Return why the results on the page may not stand under the laboratory's accreditation; [] if they may."""
     if laboratory.accreditation is None:
         return []
@@ -218,6 +210,6 @@ def mark_refused(model: ReportModel, laboratory: Laboratory, shown: Sequence[Row
     if not shown:
         return [words("first.accreditation.nothing")]
     judged = _judged(model)
-    rows = [*shown, *([max(judged, key=_use)] if judged else [])]
+    rows = [*shown, *([max(judged, key=used)] if judged else [])]
     reasons = not_covered(laboratory.accreditation, model.analysis, rows)
     return [f"{quantity}: {reason}" for quantity, reason in reasons.items()]

@@ -13,7 +13,8 @@ from matplotlib.ticker import ScalarFormatter
 
 from bench.analysis import Floats
 from bench.model.texts import ENGLISH, Texts
-from bench.report.model import Picture, TemperatureTrace, TimedPlan, Timetable
+from bench.plan import Plan
+from bench.report.model import Picture, TemperatureTrace, Timetable
 from bench.report.plots.style import BLUE, GREEN, GREY, INK, VERMILION, WINE, drawing, inline_svg, svg_text
 from bench.report.tables import words_of
 from bench.report.timetable import timetable
@@ -39,7 +40,7 @@ def _has_readings(trace: TemperatureTrace) -> bool:
     return any(np.isfinite(curve).any() for curve in (trace.air_degC, trace.unit_degC, trace.planned_degC))
 
 
-def plot_timetable(plan: TimedPlan, path_svg: Path) -> None:
+def plot_timetable(plan: Plan, path_svg: Path) -> None:
     """Write the timetable of a compiled plan as an SVG file; the same plan gives the same bytes."""
     with drawing():
         figure = _timetable_figure(

@@ -30,7 +30,6 @@ from bench.report.tables import channel_title, place_of
 _APART = 0.008  # of the span of temperatures, to each side
 _LEAST_SPAN_degC = 1.0  # a campaign at one temperature differs by hundredths between its records
 _LEAST_AIR_SPAN_degC = 2.0  # of the axis of the laboratory
-Row = Estimate
 
 
 @dataclass(frozen=True)
@@ -100,12 +99,14 @@ def _title(words: Texts, channel: tuple[Any, Any], doubted: bool) -> str:
     return words("channel.doubtful", title=title) if doubted else title
 
 
-def _at_temperatures(rows: Sequence[Row]) -> list[Row]:
+def _at_temperatures(rows: Sequence[Estimate]) -> list[Estimate]:
     """Return estimates that belong to a channel and a temperature, repeats and refused ones left out."""
     return [row for row in rows if {"channel", "temperature_degC"} <= row.conditions.keys() and row.value is not None]
 
 
-def _error_bars(axes: Axes, rows: Sequence[Row], curve: _Series, words: Texts, shift_degC: float, scale: float) -> None:
+def _error_bars(
+    axes: Axes, rows: Sequence[Estimate], curve: _Series, words: Texts, shift_degC: float, scale: float
+) -> None:
     temperature = [unit_temperature_degC(row.conditions) + shift_degC for row in rows]
     value = [scale * row.value for row in rows]
     expanded = [scale * (row.expanded_uncertainty or 0.0) for row in rows]

@@ -181,6 +181,7 @@ def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dic
         "frames": counts.frames,
         "bad": counts.bad,
         "lost": counts.lost,
+        "jumps": counts.jumps,
         "duplicate": counts.duplicate,
         "rate_Hz": finite(round(reader.rate_Hz, 3)),
         "age_s": finite(round(age_s(reader, now_ns), 3)),

@@ -11,7 +11,7 @@ import os
 import re
 import stat
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
@@ -111,7 +111,7 @@ def session_row(folder: Path) -> Row:
         "verdict": verdict_of(results) if results else None,
         "records": {"done": quality.get("records"), "planned": (manifest.get("planned") or {}).get("records")},
         "report": (folder / "report.html").is_file(),
-        "outcome": outcome.document(),
+        "outcome": asdict(outcome),
     }
 
 

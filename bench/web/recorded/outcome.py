@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +41,6 @@ class SessionOutcome:
     verdicts: Mapping[str, int] | None = None
     doubtful: int = 0
     off: bool | None = None
-
-    def document(self) -> dict[str, Any]:
-        """Return the entry of the list and of the page."""
-        return asdict(self)
 
 
 def outcome_of(folder: Path, results: Mapping[str, Any]) -> SessionOutcome:

@@ -8,9 +8,9 @@ import os
 import shutil
 import subprocess
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -95,14 +95,14 @@ class Past:
             window = history(folder, names, t0_utc_s, t1_utc_s, most, self._trends.made(folder))
         return binned(window.t_utc_s, window.low, window.high, width_s)
 
-    def history(self, folder: Path, names: Sequence[str], t0_utc_s: float, t1_utc_s: float, n: int) -> TrendWindow:
-        """Return signals of a session over time, in about ``n`` points at most or as single readings.
+    def history(self, folder: Path, query: HistoryQuery) -> TrendWindow:
+        """Return signals of a session over time, in about as many points as asked for or as single readings.
 
         Raises: BenchError if the session cannot be read, or has no signal of that name.
         """
-        is_raw = t1_utc_s - t0_utc_s < RAW_S_PER_POINT * n
+        is_raw = query.t1_utc_s - query.t0_utc_s < RAW_S_PER_POINT * query.n
         cache = self._trends.place(folder) if is_raw else self._trends.made(folder)
-        return history(folder, names, t0_utc_s, t1_utc_s, n, cache)
+        return history(folder, query.signals, query.t0_utc_s, query.t1_utc_s, query.n, cache)
 
     def stop(self) -> None:
         """Give up what takes long."""
@@ -140,7 +140,7 @@ def after_the_run(folder: Path) -> dict[str, Any]:
 def session_document(folder: Path, results: dict[str, Any], duration_s: float) -> dict[str, Any]:
     """Return the entry ``session`` of the state document of a run that is over: outcome, duration and files."""
     files = {what: (folder / name).is_file() for what, name in FILES.items()}
-    return {"outcome": outcome_of(folder, results).document(), "duration_s": duration_s, "files": files}
+    return {"outcome": asdict(outcome_of(folder, results)), "duration_s": duration_s, "files": files}
 
 
 def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:

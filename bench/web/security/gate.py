@@ -19,6 +19,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from bench.web.live import end_tasks
 from bench.web.security.login import login_page
 from bench.web.security.logins import Login
 from bench.web.security.refusal import Refusal
@@ -112,9 +113,7 @@ class Gate:
                 served.result()
                 return
         finally:
-            for task in (served, ended):
-                task.cancel()
-            await asyncio.gather(served, ended, return_exceptions=True)
+            await end_tasks(served, ended)
         with suppress(OSError, RuntimeError, TimeoutError):  # it went away by itself, or does not read
             async with asyncio.timeout(LONGEST_CLOSE_S):
                 await send({"type": "websocket.close", "code": _CLOSE[LOGIN_STATUS], "reason": "B-WEB-008"})

@@ -5,15 +5,13 @@ HTML without a script, and nothing but itself to load.
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from urllib.parse import parse_qs
 
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from bench import __version__
-from bench.model.texts import Texts
-from bench.web.pages import language_of, templates
+from bench.web.pages import page_of
 from bench.web.security.logins import Login, clean_name
 from bench.web.security.tokens import draw_id
 from bench.web.serving import Serving
@@ -21,7 +19,6 @@ from bench.web.serving import Serving
 PROTO = 1
 _FIELDS = 3
 _SHOWN = 40  # of a refused name in the audit
-FOLDER = Path(__file__).resolve().parents[1]
 _BACK = re.compile(r"/(runs/[A-Za-z0-9_-][A-Za-z0-9._-]{0,199})?")
 
 
@@ -97,15 +94,9 @@ def login_page(
 ) -> Response:
     """Return the form; ``back_to`` is where a login leads, ``wrong`` the key of the text that says what went wrong
     with what was typed as ``name``."""
-    texts = Texts(FOLDER, language_of(request))
-    page = (
-        templates()
-        .get_template("login.html.j2")
-        .render(
-            text=texts, name=name, back_to=safe_way_back(back_to), wrong=texts(wrong, seconds=wait_s) if wrong else ""
-        )
-    )
-    return HTMLResponse(page, status, {"Retry-After": str(wait_s)} if wait_s else None)
+    shown = {"name": name, "back_to": safe_way_back(back_to), "wrong": wrong, "seconds": wait_s}
+    headers = {"Retry-After": str(wait_s)} if wait_s else None
+    return page_of(request, "login.html.j2", status=status, headers=headers, **shown)
 
 
 def safe_way_back(path: str) -> str:

@@ -27,12 +27,12 @@ function instruments() {
 }
 
 function links() {
-  const columns = heads("link", { state: fixed, name: fixed, frames: number, bad: number, lost: number, duplicate: number, rate: number, age: number, reason: {} });
+  const columns = heads("link", { state: fixed, name: fixed, frames: number, bad: number, lost: number, jumps: number, duplicate: number, rate: number, age: number, reason: {} });
   const rows = Object.entries(page.state.links ?? {}).map(([name, one]) => ({
     key: name,
     class: { streaming: "ok", waiting: "" }[one.state] ?? "bad",
-    cells: [word("link.state", one.state), name, one.frames ?? "", one.bad ?? "", one.lost ?? "", one.duplicate ?? "", digits(one.rate_Hz, 1),
-      Number.isFinite(one.age_s) ? `${one.age_s.toFixed(1)} s` : "", one.reason ?? ""],
+    cells: [word("link.state", one.state), name, one.frames ?? "", one.bad ?? "", one.lost ?? "", one.jumps ?? "", one.duplicate ?? "",
+      digits(one.rate_Hz, 1), Number.isFinite(one.age_s) ? `${one.age_s.toFixed(1)} s` : "", one.reason ?? ""],
   }));
   fillTable(byId("links"), columns, rows, t("link.none"));
 }

@@ -20,7 +20,7 @@ from bench.model.clock import NS, to_ns
 from bench.record import OPEN_MARKER
 from bench.run.feed.client import FeedReply
 from bench.web.hub import Hub
-from bench.web.live import LOST_S
+from bench.web.live import LOST_S, end_tasks
 from bench.web.now import silent_row
 from bench.web.recorded.listing import run_folder, session_row, stamp_of
 
@@ -88,9 +88,7 @@ class Lookout:
     async def stop(self) -> None:
         """Give up the fit that is under way, and the recordings that are read."""
         tasks = [task for task in (self._fitting, *(known.reading for known in self._known.values())) if task]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end_tasks(*tasks)
 
     async def _look(self) -> tuple[SeenRun, ...]:
         going_on = await self._hub.work(open_runs, self._hub.serving.out)

@@ -132,8 +132,10 @@ def _add_links(table: _Table, of: dict[str, str], state: Document) -> None:
         age = "Age of the newest good frame."
         table.gauge("bench_frame_age", age, labels, link.get("age_s"), unit="seconds")
         for what in _COUNTED:
-            counted = "good" if what == "frames" else what
-            table.counter("bench_frames", "Frames since this part of the run began.", labels, counted, link.get(what))
+            counted = {**labels, "what": "good" if what == "frames" else what}
+            table.counter("bench_frames", "Frames since this part of the run began.", counted, link.get(what))
+        jumps = "Times that the counter went on elsewhere: how many frames are missing there is not known."
+        table.counter("bench_counter_jumps", jumps, labels, link.get("jumps"))
 
 
 def _add_estimates(table: _Table, run: str, state: Document) -> None:
@@ -172,37 +174,28 @@ class _Table:
 
     def gauge(self, name: str, text: str, labels: dict[str, str], value: object, unit: str = "") -> None:
         """Add a value, if it is a number."""
-        number = number_of(value)
-        if number is not None and self._is_new(name, labels):
-            self._family(GaugeMetricFamily, name, text, labels, unit=unit).add_metric(list(labels.values()), number)
+        self._add(GaugeMetricFamily, name, text, labels, number_of(value), unit=unit)
 
-    def counter(self, name: str, text: str, labels: dict[str, str], what: str, value: object) -> None:
-        """Add a count of one sort, if it is a number."""
-        labels, number = {**labels, "what": what}, number_of(value)
-        if number is not None and self._is_new(name, labels):
-            self._family(CounterMetricFamily, name, text, labels).add_metric(list(labels.values()), number)
+    def counter(self, name: str, text: str, labels: dict[str, str], value: object) -> None:
+        """Add a count, if it is a number."""
+        self._add(CounterMetricFamily, name, text, labels, number_of(value))
 
     def states(self, name: str, text: str, labels: dict[str, str], states: tuple[str, ...], now: object) -> None:
         """Add a set of states of which one is 1; none is, where a run of another version says another word."""
-        if self._is_new(name, labels):
-            said = {state: state == now for state in states}
-            self._family(StateSetMetricFamily, name, text, labels).add_metric(list(labels.values()), said)
+        self._add(StateSetMetricFamily, name, text, labels, {state: state == now for state in states})
 
     def words(self, name: str, text: str, labels: dict[str, str], values: dict[str, str]) -> None:
         """Add words that belong to the labels."""
-        if self._is_new(name, labels):
-            self._family(InfoMetricFamily, name, text, labels).add_metric(list(labels.values()), values)
+        self._add(InfoMetricFamily, name, text, labels, values)
 
-    def _is_new(self, name: str, labels: dict[str, str]) -> bool:
+    def _add(self, kind: Any, name: str, text: str, labels: dict[str, str], value: Any, **more: str) -> None:
+        """Add the sample of a family, which begins with its first one; None is no value."""
         key = (name, *labels.values())
-        is_new = key not in self._there
+        if value is None or key in self._there:
+            return
         self._there.add(key)
-        return is_new
-
-    def _family(self, kind: Any, name: str, text: str, labels: dict[str, str], **more: str) -> Any:
-        if name not in self.families:
-            self.families[name] = kind(name, text, labels=list(labels), **more)
-        return self.families[name]
+        family: Any = self.families.setdefault(name, kind(name, text, labels=list(labels), **more))
+        family.add_metric(list(labels.values()), value)
 
 
 def _label(value: object) -> str:

@@ -27,10 +27,7 @@ from bench.report.sheet import ROOM_pt
 from bench.session.fitted import Shown
 
 TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
-LEVELS_A = {
-    "gyro": (3e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.2),
-    "accelerometer": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2),
-}
+LEVELS_A = {"gyro": (3e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.2), "accelerometer": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)}
 _SLOT_s, _POINT_s = 9000.0, 120.0
 
 
@@ -168,19 +165,16 @@ def sample_model(simulated: bool = True) -> ReportModel:
     rows = [SimpleNamespace(window=window, frames=10_000, lost=0, bad=0, quality=Quality.GOOD)] * 764
     flags = Quality.LOST | Quality.RETAKEN
     rows.append(SimpleNamespace(window=window, frames=9_990, lost=10, bad=2, quality=flags))
-    return report_model(
-        sample_results(simulated),
-        rows,
-        sample_steps(),
-        sample_trace(),
-        sample_manifest(),
-        residuals=sample_residuals(np.random.default_rng(8)),
-        components=[
+    residuals = sample_residuals(np.random.default_rng(8))
+    return replace(
+        report_model(sample_results(simulated), rows, sample_steps(), sample_manifest(), 600.0, residuals),
+        trace=sample_trace(),
+        components=(
             {"kind": "gyro", "component": "calibrator gain", "distribution": "normal", "std_uncertainty_ppm": 10.0},
             {"kind": "gyro", "component": "quantisation", "distribution": "triangular", "std_uncertainty_ppm": 1.84},
-        ],
-        prompts=[{"step": 0, "text": "Calibrator output floating?", "confirm": "operator", "by": "simulation"}],
-        notes=["The bias of this campaign is diagnostic; it enters no coefficient."],
+        ),
+        prompts=({"step": 0, "text": "Calibrator output floating?", "confirm": "operator", "by": "simulation"},),
+        notes=("The bias of this campaign is diagnostic; it enters no coefficient.",),
         run=sample_story(),
     )
 

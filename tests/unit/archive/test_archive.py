@@ -341,7 +341,7 @@ def test_the_report_counts_what_it_should() -> None:
     assert page.index("N-c") < page.index("N-b")
     assert all(text in page for text in ("not installed", "decided by people", "+1.500", "bench 1 → bench 2"))
     assert "사람이 결정합니다" in changes_html(report, "ko")
-    assert report.as_json()["certificates"][1]["released_software"] == "bench 1"
+    assert report.certificates[1].released_software == "bench 1"
 
 
 def results(*estimates: tuple[str, int, float], method: str = "gls") -> dict[str, Any]:

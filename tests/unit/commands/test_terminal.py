@@ -1,9 +1,13 @@
 """What a person meets at the terminal while a run goes on, and the command line itself."""
 
+import ast
 import io
 import os
 import sys
 from dataclasses import replace
+from importlib import import_module
+from inspect import signature
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -300,6 +304,18 @@ def test_tables_that_lead_are_printed_and_what_is_left_out_is_counted() -> None:
 
 
 COMMAND = typer.main.get_command(app)
+
+
+def test_each_command_hands_its_arguments_to_work_that_takes_them() -> None:
+    folder, seen = Path(bench.__file__).parent, 0
+    for file in (folder / "cli.py", *folder.glob("commands/**/*app.py")):
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            for given in (one for call in getattr(node, "decorator_list", ()) for one in getattr(call, "keywords", ())):
+                if isinstance(node, ast.FunctionDef) and given.arg == "work":
+                    work = getattr(import_module(f"bench.commands.{ast.literal_eval(given.value)}"), node.name)
+                    signature(work).bind(**{one.arg: None for one in (*node.args.args, *node.args.kwonlyargs)})
+                    seen += 1
+    assert seen > 30
 
 
 def test_every_command_stands_in_one_group() -> None:

@@ -35,7 +35,7 @@ from bench.plan import Step, compile_sequence, planned_temperature
 from bench.report import Report
 from bench.report.batch.document import batch_document, batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Unit
-from bench.report.document import document_files, png_pages
+from bench.report.document import document_files, typeset
 from bench.report.fonts import folders
 from bench.report.model import ReportModel
 from bench.report.plots import plot_timetable
@@ -230,13 +230,15 @@ def report() -> Report:
 
 @pytest.fixture(scope="module")
 def marked_pages(report: Report) -> list[bytes]:
-    return report.pages(DPI)
+    files = document_files(sample_model(), report.sections, words_of("en"))
+    return typeset(files, format="png", ppi=DPI)
 
 
 @pytest.fixture(scope="module")
 def real_pages(report: Report) -> list[bytes]:
     """Pages of the same sections: only the mark on them tells a simulated run."""
-    return png_pages(sample_model(simulated=False), report.sections, words_of("en"), DPI)
+    files = document_files(sample_model(simulated=False), report.sections, words_of("en"))
+    return typeset(files, format="png", ppi=DPI)
 
 
 @pytest.fixture(scope="module")

@@ -223,7 +223,7 @@ def test_a_level_with_fewer_pulses_has_more_current_per_pulse(method: str) -> No
             dataclasses.replace(row, sums=row.sums | {name: row.sums[name] * factor for name in ("npp", "ppp")})
         )
     found = analyse(Material(rows, campaign.campaign, campaign.standards), method)
-    model = report_model({"estimates": found.estimates}, (), (), None, {}, residuals=found.residuals)
+    model = report_model({"estimates": found.estimates}, (), (), {}, 0.0, found.residuals)
     errors = {one.current_A: ppm for one, ppm in level_errors(model)}
     assert len(errors) == 12
     for sign in (1.0, -1.0):

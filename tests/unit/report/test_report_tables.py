@@ -10,7 +10,6 @@ from bench import analysis
 from bench.analysis import documents, estimates_of
 from bench.model.systems import is_size
 from bench.report import Report
-from bench.report.agreement_tables import agreement_parts
 from bench.report.estimate_tables import channel_table, coverage_table, other_table, pivot_tables, value_text
 from bench.report.first import first_page
 from bench.report.first.results import main_rows
@@ -18,7 +17,7 @@ from bench.report.model import ReportModel
 from bench.report.run_tables import prompt_table, summary_table
 from bench.report.sections import sections_of
 from bench.report.tables import words_of
-from bench.report.verdict_tables import verdict_table
+from bench.report.verdict_tables import agreement_parts, verdict_table
 from bench.session.view import SessionView, model_of
 from bench.systems.af_converter.wording import say
 

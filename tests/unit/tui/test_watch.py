@@ -181,7 +181,7 @@ def test_the_newest_run_that_answers_is_shown_in_plain_text(
         folder(tmp_path, name, age_s, "live.path" if name == "old" else "live.sock")
     (tmp_path / "a_file").touch()
     runs.answering = {"old": FakeFeed(document(sequence="this_one")), "older": FakeFeed(document(sequence="not_this"))}
-    assert command.top(None, tmp_path) == ExitStatus.PASS
+    command.top(None, tmp_path)
     said = capsys.readouterr().out
     assert "RUNNING  this_one NGU 17" in said
     assert "48.2 degC, +0.4 degC/min" in said
@@ -224,7 +224,7 @@ def test_on_a_terminal_it_waits_for_a_run_to_appear(
     monkeypatch.setenv("TERM", "xterm")
     app = SimpleNamespace(run=lambda mouse: None)
     monkeypatch.setattr(command, "TopApp", lambda seen, *_: shown.append(seen.document["sequence"]) or app)
-    assert command.top(None, tmp_path) == ExitStatus.PASS
+    command.top(None, tmp_path)
     assert (shown, slept) == (["late"], [1.0] * 3)
     assert "waiting for one to begin" in capsys.readouterr().out
     with pytest.raises(InputError, match="B-TUI-001"):
@@ -243,7 +243,7 @@ def test_a_terminal_gets_the_view(
         monkeypatch.setattr(sys, name, SimpleNamespace(isatty=lambda: True, encoding="utf-8", write=len, flush=len))
     folder(tmp_path, "one", 5)
     runs.answering = {"one": FakeFeed(document())}
-    assert command.top(None, tmp_path) == ExitStatus.PASS
+    command.top(None, tmp_path)
     assert shown == ([{"mouse": False}] if app else [])
 
 

@@ -29,7 +29,7 @@ from bench.tui.page import page_of
 from bench.tui.watch import Seen
 from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import READ_AT_ONCE, RunList, session_row
-from bench.web.recorded.past import MOST_POINTS, Past, Trends, history_query
+from bench.web.recorded.past import MOST_POINTS, HistoryQuery, Past, Trends, history_query
 from bench.web.security.refusal import Refusal
 from bench.web.telemetry import SeenRun, families
 
@@ -211,7 +211,7 @@ def test_a_trend_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "s").mkdir()
     (tmp_path / "s" / "session.0001.mcap").write_bytes(b"nothing")
     with pytest.raises(Exception, match="cannot be made") as told:
-        past.history(tmp_path / "s", ["port_a.npp[1]"], 0.0, 1e6, 10)
+        past.history(tmp_path / "s", HistoryQuery(("port_a.npp[1]",), 0.0, 1e6, 10))
     assert getattr(told.value, "code", "") == "B-WEB-022"
 
 

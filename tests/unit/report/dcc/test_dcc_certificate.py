@@ -80,10 +80,7 @@ def test_a_value_with_a_law_of_its_own_has_no_other_one() -> None:
 
 
 def test_what_cannot_be_given_is_left_out_and_named() -> None:
-    rows = [
-        estimate("kept", "A", 1.0, 2.0),
-        estimate("small_k", "A", 1.0, 2.0, coverage_factor=0.5),
-    ]
+    rows = [estimate("kept", "A", 1.0, 2.0), estimate("small_k", "A", 1.0, 2.0, coverage_factor=0.5)]
     xml = xml_of(calibration(estimates=rows))
     assert [one.quantity for one in read_certificate(xml)] == ["kept"]
     (statement,) = texts_of(xml, ".//dcc:statement[@refType='bench_leftOut']/dcc:declaration/dcc:content")

@@ -18,13 +18,14 @@ import pytest
 from run_rig import HoldRig
 from waiting import until
 
+from bench.frame import LinkCounts
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.events import Phase, Reentry
 from bench.run.control.local_socket import LIVE, LONGEST_PATH, MOST_CLIENTS, ControlServer, socket_path
 from bench.run.feed import server as served_by
 from bench.run.feed.client import FeedClient, FeedGone
-from bench.run.feed.live import live_feed
+from bench.run.feed.live import links_of, live_feed
 from bench.run.feed.points import PointBatch
 from bench.run.feed.server import LONGEST_LINE, FeedServer
 
@@ -71,6 +72,15 @@ def reply_of(client: socket.socket) -> tuple[dict[str, Any], bytes]:
     """By the words of docs/live-protocol.md."""
     header, points = struct.unpack("<II", exactly(client, 8))
     return json.loads(exactly(client, header)), exactly(client, points)
+
+
+def test_jumps_of_a_counter_stand_beside_the_lost_frames() -> None:
+    decoder = SimpleNamespace(counts=LinkCounts(frames=5, lost=2, jumps=3))
+    reader = SimpleNamespace(decoder=decoder, rate_Hz=100.0, lost="unplugged", last_frame_ns=-1)
+    seen = SimpleNamespace(readers={"port_a": reader})
+    context: Any = SimpleNamespace(health=SimpleNamespace(values=dict), clock=CLOCK, acquisition=seen)
+    link = links_of(context, 0)["port_a"]
+    assert (link["frames"], link["lost"], link["jumps"]) == (5, 2, 3)
 
 
 def test_a_reply_byte_by_byte(tmp_path: Path) -> None:

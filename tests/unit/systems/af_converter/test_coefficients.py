@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import json
 import re
-import shutil
 import subprocess
 from importlib import resources
 from pathlib import Path
@@ -14,6 +13,7 @@ import fit_simulation as sim
 import jsonschema
 import numpy as np
 import pytest
+from c_program import compile_main
 from one_estimate import every
 
 from bench.analysis import Analysis, build_results, results_json
@@ -24,7 +24,6 @@ from bench.systems.af_converter.coefficients import coefficients_of, coefficient
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c0ffee", "software": "x 1"}
 KINDS = {1: "gyro", 3: "accelerometer"}
 T_degC = (-10.0, 20.0, 37.3, 50.0)
-FLAGS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
 
 
 @pytest.fixture(scope="module")
@@ -143,9 +142,7 @@ def test_campaigns_of_some_channels_only_are_merged(
     assert dict(tables) == {"K0_C": "11", "DSF_N_PPM": "11", "DSF_P_PPM": "11", "BIAS_A": "11"}
     (tmp_path / "coefficients.h").write_text(header_text(merged([ours])))
     (tmp_path / "main.c").write_text('#include "coefficients.h"\nint main(void) { return 0; }\n')
-    command = [compiler(), *FLAGS, "-fsyntax-only", "main.c"]
-    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (built.returncode, built.stderr) == (0, "")
+    compile_main(tmp_path, "-fsyntax-only")
 
 
 @pytest.mark.parametrize(
@@ -208,13 +205,6 @@ int main(void)
 """
 
 
-def compiler() -> str:
-    found = shutil.which("gcc") or shutil.which("cc") or shutil.which("clang")
-    if found is None:
-        pytest.skip("no C compiler on this machine: the header is not compiled")
-    return found
-
-
 @pytest.mark.validates(
     "coefficients.h compiled as C99 without warnings, its numbers",
     against="numpy's polyval of coefficients.json",
@@ -229,10 +219,7 @@ def test_header_compiles_and_evaluates_to_the_same_numbers(tmp_path: Path, both:
         assert ", ".join(repr(value) for value in one["coefficients"]) in text
     (tmp_path / "coefficients.h").write_text(text)
     (tmp_path / "main.c").write_text(PROGRAM % {"temperatures": ", ".join(repr(at) for at in T_degC)})
-    built = subprocess.run(
-        [compiler(), *FLAGS, "main.c", "-o", "main"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert (built.returncode, built.stderr) == (0, "")
+    compile_main(tmp_path)
     ran = subprocess.run([str(tmp_path / "main")], capture_output=True, text=True, check=False)
     assert ran.returncode == 1
     lines = [line.split() for line in ran.stdout.splitlines()]

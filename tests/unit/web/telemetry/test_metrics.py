@@ -103,6 +103,7 @@ def test_every_figure_is_that_of_the_state_document(page: Page, shown: ShownRun)
     assert now(read, "bench_link_state", link="port_a") == ["streaming"]
     counts = {what: value(read, "bench_frames_total", link="port_a", what=what) for what in ("good", "bad", "lost")}
     assert counts == {"good": 360_000, "bad": 3, "lost": 2}
+    assert value(read, "bench_counter_jumps_total", link="port_a") == 4.0
     records = {what: value(read, "bench_records", what=what) for what in ("done", "planned", "retaken", "flagged")}
     assert records == {"done": 3, "planned": 9, "retaken": 1, "flagged": 0}
     info = {"title": document["title"], "sequence": "scale_factor", "station": "af_bench", "clock": "wall",
@@ -334,7 +335,7 @@ NAME = re.compile(r"\bbench_[a-z_]+\b")
 def everything() -> list[SeenRun]:
     """Return runs that together have a sample of every metric."""
     row = {"quantity": "bias", "unit": "A", "value": 1.0, "expanded_uncertainty": 0.1, "limit": 2.0, "conditions": {}}
-    link = {"state": "streaming", "frames": 1, "bad": 0, "lost": 0, "duplicate": 0, "rate_Hz": 100.0, "age_s": 0.0}
+    link = {"state": "streaming", "frames": 1, "bad": 0, "lost": 0, "jumps": 0, "rate_Hz": 100.0, "age_s": 0.0}
     counts = dict.fromkeys(("planned", "done", "retaken", "flagged"), 1)
     state = {
         "run": "r", "state": "running", "attention": "none", "uut": {"model": "NGU", "serial": "7"}, "t_utc_s": 1.0,
