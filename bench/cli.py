@@ -35,7 +35,7 @@ from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.extras import extras_named
 from bench.model.installed import OWN, checked_package
-from bench.model.lab_code import TRUST
+from bench.model.lab import TRUST
 from bench.model.shipped import find_shipped
 
 app = App(

@@ -23,7 +23,7 @@ from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
 from bench.model.declaration import AnalysisDeclaration
 from bench.model.errors import BenchError, FitError
-from bench.model.lab_code import failed, own_code
+from bench.model.lab import failed, own_code
 from bench.model.systems import analyses, analysis_declaration, named, refuse_unknown_analysis
 
 Documents = list[dict[str, Any]]

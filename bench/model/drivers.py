@@ -6,7 +6,7 @@ import re
 from functools import lru_cache
 from pathlib import Path
 
-from bench.model import lab_code
+from bench.model import lab
 from bench.model.errors import InputError
 from bench.model.installed import driver_refusals, load, package_of_driver, refuse_unknown
 
@@ -32,7 +32,7 @@ def _class_of(name: str, here: Path) -> type:
     if not _PLAIN.fullmatch(name) or name.startswith("_"):
         raise InputError("B-PLAN-010", f"{name!r} is not a plain driver name (a-z, 0-9 and _)", where=name)
     package = package_of_driver(name)
-    if lab_code.own_code("instruments", name) is not None:
+    if lab.own_code("instruments", name) is not None:
         return _class_of_lab(name)
     if package is None:
         refuse_unknown(f"the driver {name!r}", name, driver_refusals())
@@ -47,8 +47,8 @@ def _class_of(name: str, here: Path) -> type:
 def _class_of_lab(name: str) -> type:
     package = package_of_driver(name)
     if package is not None:
-        raise lab_code.refused_twice("instruments", name, package.offer.release)
-    driver = getattr(lab_code.load("instruments", name), "DRIVER", None)
+        raise lab.refused_twice("instruments", name, package.offer.release)
+    driver = getattr(lab.load("instruments", name), "DRIVER", None)
     if not isinstance(driver, type):
-        raise lab_code.unusable("instruments", name, "names no class as DRIVER")
+        raise lab.unusable("instruments", name, "names no class as DRIVER")
     return driver

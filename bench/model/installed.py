@@ -21,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
-from bench.model import lab_code
+from bench.model import lab
 from bench.model.errors import BenchError, InstallationError
 
 OWN = "inertial-bench"
@@ -118,7 +118,7 @@ def load(name: str) -> ModuleType:
         missing = isinstance(error, ModuleNotFoundError) and error.name == name
         if offer is None or (offer.distribution == OWN and not missing):
             raise
-        raise unusable(offer, name, f"cannot be loaded: {lab_code.in_words(error)}", error) from error
+        raise unusable(offer, name, f"cannot be loaded: {lab.in_words(error)}", error) from error
 
 
 def part(offer: Offer, module: str, name: str) -> Any:
@@ -134,7 +134,7 @@ def unusable(offer: Offer, module: str, why: str, error: BaseException | None = 
     spec = spec_of(offer.package.partition(".")[0])
     origin = "" if spec is None or spec.origin is None else spec.origin
     folder = Path(origin).parent if origin.endswith("__init__.py") else Path(origin)
-    where = lab_code.place_of(error, folder) if origin and error is not None else origin
+    where = lab.place_of(error, folder) if origin and error is not None else origin
     cure = f"mend {offer.distribution}, install it again or uninstall it; what does not name it goes on without"
     return InstallationError("B-PKG-004", f"{module} of {offer.release} {why}", where=where, next_step=cure)
 
@@ -272,10 +272,10 @@ def simulator_module(driver: str) -> str | None:
     Raises: InstallationError B-PKG-001 to B-PKG-003, B-LAB-004 to B-LAB-006; InputError B-LAB-001.
     """
     package = package_of_driver(driver)
-    if lab_code.own_code("sim_instruments", driver) is not None:
+    if lab.own_code("sim_instruments", driver) is not None:
         if package is not None:
-            raise lab_code.refused_twice("sim_instruments", driver, package.offer.release)
-        own = lab_code.load("sim_instruments", driver)
+            raise lab.refused_twice("sim_instruments", driver, package.offer.release)
+        own = lab.load("sim_instruments", driver)
         return None if own is None else own.__name__
     if package is None or not package.simulators:
         return None

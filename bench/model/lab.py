@@ -1,12 +1,28 @@
-"""A laboratory's own folder: ``bench.toml`` at its top, sequences, stations, frames and code of its own below."""
+"""A laboratory's own folder, ``bench.toml`` at its top: sequences, stations, frames, and code of its own below.
+
+Drivers, their simulators and analyses are loaded by path, where nobody else can have written.
+
+A file is read once, so that what is hashed is what is executed. It stands alone: it imports what is installed and no
+file beside it, because a lab folder is on no search path. Nothing that a session holds is executed.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import re
+import stat
+import sys
 import tomllib
+import traceback
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal
 
-from bench.model.errors import InputError
+from bench.model.errors import InputError, InstallationError
+from bench.model.posix import ALONE, AT_ONCE, NO_LINK, distrust, has_owners
 
 FILE = "bench.toml"
 _NEXT = 'it needs one line "[lab]" and below it one line such as: name = "Our laboratory"'
@@ -55,3 +71,260 @@ def _name(file: Path) -> str:
     if not isinstance(name, str) or not name.strip():
         raise InputError("B-LAB-001", "does not name the laboratory", where=str(file), next_step=_NEXT)
     return name.strip()
+
+
+CodeKind = Literal["instruments", "sim_instruments", "analyses"]
+CODE: tuple[CodeKind, ...] = ("instruments", "sim_instruments", "analyses")
+TRUST = "BENCH_TRUST_LAB"
+"""Environment variable by which ``--trust-lab`` reaches the processes that a command starts."""
+
+_NAME = re.compile(r"(?!_|none$)[a-z0-9_]{1,40}")  # "none" means that a sequence has no analysis
+_PLACE = re.compile(r"(instruments|sim_instruments|analyses)/([a-z0-9_]{1,40})\.py")
+_SHOWN = 12  # digits of a hash in a message
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A file as it was read."""
+
+    path: Path
+    content: bytes
+
+    @property
+    def sha256(self) -> str:
+        return hashlib.sha256(self.content).hexdigest()
+
+
+_LOADED: dict[Path, tuple[_Source, ModuleType]] = {}
+
+
+def is_plain(name: str) -> bool:
+    """Return whether a driver or an analysis may have this name."""
+    return _NAME.fullmatch(name) is not None
+
+
+def own_code(kind: CodeKind, name: str) -> Path | None:
+    """Return the file of the lab folder that a plain name means, None without one. Raises: InputError B-LAB-001."""
+    lab = lab_here()
+    if lab is None or not is_plain(name):
+        return None
+    path = lab.folder / kind / f"{name}.py"
+    return path if os.path.lexists(path) else None
+
+
+def own_code_names(kind: CodeKind, lab: Lab) -> list[str]:
+    """Return the names of a lab folder's own drivers, simulators or analyses, sorted."""
+    return sorted(path.stem for path in (lab.folder / kind).glob("*.py") if is_plain(path.stem))
+
+
+def load(kind: CodeKind, name: str) -> ModuleType | None:
+    """Return a module of the lab folder, executed at its first use; None if the lab has none of this name.
+
+    Raises: InstallationError B-LAB-004 if others can write to it or it is a link, B-LAB-006 if it cannot be loaded.
+    """
+    source = _source(kind, name)
+    return None if source is None else _module_of(source, kind)
+
+
+def check_readable(kind: CodeKind, name: str) -> None:
+    """Raise InstallationError B-LAB-004 if a file of the lab folder would not be loaded; nothing of it is executed."""
+    path = own_code(kind, name)
+    if path is not None:
+        _read(path)
+
+
+def refused_twice(kind: CodeKind, name: str, release: str) -> InstallationError:
+    """Return the error of a lab's file that has the name of something installed, B-LAB-005."""
+    message = f"{name!r} is the name of what {release} brings; code of a lab folder never stands in for it"
+    where = str(own_code(kind, name))
+    return InstallationError("B-LAB-005", message, where=where, next_step="give the file another name")
+
+
+def unusable(kind: CodeKind, name: str, why: str) -> InstallationError:
+    """Return the error of a lab's file that is not what its folder is for, B-LAB-006."""
+    cure = "docs/lab-folder.md says what a file in this folder holds"
+    return InstallationError("B-LAB-006", why, where=str(own_code(kind, name)), next_step=cure)
+
+
+def failed(kind: CodeKind, name: str, error: Exception) -> tuple[str, str]:
+    """Return where in a lab's file an exception came from, and the exception in words."""
+    path = own_code(kind, name)
+    assert path is not None
+    return place_of(error, path), f"{kind}/{name}.py failed: {in_words(error)}"
+
+
+def code_used(drivers: Collection[str], *, simulated: bool = False, analysis: str = "none") -> dict[str, str]:
+    """Return SHA-256 of the lab's files that a run uses, by their place such as ``instruments/my_meter.py``.
+
+    ``simulated``: the simulators of the drivers are used, too.
+    Raises: InputError B-LAB-001; InstallationError B-LAB-004.
+    """
+    kinds: tuple[CodeKind, ...] = ("instruments", "sim_instruments") if simulated else ("instruments",)
+    asked: list[tuple[CodeKind, str]] = [(kind, driver) for kind in kinds for driver in sorted(set(drivers))]
+    found = {f"{kind}/{name}.py": _source(kind, name) for kind, name in [*asked, ("analyses", analysis)]}
+    return {place: source.sha256 for place, source in sorted(found.items()) if source is not None}
+
+
+def code_texts(places: Collection[str]) -> dict[str, str]:
+    """Return the texts of the lab's files at these places, for a session: to be read, never to be executed."""
+    sources = {place: _source(*_parts(place)) for place in places}
+    return {place: source.content.decode("utf-8", "replace") for place, source in sources.items() if source is not None}
+
+
+def sha256_of(kind: CodeKind, name: str) -> str:
+    """Return SHA-256 of a lab's file, as it was loaded or as it is; "" if the lab has none of this name."""
+    source = _source(kind, name)
+    return "" if source is None else source.sha256
+
+
+def recorded_code(manifest: Mapping[str, Any]) -> tuple[dict[str, str], str]:
+    """Return what a session says of the lab's code it was recorded with: SHA-256 by place, and the lab's name."""
+    lab = manifest.get("lab")
+    files = lab.get("files") if isinstance(lab, dict) else None
+    if lab is None or not isinstance(files, dict):
+        return {}, "an installation"
+    return {str(place): str(sha256) for place, sha256 in files.items()}, str(lab.get("name", "a lab"))
+
+
+def require_code(recorded: Mapping[str, str], whose: str) -> None:
+    """Refuse to read on without the lab's files that a session names, whatever is in them.
+
+    Raises: InstallationError B-LAB-007, B-LAB-004; InputError B-LAB-001.
+    """
+    for place, sha256 in sorted(recorded.items()):
+        if not sha256_of(*_parts(place)):
+            raise _differs(place, sha256, "", whose)
+
+
+def demand(recorded: Mapping[str, str], whose: str) -> None:
+    """Load the lab's files that a session or a run names, if they are what they were.
+
+    Args:   recorded: SHA-256 by place, as of ``code_used``.   whose: the lab's name, for the message.
+    Raises: InstallationError B-LAB-007 for a file that is not here or has another hash; those of ``load``.
+    """
+    for place, sha256 in sorted(recorded.items()):
+        kind, name = _parts(place)
+        source = _source(kind, name)
+        if source is None or source.sha256 != sha256:
+            raise _differs(place, sha256, "" if source is None else source.sha256, whose)
+        _module_of(source, kind)
+
+
+def refuse_others(recorded: Mapping[str, str], used: Mapping[str, str], whose: str) -> None:
+    """Refuse to go on with other code than a session began with. Raises: InstallationError B-LAB-007."""
+    for place in sorted(used.keys() - recorded.keys()):
+        raise _differs(place, "", used[place], whose)
+
+
+def differing(recorded: Mapping[str, str], analysis: str, whose: str) -> str:
+    """Return a sentence if the lab's analysis is not what a session was recorded with, else "".
+
+    Raises: InstallationError B-LAB-007 if the session's analysis is of a lab, and not here; B-LAB-001, B-LAB-004.
+    """
+    place = f"analyses/{analysis}.py"
+    then, now = recorded.get(place, ""), sha256_of("analyses", analysis)
+    if then and not now:
+        raise _differs(place, then, now, whose)
+    if then == now:
+        return ""
+    before = f"with {then[:_SHOWN]}" if then else "without it"
+    return f"Computed by {place} as it is today, SHA-256 {now[:_SHOWN]}; the session was recorded {before}."
+
+
+def _differs(place: str, then: str, now: str, whose: str) -> InstallationError:
+    lab = lab_here()
+    here = "there is no lab folder here" if lab is None else f"{lab.folder} has no such file"
+    found = f"{lab.folder} has {now[:_SHOWN]}" if now and lab is not None else here
+    asked = f"SHA-256 {then[:_SHOWN]} of {whose} is asked for" if then else "it was not used before"
+    cure = "go to the lab folder that the session was recorded in, with this file as it was then"
+    return InstallationError("B-LAB-007", f"{asked}, and {found}", where=place, next_step=cure)
+
+
+def _parts(place: str) -> tuple[CodeKind, str]:
+    match = _PLACE.fullmatch(place)
+    if match is None:
+        message, cure = "is no file of code that a lab folder may hold", "somebody changed the session's manifest"
+        raise InstallationError("B-LAB-007", message, where=place[:80], next_step=cure)
+    return next(kind for kind in CODE if kind == match[1]), match[2]
+
+
+def _source(kind: CodeKind, name: str) -> _Source | None:
+    path = own_code(kind, name)
+    if path is None:
+        return None
+    return _LOADED[path][0] if path in _LOADED else _read(path)
+
+
+def _read(path: Path) -> _Source:
+    """Return a file that this user or root alone can have written. Raises: InstallationError B-LAB-004."""
+    lab = path.parent.parent
+    if not has_owners() and not os.environ.get(TRUST):
+        message, cure = "this system does not say who wrote it", "look at the code, then say so: bench --trust-lab ..."
+        raise InstallationError("B-LAB-004", message, where=str(path), next_step=cure)
+    for folder in (*reversed(lab.parents), lab, path.parent):
+        if folder.is_symlink():
+            raise _distrusted(folder, "is a link")
+        if why := distrust(folder.lstat(), shared=folder in lab.parents):
+            raise _distrusted(folder, why)
+    try:
+        descriptor = os.open(path, os.O_RDONLY | ALONE | NO_LINK | AT_ONCE)
+    except OSError as error:
+        why = "is a link" if path.is_symlink() else f"cannot be read: {error.strerror}"
+        raise _distrusted(path, why) from error
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        if path.is_symlink() or not stat.S_ISREG(status.st_mode):
+            raise _distrusted(path, "is a link" if path.is_symlink() else "is no file")
+        if why := distrust(status):
+            raise _distrusted(path, why)
+        return _Source(path, file.read())
+
+
+def _distrusted(path: Path, why: str) -> InstallationError:
+    cure = (
+        "code of a lab folder is a file of your own in folders that only you or root can write to (chmod go-w, chown)"
+    )
+    return InstallationError("B-LAB-004", why, where=str(path), next_step=cure)
+
+
+def _module_of(source: _Source, kind: CodeKind) -> ModuleType:
+    """Return the module of a file, executed at its first use. Raises: InstallationError B-LAB-006."""
+    if source.path not in _LOADED:
+        _LOADED[source.path] = source, _executed(source, kind)
+    module = _LOADED[source.path][1]
+    sys.modules[module.__name__] = module  # where dataclasses and declarations look it up
+    return module
+
+
+def _executed(source: _Source, kind: CodeKind) -> ModuleType:
+    """Return the module of a file. Raises: InstallationError B-LAB-006 with file, line and exception."""
+    name = f"lab_folder.{kind}.{source.path.stem}"
+    module = ModuleType(name)
+    module.__file__, module.__package__ = str(source.path), ""  # in no package: no relative import finds anything
+    sys.modules[name] = module
+    try:
+        exec(compile(source.content, str(source.path), "exec", dont_inherit=True), module.__dict__)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise _not_loaded(source, kind, error) from error
+    return module
+
+
+def _not_loaded(source: _Source, kind: CodeKind, error: BaseException) -> InstallationError:
+    message = f"{kind}/{source.path.name} cannot be loaded: {in_words(error)}"
+    return InstallationError("B-LAB-006", message, where=place_of(error, source.path), next_step="correct the file")
+
+
+def place_of(error: BaseException, below: Path) -> str:
+    """Return the file that an exception came through last and the line in it, of those that are or lie below a path."""
+    places = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
+    if isinstance(error, SyntaxError):
+        places.append((error.filename or "", error.lineno))
+    inside = [f"{name}:{line}" for name, line in places if Path(name).is_relative_to(below)]
+    return inside[-1] if inside else str(below)
+
+
+def in_words(error: BaseException) -> str:
+    """Return the name of an exception and what it says, in one line."""
+    text = " ".join((error.msg if isinstance(error, SyntaxError) else str(error)).split())
+    return f"{type(error).__name__}{f': {text}' if text else ''}"

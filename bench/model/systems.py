@@ -13,7 +13,7 @@ from difflib import get_close_matches
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
-from bench.model import lab_code
+from bench.model import lab
 from bench.model.declaration import AnalysisDeclaration, System
 from bench.model.errors import InstallationError
 from bench.model.installed import OWN, Offer, Refusal, load, offers, part, refuse_unknown, twice, unusable
@@ -111,7 +111,7 @@ def _by_name(systems: Iterable[tuple[System, Offer]]) -> dict[str, Entry]:
 
 def installed_analysis(name: str) -> Entry | None:
     """Return an installed analysis, None for a name that no usable system has; foreign ones are asked last."""
-    if not lab_code.is_plain(name):
+    if not lab.is_plain(name):
         return None
     return _by_name(_own()).get(name) or analyses().get(name)
 
@@ -122,7 +122,7 @@ def analysis_declaration(name: str) -> AnalysisDeclaration | None:
     Raises: InputError B-LAB-001; InstallationError B-LAB-004 to B-LAB-006 for one of the lab folder that cannot be
             used.
     """
-    if lab_code.own_code("analyses", name) is not None:
+    if lab.own_code("analyses", name) is not None:
         return _declaration_of_lab(name)
     entry = installed_analysis(name)
     return None if entry is None else entry.analysis
@@ -138,7 +138,7 @@ def refuse_unknown_analysis(name: str) -> None:
 
     Raises: InstallationError B-PKG-001, B-PKG-004.
     """
-    if not lab_code.is_plain(name):
+    if not lab.is_plain(name):
         return
     close = get_close_matches(name, analyses(), n=1)
     meant = f" (did you mean {close[0]!r}?)" if close else ""
@@ -156,19 +156,19 @@ def is_size(analysis: str, quantity: str) -> bool:
 
 def _declaration_of_lab(name: str) -> AnalysisDeclaration:
     if (entry := installed_analysis(name)) is not None:
-        raise lab_code.refused_twice("analyses", name, entry.offer.release)
-    module = lab_code.load("analyses", name)
+        raise lab.refused_twice("analyses", name, entry.offer.release)
+    module = lab.load("analyses", name)
     assert module is not None
     declared = getattr(module, "DECLARATION", None)
     if not isinstance(declared, AnalysisDeclaration) or (declared.name, declared.module) != (name, module.__name__):
         why = f"holds no DECLARATION with the name {name!r} and the module __name__"
-        raise lab_code.unusable("analyses", name, why)
+        raise lab.unusable("analyses", name, why)
     if declared.made_of == "logs":
-        raise lab_code.unusable("analyses", name, "is made of imported logs, which systems analyse")
+        raise lab.unusable("analyses", name, "is made of imported logs, which systems analyse")
     if not declared.methods or getattr(module, "METHODS", None) != declared.methods:
-        raise lab_code.unusable("analyses", name, "METHODS are not the methods of its DECLARATION")
+        raise lab.unusable("analyses", name, "METHODS are not the methods of its DECLARATION")
     if not callable(getattr(module, "analyse", None)):
-        raise lab_code.unusable("analyses", name, "has no function 'analyse'")
+        raise lab.unusable("analyses", name, "has no function 'analyse'")
     return declared
 
 

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Literal
 
 from bench.model.errors import InputError, SessionDamaged
-from bench.model.lab_code import recorded_code, require_code
+from bench.model.lab import recorded_code, require_code
 from bench.model.quantities import Values
 from bench.model.shipped import shipped_folder
 from bench.plan.compile import compile_sequence

@@ -13,8 +13,7 @@ from typing import Any
 
 import bench
 from bench.model.installed import package_of_driver
-from bench.model.lab import lab_here
-from bench.model.lab_code import code_used
+from bench.model.lab import code_used, lab_here
 from bench.model.systems import installed_analysis
 from bench.plan import Station
 

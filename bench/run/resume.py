@@ -22,7 +22,7 @@ from bench.model.events import (
     UnitLeftOut,
     event_of,
 )
-from bench.model.lab_code import demand, recorded_code, refuse_others
+from bench.model.lab import demand, recorded_code, refuse_others
 from bench.plan import Plan, PlannedSoak, frozen_plan, left_out_by
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.links.unit import DONE, IDENTIFY

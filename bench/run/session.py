@@ -14,7 +14,7 @@ from bench.frame import FrameDefinition, LinkCounts
 from bench.model.clock import Clock, utc_stamp
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
-from bench.model.lab_code import code_texts, recorded_code
+from bench.model.lab import code_texts, recorded_code
 from bench.model.quantities import Values
 from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bench.analysis import Analysis, Document
 from bench.model.errors import FitError, InputError
 from bench.model.events import End, Resume, UnitLeftOut
-from bench.model.lab_code import differing, recorded_code
+from bench.model.lab import differing, recorded_code
 from bench.plan import steps_of
 from bench.record import OPEN_MARKER, RecordRow, damaged
 from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series

@@ -38,7 +38,7 @@ from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS
 from bench.model.errors import BenchError, FitError, InputError
 from bench.model.events import Decision, Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
-from bench.model.lab_code import sha256_of
+from bench.model.lab import sha256_of
 from bench.model.quantities import key_of_value
 from bench.model.systems import declared_by
 from bench.model.yamlio import parse_yaml

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from bench.model.declaration import AnalysisDeclaration, Limit
-from bench.model.lab import lab_here
-from bench.model.lab_code import own_code_names
+from bench.model.lab import lab_here, own_code_names
 from bench.model.systems import analyses, analysis_declaration, declared_by, system_of_analysis
 from bench.model.units import parse_quantity
 from bench.plan.findings import Draft, Findings, suggestion

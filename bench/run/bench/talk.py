@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bench.model.clock import Clock, utc_stamp
-from bench.model.lab_code import code_texts, recorded_code
+from bench.model.lab import code_texts, recorded_code
 from bench.plan import Station
 from bench.record import SessionWriter
 from bench.run.bench.opener import open_bench

@@ -15,7 +15,7 @@ from pathlib import Path
 from bench.model.clock import Clock
 from bench.model.errors import BenchError, RunError
 from bench.model.events import Guard
-from bench.model.lab_code import code_used
+from bench.model.lab import code_used
 from bench.plan import Station
 from bench.run.context import RunContext
 from bench.run.control.operator import Answer, Operator, Question

@@ -21,7 +21,7 @@ from pathlib import Path
 from bench.model.clock import NS, Clock, WallClock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
-from bench.model.lab_code import demand
+from bench.model.lab import demand
 from bench.model.ports import Instrument, actions_of
 from bench.model.posix import signals
 from bench.run.bench.opener import open_instrument, open_visa, unheard

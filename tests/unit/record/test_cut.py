@@ -11,7 +11,7 @@ from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordCutter, RecordRow
-from bench.record.pulses import pulse_timing
+from bench.record.window import pulse_timing
 
 NAMES = ("npp", "ppp", "af_clock", "master_count", "fg_count")
 
