@@ -304,8 +304,7 @@ def test_the_order_changes_no_byte_and_a_second_time_changes_nothing(
     assert (tmp_path / "trial" / OUTCOME).read_bytes() == whole_of
     rows = rows_in(archive)
     assert len(rows) == done.rows == FEW * 10
-    again = refitted(archive, tmp_path / "trial", unreachable)
-    assert again.rows == done.rows
+    assert refitted(archive, tmp_path / "trial", unreachable).rows == done.rows
     assert rows_in(archive) == rows
     assert (tmp_path / "trial" / OUTCOME).read_bytes() == whole_of
     assert read_trial(f"sqlite:///{archive / 'history.sqlite'}", done.trial.name).state == "done"

@@ -9,14 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal, stats
 
-from bench.maths.budget import (
-    Distribution,
-    check_interval,
-    independent_count,
-    numerical_tolerance,
-    propagate,
-    shortest_interval,
-)
+from bench.maths import budget
 from bench.maths.stein import needed, widening
 from bench.maths.tests import SMALLEST, chi2_both, chi2_tail, f_tail, odd_one, of_many, t_both, trend
 from bench.maths.variances import of_variances
@@ -66,13 +59,13 @@ def test_additive_model(
     record_property: Callable[[str, object], None], draw, std: float, half: float, digits: int, statement: str
 ) -> None:
     """JCGM 101:2008 clause 9.2: the interval of the guide is 1.96 u; seed 1."""
-    found = propagate(draw, 1, TRIALS)
+    found = budget.propagate(draw, 1, TRIALS)
     print(f"u = {found.std:.4f}, [{found.low:.3f}, {found.high:.3f}]")
     record_property("obtained", f"u {found.std:.3f}, half {(found.high - found.low) / 2:.3f} ({half:.3f})")
     assert found.std == pytest.approx(std, rel=0.005)
     assert found.low == pytest.approx(-half, abs=5 * found.low_numerical_std)
     assert found.high == pytest.approx(half, abs=5 * found.high_numerical_std)
-    check = check_interval(0.0, std, 1.96 * std, found, digits)
+    check = budget.check_interval(0.0, std, 1.96 * std, found, digits)
     assert check.statement == statement
 
 
@@ -82,29 +75,29 @@ def test_additive_model(
 )
 def test_mass_calibration(record_property: Callable[[str, object], None]) -> None:
     """Clause 9.3, published: 1.2341 mg, 0.0754 mg, [1.0834, 1.3825] mg; the first-order 0.0539 mg is refused."""
-    found = propagate(mass, 3, TRIALS)
+    found = budget.propagate(mass, 3, TRIALS)
     print(f"{found.mean:.4f}, {found.std:.4f}, [{found.low:.4f}, {found.high:.4f}]")
     record_property("obtained", f"u = {found.std:.4f} mg (0.0754), length {found.high - found.low:.4f} mg (0.2991)")
     assert found.mean == pytest.approx(1.2341, abs=3e-4)
     assert found.std == pytest.approx(0.0754, abs=2e-4)
     assert found.low == pytest.approx(1.0834, abs=5e-3)
     assert found.high - found.low == pytest.approx(1.3825 - 1.0834, abs=1e-3)
-    assert check_interval(1.2340, 0.0539, 1.96 * 0.0539, found).statement == "differs"
+    assert budget.check_interval(1.2340, 0.0539, 1.96 * 0.0539, found).statement == "differs"
 
 
 def test_shortest_interval_of_a_one_sided_distribution() -> None:
     """Exponential: from 0 to -ln 0.05, while the symmetric one would be [0.025, 3.69]."""
-    low, high = shortest_interval(np.random.default_rng(4).exponential(size=400_000))
+    low, high = budget.shortest_interval(np.random.default_rng(4).exponential(size=400_000))
     assert (low, high) == (pytest.approx(0.0, abs=1e-3), pytest.approx(-math.log(0.05), abs=0.03))
 
 
 def test_the_same_seed_gives_the_same_numbers_and_nothing_gives_no_interval() -> None:
-    assert propagate(mass, 6, 50_000) == propagate(mass, 6, 50_000)
-    assert propagate(mass, 6, 50_000) != propagate(mass, 7, 50_000)
+    assert budget.propagate(mass, 6, 50_000) == budget.propagate(mass, 6, 50_000)
+    assert budget.propagate(mass, 6, 50_000) != budget.propagate(mass, 7, 50_000)
     with pytest.raises(ValueError, match="no digits"):
-        numerical_tolerance(0.0)
+        budget.numerical_tolerance(0.0)
     with pytest.raises(ValueError, match="5 trials"):
-        shortest_interval(np.arange(5.0))
+        budget.shortest_interval(np.arange(5.0))
 
 
 @pytest.mark.parametrize(
@@ -113,12 +106,12 @@ def test_the_same_seed_gives_the_same_numbers_and_nothing_gives_no_interval() ->
 )
 def test_numerical_tolerance(std: float, digits: int, tolerance: float) -> None:
     """The first two are the examples of clause 7.9.2; 9.96 has the digits 10."""
-    assert numerical_tolerance(std, digits) == pytest.approx(tolerance, rel=1e-12)
+    assert budget.numerical_tolerance(std, digits) == pytest.approx(tolerance, rel=1e-12)
 
 
 def test_stated_scatter_of_the_ends_is_theirs() -> None:
     """Seeds 0 to 79: the ends scatter as stated, and half as much as those of the plain smallest length do."""
-    found = [propagate(four_normal, seed, 100_000) for seed in range(80)]
+    found = [budget.propagate(four_normal, seed, 100_000) for seed in range(80)]
     scatter = np.std([one.low for one in found], ddof=1)
     stated = np.mean([one.low_numerical_std for one in found])
     plain = np.std([smallest_length(four_normal(np.random.default_rng(seed), 100_000))[0] for seed in range(80)])
@@ -139,8 +132,8 @@ def smallest_length(values: np.ndarray) -> tuple[float, float]:
     ("high", "noise", "statement"), [(2.0, 0.0, "agrees"), (2.2, 0.1, "not resolved"), (2.2, 0.01, "differs")]
 )
 def test_statement_of_a_check(high: float, noise: float, statement: str) -> None:
-    found = Distribution(0.0, 1.0, -2.0, high, 10_000, noise, noise)
-    check = check_interval(0.0, 1.0, 2.0, found)
+    found = budget.Distribution(0.0, 1.0, -2.0, high, 10_000, noise, noise)
+    check = budget.check_interval(0.0, 1.0, 2.0, found)
     assert (check.tolerance, check.statement) == (0.05, statement)
     assert (check.low_difference, check.high_difference) == (0.0, pytest.approx(high - 2.0))
 
@@ -262,17 +255,17 @@ def _campaigns(correlation: float) -> tuple[float, float]:
     counts, inside = [], 0
     for _ in range(CAMPAIGNS):
         readings = signal.lfilter([1.0], [1.0, -correlation], rng.normal(size=N + 500))[500:]
-        counts.append(independent_count(readings))
+        counts.append(budget.independent_count(readings))
         std = readings.std(ddof=1) * np.sqrt((N - 1) / N / (counts[-1] - 1.0))
         inside += abs(readings.mean()) <= coverage_factor(counts[-1] - 1.0) * std
     return float(np.mean(counts)), inside / CAMPAIGNS
 
 
 def test_readings_are_worth_no_more_than_they_are() -> None:
-    assert independent_count(np.array([1.0, -1.0] * 20)) == 40.0
-    assert 2.0 <= independent_count(np.arange(1000.0)) < 4.0
-    assert independent_count(np.full(7, 3.2)) == 7.0
-    assert independent_count(np.array([1.0])) == 1.0
+    assert budget.independent_count(np.array([1.0, -1.0] * 20)) == 40.0
+    assert 2.0 <= budget.independent_count(np.arange(1000.0)) < 4.0
+    assert budget.independent_count(np.full(7, 3.2)) == 7.0
+    assert budget.independent_count(np.array([1.0])) == 1.0
 
 
 @pytest.mark.validates("widening of a 95 % interval by few degrees of freedom", against="scipy.stats.t")

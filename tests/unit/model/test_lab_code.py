@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from own_lab import ANALYSIS, DRIVER, SIMULATOR, copied
 
-from bench.model import lab
+from bench.model import lab as code
 from bench.model.drivers import driver_class
 from bench.model.errors import ExitStatus, InputError, InstallationError
 from bench.model.installed import simulator_module
@@ -46,7 +46,7 @@ def test_driver_simulator_and_analysis_are_found_from_inside(lab: Path, monkeypa
     assert named(f"{simulator}:SIMULATOR").identity.startswith("EXAMPLE,T100")
     declared = analysis_declaration("air_mean")
     assert named(declared.module).METHODS == declared.methods == ("mean",)
-    used = lab.code_used({"example_t100", "hp_3458a"}, simulated=True, analysis="air_mean")
+    used = code.code_used({"example_t100", "hp_3458a"}, simulated=True, analysis="air_mean")
     assert used == {
         place: hashlib.sha256((lab / place).read_bytes()).hexdigest() for place in (ANALYSIS, DRIVER, SIMULATOR)
     }
@@ -195,31 +195,31 @@ def test_names_that_are_none_are_not_looked_for(lab: Path) -> None:
     for name in ("none", "_private", "Upper", "../outside", "a.b"):
         (lab / "analyses" / name).parent.mkdir(exist_ok=True)
         (lab / "analyses" / f"{name}.py").write_text("raise SystemExit('this was executed')\n")
-        assert lab.own_code("analyses", name) is None
+        assert code.own_code("analyses", name) is None
         assert analysis_declaration(name) is None
 
 
 def test_what_is_demanded_is_compared_before_it_is_executed(lab: Path) -> None:
-    recorded = lab.code_used({"example_t100"})
+    recorded = code.code_used({"example_t100"})
     (lab / DRIVER).write_text("raise SystemExit('this was executed')\n")
-    error = refused("B-LAB-007", lambda: lab.demand(recorded, "Example laboratory"))
+    error = refused("B-LAB-007", lambda: code.demand(recorded, "Example laboratory"))
     now = hashlib.sha256((lab / DRIVER).read_bytes()).hexdigest()
     assert error.where == DRIVER
     assert recorded[DRIVER][:12] in error.message
     assert now[:12] in error.message
     (lab / DRIVER).unlink()
-    assert "has no such file" in refused("B-LAB-007", lambda: lab.demand(recorded, "a lab")).message
+    assert "has no such file" in refused("B-LAB-007", lambda: code.demand(recorded, "a lab")).message
     for place in ("../outside.py", "stations/t100_bench.yaml", "/etc/passwd"):
         with pytest.raises(InstallationError, match="B-LAB-007"):
-            lab.demand({place: "0" * 64}, "a lab")
+            code.demand({place: "0" * 64}, "a lab")
 
 
 def test_code_that_a_session_did_not_begin_with_is_refused(lab: Path) -> None:
-    used = lab.code_used({"example_t100"})
-    lab.refuse_others(used, used, "a lab")
-    assert "not used before" in refused("B-LAB-007", lambda: lab.refuse_others({}, used, "a lab")).message
+    used = code.code_used({"example_t100"})
+    code.refuse_others(used, used, "a lab")
+    assert "not used before" in refused("B-LAB-007", lambda: code.refuse_others({}, used, "a lab")).message
 
 
 @pytest.mark.parametrize("lab_of_manifest", [None, 3, [], {"name": "x"}, {"files": [1]}])
 def test_a_manifest_without_code_of_a_lab_asks_for_none(lab_of_manifest: object) -> None:
-    assert lab.recorded_code({"lab": lab_of_manifest})[0] == {}
+    assert code.recorded_code({"lab": lab_of_manifest})[0] == {}

@@ -312,7 +312,6 @@ def mapped(*changes: tuple[str, str]) -> LogMapping:
 
 
 def read(content: bytes, mapping: LogMapping, cut: int = 1 << 30) -> tuple[list[Any], LogParser]:
-    """Time and values of each row."""
     parser = LogParser(mapping, "log.csv")
     chunks = (content[at : at + cut] for at in range(0, len(content), cut))
     rows = [(parser.last_ns, row) for line in lines_of(chunks) if (row := parser.row(line)) is not None]
