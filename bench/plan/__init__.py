@@ -50,7 +50,7 @@ from bench.plan.step_kinds import (
 )
 from bench.plan.stopping import is_other_length
 from bench.plan.summary import SECOND_BYTES, Summary, summarise, unwatched
-from bench.plan.values import UNIT
+from bench.plan.values import SUFFIX, UNIT
 
 __all__ = [
     "CHAMBER",
@@ -63,6 +63,7 @@ __all__ = [
     "ROWS",
     "SAMPLES",
     "SECOND_BYTES",
+    "SUFFIX",
     "UNIT",
     "UNIX",
     "WIRING",

@@ -18,6 +18,7 @@ from bench.model.ports import Parameter
 from bench.model.quantities import QUANTITY
 from bench.plan import (
     MEASUREMENT,
+    SUFFIX,
     Plan,
     PlannedCall,
     PlannedCommand,
@@ -37,8 +38,6 @@ from bench.session.record_states import VALID, RecordState
 
 _DROPPED = ("sequence", "title", "duration", "records", "prepare", "steps", "timeline", "finally", "procedures")
 _SECTION = re.compile(r"^([a-z_]+):", re.MULTILINE)
-_SUFFIXES = {"_A": "A", "_V": "V", "_Hz": "Hz", "_s": "s", "_C": "C", "_ohm": "ohm", "_W": "W", "_F": "F"}
-_SUFFIXES |= {"_degC": "degC", "_degC_min": "degC/min", "_deg_s": "deg/s"}
 _BETWEEN = (PlannedRecord, PlannedVerify, PlannedSoak, PlannedPrompt)  # they end the point before
 _AUTOMATIC = ("purpose", "label", "settle_band_degC")
 
@@ -293,9 +292,9 @@ def _record(plan: Plan, step: PlannedRecord) -> dict[str, Any]:
 
 def _condition(name: str, value: Any) -> tuple[str, Any]:
     """Return a condition as it was written: ``("current_A", 0.01)`` was ``current: 0.01 A``."""
-    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
-        if name.endswith(suffix) and isinstance(value, float):
-            return name.removesuffix(suffix), _quantity(value, _SUFFIXES[suffix])
+    for unit, suffix in sorted(SUFFIX.items(), key=lambda known: len(known[1]), reverse=True):
+        if suffix and name.endswith(f"_{suffix}") and isinstance(value, float):
+            return name.removesuffix(f"_{suffix}"), _quantity(value, unit)
     return name, value
 
 
