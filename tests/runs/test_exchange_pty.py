@@ -88,6 +88,7 @@ def served(board: Board, damage: Damage, clock: WallClock) -> Iterator[str]:
         os.close(far)
 
 
+@pytest.mark.limit(TIMEOUT_S)
 @pytest.mark.parametrize("total", [300, pytest.param(2000, marks=pytest.mark.sweep)])
 def test_exchanges_with_damaged_frames(total: int) -> None:
     clock, board = WallClock(), Board()

@@ -336,8 +336,8 @@ def test_the_report_counts_what_it_should() -> None:
         ("N-b", "", 1.5),
     ]
     assert report.failed == {"B-PKG-005": 1}
-    page = changes_html(report)
-    assert page == changes_html(report)
+    page = changes_html(report, "en")
+    assert page == changes_html(report, "en")
     assert page.index("N-c") < page.index("N-b")
     assert all(text in page for text in ("not installed", "decided by people", "+1.500", "bench 1 → bench 2"))
     assert "사람이 결정합니다" in changes_html(report, "ko")
