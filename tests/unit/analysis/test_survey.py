@@ -104,6 +104,8 @@ def test_many_lone_values_of_a_ramp_are_a_doubt() -> None:
     values = log.columns["U"] + np.where(np.arange(log.columns["U"].size) % 40, 0.0, 1e-5)
     assert outcome(log, log.columns)[1]
     assert outcome(log, log.columns | {"U": values}) == ("", {})
+    hot = np.where(np.arange(values.size) % 40, log.columns["sensor"], 9.9e37)
+    assert outcome(log, log.columns | {"sensor": hot}) == ("B-FIT-060", {})
 
 
 @pytest.mark.parametrize("kind", SPOILT)
