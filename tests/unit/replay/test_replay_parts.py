@@ -314,8 +314,7 @@ def mapped(*changes: tuple[str, str]) -> LogMapping:
 def read(content: bytes, mapping: LogMapping, cut: int = 1 << 30) -> tuple[list[Any], LogParser]:
     parser = LogParser(mapping, "log.csv")
     chunks = (content[at : at + cut] for at in range(0, len(content), cut))
-    rows = [(parser.last_ns, row) for line in lines_of(chunks) if (row := parser.row(line)) is not None]
-    return rows, parser
+    return [(parser.last_ns, row) for line in lines_of(chunks) if (row := parser.row(line)) is not None], parser
 
 
 def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> LogParser:

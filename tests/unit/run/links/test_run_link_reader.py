@@ -29,6 +29,7 @@ from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.simulation import open_world
 
 SEED = 3
+MILLION = pytest.mark.parametrize("total", [100_000, pytest.param(1_000_000, marks=pytest.mark.sweep)])
 BLOCK = 4096  # frames handed over at once
 LENGTH = 57  # bytes of a frame of port A
 
@@ -88,10 +89,10 @@ def take(reader: LinkReader, clock: VirtualClock, sent: bytes, count: int) -> No
     reader.decode()
 
 
+@MILLION
 @pytest.mark.parametrize("rate", [1e-5, 1e-4, 1e-3])
-def test_no_damaged_frame_of_a_million_is_accepted_and_no_whole_one_missed(rate: float) -> None:
+def test_no_damaged_frame_of_a_million_is_accepted_and_no_whole_one_missed(rate: float, total: int) -> None:
     """Every frame without a flipped bit is found, every other one is not, and each found one is as it was sent."""
-    total = 1_000_000
     definition, clock = frame("ngu_a"), VirtualClock()
     reader, faults = reader_of(definition, clock), LinkFaults(SEED, "port_a", bit_error_rate=rate)
     found: list[np.ndarray] = []
@@ -111,8 +112,8 @@ def test_no_damaged_frame_of_a_million_is_accepted_and_no_whole_one_missed(rate:
     print(f"seed {SEED}: {rate:g} per bit: {total - whole_frames} of {total} frames damaged, none accepted")
 
 
-def test_lost_and_repeated_among_a_million_frames_are_counted_exactly() -> None:
-    total = 1_000_000
+@MILLION
+def test_lost_and_repeated_among_a_million_frames_are_counted_exactly(total: int) -> None:
     definition, clock = frame("ngu_a"), VirtualClock()
     reader = reader_of(definition, clock)
     faults = LinkFaults(SEED, "port_a", drop_rate=2e-3, duplicate_rate=1e-3)
