@@ -110,7 +110,8 @@ def test_many_lone_values_of_a_ramp_are_a_doubt() -> None:
 
 @pytest.mark.parametrize("kind", SPOILT)
 def test_a_spoiled_log_gives_no_wrong_sound_number(kind) -> None:
-    assert [line for analysis in LOGS for line in wrong(analysis, kind, 1.0, 0)] == []
+    worlds = (*product(LOGS, (1.0,)), ("temperature_ramp", 0.2))
+    assert [line for analysis, size in worlds for line in wrong(analysis, kind, size, 0)] == []
 
 
 @pytest.mark.sweep

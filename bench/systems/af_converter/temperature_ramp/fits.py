@@ -34,6 +34,7 @@ from bench.systems.af_converter.estimators.segments import Segment, branches, fi
 from bench.systems.af_converter.wording import say
 
 _MOST = 0.01  # of the rows; more are not single rows
+_LEAST_FILLED = 0.5  # of a block that tells branches apart: one cut by a pause scatters more than the others
 _MOST_degC = 1000.0  # no chamber is as hot
 LEAST_ROWS = 100
 MEAN = "mean"
@@ -236,9 +237,9 @@ def fit_reading(name: str, columns: RampColumns, blocks: Blocks, reference_degC:
         sensor: drift if values is main else fit_drift(blocks, values, readings, branch, reference_degC, drift.noise)
         for sensor, values in sensors.items()
     }
-    ramps = columns.main_ramps()
+    ramps, filled = columns.main_ramps(), blocks.count >= _LEAST_FILLED * np.median(blocks.count)
     indices = tuple(
-        np.flatnonzero((blocks.start_s >= ramps[kind].start_s) & (blocks.end_s <= ramps[kind].end_s))
+        np.flatnonzero(filled & (blocks.start_s >= ramps[kind].start_s) & (blocks.end_s <= ramps[kind].end_s))
         for kind in ("up", "down")
     )
     differences = {

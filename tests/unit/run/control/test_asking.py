@@ -243,7 +243,6 @@ def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
 
 
 def answered(folder: Path, text: str, value: str) -> None:
-    """Answer the question with this text, as soon as it is asked."""
     until(lambda: (command.ask(folder, "status")["prompt"] or {}).get("text") == text, text)
     command.answer(folder, value)
 
