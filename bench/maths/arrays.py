@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from bench.model.arrays import Flags, Floats, Integers
+
+__all__ = ["Flags", "Floats", "Integers", "rms"]
 
 
 def rms(values: ArrayLike) -> float:

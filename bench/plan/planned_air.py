@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.model.arrays import Floats
 from bench.plan.plan import SetPoint, Step, Steps
 from bench.plan.step_kinds import CHAMBER, PlannedCall, PlannedSoak
 
-Floats = NDArray[np.float64]
 LAB_AIR_degC = 23.0  # where a chamber starts when the plan does not say (reference conditions 23 degC)
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.maths.drift import NO_STANDARD, DriftLine, IndividualsChart, en_scores, fit_drift_line, individuals_chart
+from bench.model.arrays import Floats
 from bench.store.errors import StoreError
 from bench.store.selection import Filters
-from bench.store.series import Array, Parameter, Series, read_pair, read_series
+from bench.store.series import Parameter, Series, read_pair, read_series
 
 Labels = NDArray[np.int64]
 LEAST_FOR_CONTROL = 8  # calibrations; fewer moving ranges say too little about the scatter
@@ -23,11 +24,11 @@ class ParameterHistory:
 
     parameter: Parameter
     rows: NDArray[np.int64]  # calibrations in the series
-    t_year: Array
-    value: Array
-    std: Array
-    factor: Array
-    en: Array  # against the calibration before; NaN for the first, and for the first after an adjustment
+    t_year: Floats
+    value: Floats
+    std: Floats
+    factor: Floats
+    en: Floats  # against the calibration before; NaN for the first, and for the first after an adjustment
     line: DriftLine | None  # since the last adjustment; None if no two between adjustments are at different times
     chart: IndividualsChart | None  # of the residuals about the line
     low: float  # limits of the value; infinite where there is none
@@ -125,7 +126,7 @@ def _history(series: Series, column: int) -> ParameterHistory:
     )
 
 
-def _en_of_each(value: Array, expanded: Array, shared: Array, standard: Labels, level: Labels) -> Array:
+def _en_of_each(value: Floats, expanded: Floats, shared: Floats, standard: Labels, level: Labels) -> Floats:
     """Return E_n of each calibration against the one before, (m,), NaN for the first and across an adjustment."""
     same = (standard[1:] == standard[:-1]) & (standard[1:] != NO_STANDARD)
     parts = np.where(same, shared[:-1], 0.0), np.where(same, shared[1:], 0.0)

@@ -14,6 +14,7 @@ from sqlalchemy import Connection, Select, select
 
 from bench.analysis import Common, Limits, covariance_by_standards, limit_range
 from bench.maths.drift import NO_STANDARD
+from bench.model.arrays import Floats
 from bench.model.clock import NS
 from bench.store.adjustments import levels_of
 from bench.store.contents import canonical
@@ -22,7 +23,6 @@ from bench.store.errors import StoreError
 from bench.store.selection import Filters, find_calibration, find_unit, selected
 from bench.store.tables import doubts, estimates, parameters, shared_components
 
-Array = NDArray[np.float64]
 YEAR_S = 365.25 * 86400.0
 _AT_ONCE = 10_000  # every database takes as many values in one statement
 _TEMPERATURES = {
@@ -69,15 +69,15 @@ class Series:
     uut: tuple[str, str]
     calibrations: list[dict[str, Any]]  # (c,)
     parameters: list[Parameter]  # (p,)
-    t_year: Array  # (c,) since 1970
-    value: Array  # (c, p)
-    std: Array  # (c, p)
-    factor: Array  # (c, p)
-    shared: Array  # (c, p)
+    t_year: Floats  # (c,) since 1970
+    value: Floats  # (c, p)
+    std: Floats  # (c, p)
+    factor: Floats  # (c, p)
+    shared: Floats  # (c, p)
     standard: NDArray[np.int64]  # (c, p)
-    low: Array  # (p,) limits of the newest calibration of the campaign; infinite where there is none
-    high: Array  # (p,)
-    change_limit: Array  # (p,) the same, of the change since that calibration; NaN if there is none
+    low: Floats  # (p,) limits of the newest calibration of the campaign; infinite where there is none
+    high: Floats  # (p,)
+    change_limit: Floats  # (p,) the same, of the change since that calibration; NaN if there is none
     level: NDArray[np.int64]  # (c,) another label after each adjustment of the unit
     certificates: list[str]  # what the labels in ``standard`` mean
     notes: list[str] = field(default_factory=list)
@@ -101,7 +101,7 @@ def read_series(url: str, filters: Filters) -> Series:
         return _series(connection, uut, rows, filters.quantity, notes)
 
 
-def read_pair(url: str, first: str, second: str) -> tuple[Series, Array]:
+def read_pair(url: str, first: str, second: str) -> tuple[Series, Floats]:
     """Return two calibrations in given order, and the covariance of each parameter in both by what they say to share.
 
     The covariance (p,) is NaN where one of them does not say what it has in common with others.
@@ -131,7 +131,7 @@ def read_pair(url: str, first: str, second: str) -> tuple[Series, Array]:
         return series, _covariance(connection, rows, series.parameters)
 
 
-def _covariance(connection: Connection, rows: list[dict[str, Any]], wanted: Sequence[Parameter]) -> Array:
+def _covariance(connection: Connection, rows: list[dict[str, Any]], wanted: Sequence[Parameter]) -> Floats:
     """Return the covariance of two calibrations by the errors of standards that the estimates of both name, (p,)."""
     columns = (parameters.c.quantity, parameters.c.unit, parameters.c.conditions, estimates.c.further)
     said = []
@@ -198,7 +198,7 @@ def _places(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.i
 
 def _numbers(
     connection: Connection, result_sets: Sequence[int], quantity: str | None
-) -> tuple[Array, dict[int, tuple[str, str, dict[str, Any]]]]:
+) -> tuple[Floats, dict[int, tuple[str, str, dict[str, Any]]]]:
     """Return rows (result set, parameter, numbers ...) of the estimates wanted, and what the parameters are."""
     query = select(parameters.c.id, parameters.c.quantity, parameters.c.unit, parameters.c.conditions)
     if quantity is not None:
@@ -224,7 +224,7 @@ def _plain_rows(connection: Connection, query: Select[Any]) -> list[tuple[Any, .
 
 def _limits(
     connection: Connection, rows: list[dict[str, Any]], column_of: dict[tuple[str, int], int]
-) -> tuple[Array, Array, Array]:
+) -> tuple[Floats, Floats, Floats]:
     """Return limits of the newest calibration of every campaign: low and high of the value, and of its change."""
     newest = {str(row["campaign"]): int(row["result_set_id"]) for row in rows}
     low, high = np.full(len(column_of), -np.inf), np.full(len(column_of), np.inf)
@@ -244,7 +244,7 @@ def _limits(
 
 def _shared(
     connection: Connection, rows: list[dict[str, Any]], parameters: list[Parameter]
-) -> tuple[Array, NDArray[np.int64], list[str]]:
+) -> tuple[Floats, NDArray[np.int64], list[str]]:
     """Return shared standard uncertainty and the label of its standard, (c, p) each, and what the labels mean."""
     ids = {row["id"]: number for number, row in enumerate(rows)}
     shared = np.zeros((len(rows), len(parameters)))

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.maths.control.limits import KINDS, Charts, Limits, Signal, chart
 from bench.maths.control.predictions import Change
+from bench.model.arrays import Floats
 from bench.store.selection import Filters
 from bench.store.series import Parameter
 
-Array = NDArray[np.float64]
 RUN_LENGTH = 200.0  # points of a subject until the first false signal of any chart, where nobody says another
 _STATISTICS = ("ewma", "cusum_up", "cusum_down")
 
@@ -28,11 +27,11 @@ class ChartedSeries:
 
     parameter: Parameter
     names: list[str]
-    t_year: Array  # since 1970
-    value: Array
-    expected: Array
-    std: Array
-    score: Array
+    t_year: Floats  # since 1970
+    value: Floats
+    expected: Floats
+    std: Floats
+    score: Floats
     first: int
     scatter_std: float
     limits: Limits
@@ -114,7 +113,7 @@ class ChartedSubject:
         }
 
 
-def judged(score: Array, first: int, limits: Limits) -> Charts:
+def judged(score: Floats, first: int, limits: Limits) -> Charts:
     """Plot the scores behind a first phase."""
     return chart(score[first:], limits)
 

@@ -13,6 +13,7 @@ from bench.maths.control.common_mode import LEAST_FREEDOM, Population, certifica
 from bench.maths.control.limits import limits_for
 from bench.maths.control.predictions import Readings, predictions, step_until
 from bench.maths.drift import NO_STANDARD
+from bench.model.arrays import Floats
 from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged, wanted
 from bench.store.charts.phases import phase_document, phase_of
 from bench.store.database import reading
@@ -20,7 +21,6 @@ from bench.store.selection import Filters, require, units
 from bench.store.series import YEAR_S, Parameter, Series, read_series
 from bench.store.tables import calibrations
 
-Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 _ENOUGH = 30  # degrees of freedom that end the first phase of a station, where nobody has stated one
 _NS_PER_YEAR = YEAR_S * 1e9
@@ -42,7 +42,7 @@ class Quantity:
     parameter: Parameter
     units: list[UnitSeries]
     certificates: list[str]
-    stated: Array  # standard uncertainty of each certificate
+    stated: Floats  # standard uncertainty of each certificate
 
 
 def chart_certificates(url: str, filters: Filters, run_length: float | None = None) -> ChartedSubject:
@@ -249,7 +249,7 @@ def _quantity(parameter: Parameter, members: Sequence[tuple[Series, list[int]]])
     )
 
 
-def _unit_series(series: Series, rows: Labels, table: Array, column: int, place: dict[str, int]) -> UnitSeries:
+def _unit_series(series: Series, rows: Labels, table: Floats, column: int, place: dict[str, int]) -> UnitSeries:
     labels, shared = series.standard[rows, column], series.shared[rows, column]
     standard = [NO_STANDARD if label == NO_STANDARD else place[series.certificates[label]] for label in labels]
     label = np.array(standard, dtype=np.int64)
