@@ -8,7 +8,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 977_980,
+    "tokens": 977_970,
     "tokens a line": 10.57,
     "files": 823,
     "dict[str, Any]": 489,
