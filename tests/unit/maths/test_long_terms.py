@@ -99,12 +99,13 @@ def test_few_blocks_show_nothing() -> None:
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("pause", PAUSES)
 @pytest.mark.parametrize("name", WORLDS)
-def test_forty_logs_of_each_kind(name: str, pause: str) -> None:
-    right, false, inside = judged(name, PAUSES[pause], 40)
-    print(f"{name}, pauses {pause}: found {right:.3f}, false {false:.3f}, next mean inside {inside:.3f}")
-    assert false <= 0.05
-    assert inside >= 0.85  # 95 % of forty
-    if pause == "none" and name in ("weak walk", "walk", "flicker", "drift"):
-        assert right >= 0.9 * neyman_pearson(name, 40) - 0.05
+def test_forty_logs_of_each_kind_and_pause(name: str) -> None:
+    shares = {pause: judged(name, kept, 40) for pause, kept in PAUSES.items()}
+    for pause, (right, false, inside) in shares.items():
+        print(f"{name}, pauses {pause}: found {right:.3f}, false {false:.3f}, next mean inside {inside:.3f}")
+    _, false, inside = np.mean(list(shares.values()), axis=0)
+    assert false <= 0.02
+    assert inside >= 0.916  # two standard deviations below 95 % of 160
+    if name not in ("white", "quantisation"):
+        assert shares["none"][0] >= 0.9 * neyman_pearson(name, 40) - 0.05
