@@ -56,6 +56,11 @@ class Analysis:
     compensation: Documents = field(default_factory=list)
     attachments: Mapping[str, str] = field(default_factory=dict)
 
+    def leaving_out(self, rows: int) -> Analysis:
+        """Return the analysis of a log of which so many rows were left out beforehand, each estimate counting them."""
+        entries = [entry.model_copy(update={"dropped": entry.dropped + rows}) for entry in self.estimates]
+        return replace(self, estimates=entries) if rows else self
+
 
 def no_result(missing: Iterable[str]) -> list[str]:
     """Return the notes that name what a campaign promises and has no result, a sentence each."""
@@ -113,7 +118,8 @@ def analyse(material: Material, method: str | None = None) -> Analysis:
     from bench.analysis.survey import surveyed  # of logs alone
 
     survey = surveyed(material)
-    analysis = with_expected(_analysed(declared.name, module, survey.material, chosen), material)
+    analysis = _analysed(declared.name, module, survey.material, chosen).leaving_out(survey.left_out)
+    analysis = with_expected(analysis, material)
     return replace(analysis, notes=[*survey.notes, *analysis.notes], evidence=[*survey.evidence, *analysis.evidence])
 
 

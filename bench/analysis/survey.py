@@ -1,8 +1,9 @@
 """Survey of an imported log before any fit: what its rows show by themselves, each finding with what becomes of it.
 
-Rows that say the same again are left out, or make a log doubtful whose mapping names rows; a clock that was set forward
-is refused; pauses, values that stand for no reading, a gravity that another unit would explain and stamps that tell no
-rate are told, and doubted where they move numbers. An analysis sees the log only behind it.
+Rows that say the same again, or hold a code for no reading, are left out, or make a log doubtful whose mapping names
+rows; a clock that was set forward is refused; pauses, values that are perhaps a code, a gravity that another unit
+would explain and stamps that tell no rate are told, and doubted where they move numbers. An analysis sees the log only
+behind it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ _READ = ("temperature", "reading")  # a fit of one that stands still would be on
 _OF_ROWS = ("temperature", "set_point")  # move on by themselves, whatever the recorder's clock says
 _PAUSE = 20.0  # usual steps: a shorter gap is one of rows, the business of who counts them
 _BESIDE = 20  # rows on either side of a pause that tell how a column moves
+_NO_NUMBER = 1e30  # overloads are 9.9E37 and 9.91E37 (SCPI-99, 7.2.1.4 and 7.2.1.5), or the largest of their type
+_FEWEST = 3  # rows
 _SIGMA = 8.0  # beyond the scatter of a column: what it should have moved through a pause
 _G = 9.80665  # m/s2
 _GRAVITY = 0.1  # of g: how far bias, scale and site leave the mean of three axes
@@ -33,36 +36,40 @@ _UNITS = {"m/s2": 1.0, "g": 1.0 / _G, "mg": 1e3 / _G, "cm/s2": 100.0}  # of one 
 
 @dataclass(frozen=True)
 class Surveyed:
-    """``material`` without the rows that say nothing; ``notes`` and ``evidence`` of the survey."""
+    """``material`` without the rows that say nothing; ``notes`` and ``evidence`` of the survey.
+
+    ``left_out``: number of rows with codes for no reading.
+    """
 
     material: Material
     notes: list[str]
     evidence: list[Evidence]
+    left_out: int = 0
 
 
 def surveyed(material: Material) -> Surveyed:
     """Look at the columns of an imported log; what is no log comes back as it is.
 
     Raises: FitError B-FIT-144 if its clock jumps forward while the unit goes on unbroken, B-FIT-145 for a column
-            that never moves and must.
+            that never moves and must, and if codes for no reading leave fewer than three rows.
     """
     columns = [column for column in material.campaign.get("columns", ()) if column.get("name") in material.series]
     t_s = material.series.get("t_s", np.empty(0))
-    if t_s.size < 3 or not t_s[-1] > t_s[0]:
+    if t_s.size < _FEWEST or not t_s[-1] > t_s[0]:
         return Surveyed(material, [], [])
-    notes: list[str] = []
-    evidence: list[Evidence] = []
-    again = _repeated(columns, material.series)
+    left_out, coded, notes, evidence = _no_readings(columns, material)
+    series = _rows(material.series, ~left_out)
+    again = _repeated(columns, series)
+    row = np.flatnonzero(~left_out) + 1  # of the file
     if again.any():
         times = 1.0 / (1.0 - float(again.mean()))
+        about = {"count": int(again.sum()), "of": again.size, "times": times}
         if material.campaign.get("segments"):
-            sentence = say("survey.repeated_kept", count=int(again.sum()), of=again.size, times=times)
-            evidence.append(Evidence("repeated_rows", sentence, times, 0.0))
+            evidence.append(Evidence("repeated_rows", say("survey.repeated_kept", **about), times, 0.0))
         else:
-            notes.append(say("survey.repeated", count=int(again.sum()), of=again.size, times=times))
-            series = {name: values[~again] for name, values in material.series.items()}
-            material, t_s = replace(material, series=series), t_s[~again]
-    row = np.flatnonzero(~again) + 1 if t_s.size < again.size else np.arange(again.size) + 1  # of the file
+            notes.append(say("survey.repeated", **about))
+            series, row = _rows(series, ~again), row[~again]
+    material, t_s = replace(material, series=series), series["t_s"]
     stamps = sample_stamps(t_s)
     steps = np.diff(t_s) * stamps.rate_Hz
     long = np.flatnonzero(steps > _PAUSE)
@@ -76,13 +83,10 @@ def surveyed(material: Material) -> Surveyed:
     for column in columns:
         values = material.series[str(column["name"])]
         if column["role"] in _READ and is_silent(values):
-            raise FitError(
-                "B-FIT-145",
-                f"the column {column['header']} has one and the same value in all rows",
-                next_step="map the column that moves, or leave this one out of the mapping ('role: ignore')",
-            )
-        evidence += _no_readings(column, values, row)
-    return Surveyed(material, notes, [*evidence, *_gravity(columns, material.series)])
+            raise _still(f"the column {column['header']} has one and the same value in all rows")
+        if column.get("axis") and column not in coded:
+            evidence += _clipped(column, values)
+    return Surveyed(material, notes, [*evidence, *_gravity(columns, material.series)], int(left_out.sum()))
 
 
 def _repeated(columns: list[Document], series: Mapping[str, Floats]) -> Flags:
@@ -132,18 +136,60 @@ def _unbroken(values: Floats, at: int, steps: float) -> bool:
     return bool(abs(slope) * (steps - 1.0) > 4.0 * _SIGMA * noise and abs(moved - slope) < _SIGMA * noise)
 
 
-def _no_readings(column: Document, values: Floats, row: Integers) -> Iterator[Evidence]:
-    """Yield a doubt for a value in place of readings, such as 9.9e37, 85 or 0, and for the end of a range."""
-    found = None if column.get("role") == "set_point" else sentinel(values)
-    if found is None:
-        for end in piled_up(str(column["header"]), values[np.isfinite(values)]) if column.get("axis") else []:
-            about = {"value": end.figures["extreme"], "count": end.count, "of": end.of}
-            yield Evidence("clipped", say("survey.clipped", name=column["header"], **about), None, 0.0,
-                           conditions=_place(column))  # fmt: skip
-        return
-    rows = np.flatnonzero(values == found)
-    sentence = say("survey.sentinel", name=column["header"], value=found, count=rows.size, row=row[rows[0]])
-    yield Evidence("no_reading", sentence, float(rows.size), 0.0, conditions=_place(column))
+def _no_readings(
+    columns: list[Document], material: Material
+) -> tuple[Flags, list[Document], list[str], list[Evidence]]:
+    """Return the rows to leave out because they hold a code for no reading, columns with codes, notes and doubts.
+
+    Raises: FitError B-FIT-145 if fewer than three rows are left.
+    """
+    left_out = np.zeros(material.series["t_s"].size, np.bool_)
+    coded: list[Document] = []
+    notes: list[str] = []
+    evidence: list[Evidence] = []
+    for column in columns:
+        for value, there, sure in _codes(column, material.series[str(column["name"])]):
+            coded.append(column)
+            about = {"value": value, "count": int(there.sum()), "row": int(there.argmax()) + 1}
+            if sure and not material.campaign.get("segments"):
+                notes.append(say("survey.no_reading", name=column["header"], **about))
+                left_out |= there
+            else:
+                sentence = say("survey.sentinel", name=column["header"], **about)
+                evidence.append(Evidence("no_reading", sentence, float(there.sum()), 0.0, conditions=_place(column)))
+    if left_out.size - left_out.sum() < _FEWEST:
+        raise _still(f"of {left_out.size} rows {left_out.sum()} hold codes for no reading")
+    return left_out, coded, notes, evidence
+
+
+def _codes(column: Document, values: Floats) -> Iterator[tuple[float, Flags, bool]]:
+    """Yield each value that stands in place of readings, the rows with it, and whether nothing else explains it."""
+    no_number = np.abs(values) >= _NO_NUMBER
+    if no_number.any():
+        yield float(values[no_number][0]), no_number, True
+    code = None if column["role"] == "set_point" else sentinel(np.where(no_number, np.nan, values))
+    if code:
+        yield code.value, values == code.value, code.outside
+
+
+def _rows(series: Mapping[str, Floats], kept: Flags) -> Mapping[str, Floats]:
+    return series if kept.all() else {name: values[kept] for name, values in series.items()}
+
+
+def _still(why: str) -> FitError:
+    return FitError(
+        "B-FIT-145",
+        why,
+        next_step="map the column that moves, or leave this one out of the mapping ('role: ignore')",
+    )
+
+
+def _clipped(column: Document, values: Floats) -> Iterator[Evidence]:
+    """Yield a doubt for each end of the range of a sensor that its readings pile up at."""
+    for end in piled_up(str(column["header"]), values[np.isfinite(values)]):
+        about = {"value": end.figures["extreme"], "count": end.count, "of": end.of}
+        sentence = say("survey.clipped", name=column["header"], **about)
+        yield Evidence("clipped", sentence, None, 0.0, conditions=_place(column))
 
 
 def _place(column: Document) -> Document:

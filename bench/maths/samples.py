@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -357,7 +357,14 @@ def repeated_rows(columns: Sequence[Column]) -> Flags:
     return again if regular or fine else np.zeros(len(table), np.bool_)
 
 
-def sentinel(values: Floats) -> float | None:
+class Sentinel(NamedTuple):
+    """``outside``: far from all other values; else it stands on end among them, as an output does that is held."""
+
+    value: float
+    outside: bool
+
+
+def sentinel(values: Floats) -> Sentinel | None:
     """Return the value that stands in a column in place of readings: exactly the same at least three times, and a jump
     into it and out of it each time, far beyond the noise; outside of all others, or on end, where a motion may jump as
     far. None without one; NaN are no readings.
@@ -375,7 +382,7 @@ def sentinel(values: Floats) -> float | None:
         outside = max(others.min() - value, value - others.max()) > _OUTSIDE * np.ptp(others)
         on_end = 2 * there.sum() >= _SENTINEL * edges.size  # no noise gives the same value again
         if _SENTINEL <= there.sum() < known.size / 2 and jump[edges].all() and (outside or on_end):
-            return float(value)
+            return Sentinel(float(value), bool(outside))
     return None
 
 

@@ -54,16 +54,32 @@ def test_a_clock_that_is_set_forward_is_refused_and_a_pause_is_not() -> None:
     )
 
 
-def test_what_is_no_reading_is_told_by_its_value() -> None:
+@pytest.mark.parametrize("code", [85.0, 9.9e37])
+def test_rows_with_a_code_for_no_reading_are_left_out_and_told(code: float) -> None:
     log = ramp(np.random.default_rng(1))
     sensor = log.columns["sensor"].copy()
-    sensor[700:760] = 85.0
-    assert told(log, sensor=sensor)[1] == [
-        "sensor is 85 in 60 rows, far from all others, first in row 701: a code for no reading. State it in the "
-        "mapping under 'overload'."
-    ]
+    sensor[700:760] = code
+    notes, evidence, material = told(log, sensor=sensor)
+    rest = "far from all others, first in row 701: a code for no reading. These rows are left out."
+    assert notes[0] == f"sensor is {code:g} in 60 rows, {rest}"
+    assert (evidence, material.series["U"].size) == ([], 2460)
+    assert {entry.dropped for entry in outcome(log, log.columns | {"sensor": sensor})[1].values()} == {60}
+    six = LOGS["imu_six_position"](np.random.default_rng(1))
+    assert "State it in the mapping" in told(six, ax=np.where(np.arange(4500) % 50, six.columns["ax"], code))[1][0]
+
+
+def test_rows_off_the_surface_of_a_magnetometer_are_counted_as_dropped() -> None:
+    log = LOGS["magnetometer_log"](np.random.default_rng(1))
+    far = log.columns["mx"] + np.isin(np.arange(1500), np.arange(700, 712)) * 3.0
+    assert {entry.dropped for entry in outcome(log, log.columns | {"mx": far})[1].values()} == {12}
+
+
+def test_a_column_without_readings_is_refused() -> None:
+    log = ramp(np.random.default_rng(1))
     with pytest.raises(FitError, match="B-FIT-145: the column sensor has one and the same value in all rows"):
         told(log, sensor=np.zeros(2520))
+    with pytest.raises(FitError, match="B-FIT-145: of 2520 rows 2520 hold codes for no reading"):
+        told(log, sensor=np.full(2520, 9.91e37))
     assert sentinel(log.columns["U"]) is None
     assert sentinel(np.repeat(np.arange(20.0), 100)) is None  # levels without noise
 
@@ -105,7 +121,7 @@ def test_many_lone_values_of_a_ramp_are_a_doubt() -> None:
     assert outcome(log, log.columns)[1]
     assert outcome(log, log.columns | {"U": values}) == ("", {})
     hot = np.where(np.arange(values.size) % 40, log.columns["sensor"], 9.9e37)
-    assert outcome(log, log.columns | {"sensor": hot}) == ("B-FIT-060", {})
+    assert outcome(log, log.columns | {"sensor": hot})[1]
 
 
 @pytest.mark.parametrize("kind", SPOILT)

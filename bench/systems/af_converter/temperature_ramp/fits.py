@@ -35,7 +35,6 @@ from bench.systems.af_converter.wording import say
 
 _MOST = 0.01  # of the rows; more are not single rows
 _LEAST_FILLED = 0.5  # of a block that tells branches apart: one cut by a pause scatters more than the others
-_MOST_degC = 1000.0  # no chamber is as hot
 LEAST_ROWS = 100
 MEAN = "mean"
 _WINDOWS = 150  # of the search for ramps, in a record
@@ -116,8 +115,7 @@ class RampColumns:
 def ramp_columns(material: Material) -> RampColumns:
     """Gather the columns by role.
 
-    Raises: FitError B-FIT-060 if the session holds no log with a temperature and a reading, too few whole rows, or
-            rows with what is no temperature;
+    Raises: FitError B-FIT-060 if the session holds no log with a temperature and a reading, or too few whole rows;
             B-FIT-061 if the log has no ramp up and down.
     """
     roles = _by_role(material)
@@ -134,9 +132,6 @@ def ramp_columns(material: Material) -> RampColumns:
     whole[np.flatnonzero(whole)[bad]] = False
     columns = {name: np.asarray(material.series[name][whole]) for name in ("t_s", *used)}
     t_s, sensors = columns["t_s"], {name: columns[name] for name in roles["temperature"]}
-    for name, values in sensors.items():
-        if (most := float(np.abs(values).max())) > _MOST_degC:
-            raise _unusable(f"{name} reads {most:g} degC, which is no temperature")
     mean = np.mean(list(sensors.values()), axis=0)
     sensors = {MEAN: mean, **sensors} if len(sensors) > 1 else sensors
     programme = columns[roles["set_point"][0]] if roles["set_point"] else mean

@@ -44,21 +44,22 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-GNC-006 without three axes; B-FIT-090, -091 if the readings determine
             neither an ellipsoid nor an ellipse, B-GNC-009 if it is seen why they do not.
     """
-    field, time_s, unit = _readings(material)
-    every, off = field, off_surface(field)
+    every, time_s, unit = _readings(material)
+    field, off = every, off_surface(every)
     left_out = []
     if not few(off.sum(), off.size) and few(off.sum(), off.size, _MOST_LEFT_OUT):
         left_out = [say("log.off", rows=_rows(np.flatnonzero(off)), count=off.size)]
         field, time_s = field[~off], time_s[~off]
+    rows = material.series["t_s"].size
     sphere = sphere_of([field], unit) if method == METHODS[0] else Sphere()
     sphere.notes.extend(left_out)
     if sphere.fit is None:
         try:
-            return _turn(material, field, time_s, unit, sphere)
+            return _turn(material, field, time_s, unit, sphere).leaving_out(rows - len(field))
         except FitError as error:
             raise _seen(material, every, off, unit) or error from None
     searches = searches_of([], sphere.cloud([1], [time_s]), shown_unit(unit))
-    return Analysis(
+    analysis = Analysis(
         "magnetometer_log",
         method,
         material.campaign["uut"],
@@ -68,6 +69,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         tables=[_table(sphere, unit), *unseen_tables(searches)],
         figures=sphere.figures,
     )
+    return analysis.leaving_out(rows - len(field))
 
 
 def _readings(material: Material) -> tuple[Floats, Floats, str]:
