@@ -28,6 +28,14 @@ class Effect(Enum):
     MOTION_OFF = "motion_off"  # the table is at rest and its drives are off: always allowed
 
 
+ENERGISING = frozenset({Effect.STIMULUS_ON, Effect.ROUTE, Effect.THERMAL, Effect.POWER, Effect.MOTION_ON})
+"""Effects of actions that switch something on or let it move."""
+
+SWITCHED_ON = ("output_on", "operate", "run", "start")
+SWITCHES = (*SWITCHED_ON, "output_off", "standby", "stop", "open_all", "route")
+"""Actions of one instrument of which the later counts."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One argument of an action: a quantity with a dimension and limits, or a choice of words or numbers.
@@ -55,6 +63,12 @@ class Action:
     bus_s: float = 0.1  # longest time the call normally takes on the real bus, settling included
     returns: str = ""  # unit of the value returned, "" if none
     longer: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def sets(self) -> bool:
+        """Return whether the action changes its instrument, as far as its declaration can tell."""
+        plain = not self.returns and (bool(self.parameters) or self.name in SWITCHES)
+        return self.effect is not Effect.NONE or plain
 
     def takes_s(self, arguments: Mapping[str, Any]) -> float:
         """Return the longest time that a call with these arguments normally takes on the real bus, second.
@@ -89,12 +103,14 @@ def action(
     return mark
 
 
-Drivers = Mapping[str, Mapping[str, Action]]
-"""Declared actions, by role and name."""
+Actions = Mapping[str, Action]
+"""Declared actions of an instrument, by name."""
+Drivers = Mapping[str, Actions]
+"""The same by role."""
 
 
 @cache
-def actions_of(driver: type) -> Mapping[str, Action]:
+def actions_of(driver: type) -> Actions:
     """Return all actions a driver class declares, by name."""
     actions: dict[str, Action] = {}
     for name in dir(driver):
@@ -109,7 +125,7 @@ def drivers_of(instruments: Mapping[str, Instrument]) -> Drivers:
     return {role: actions_of(type(instrument)) for role, instrument in instruments.items()}
 
 
-def can_move(actions: Mapping[str, Action]) -> bool:
+def can_move(actions: Actions) -> bool:
     """Return whether an instrument with these actions is a table."""
     return any(action.effect is Effect.MOTION_ON for action in actions.values())
 

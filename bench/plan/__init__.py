@@ -34,6 +34,7 @@ from bench.plan.served import served_station
 from bench.plan.station import Station, StationFile, load_station
 from bench.plan.step_kinds import (
     CHAMBER,
+    KINDS,
     MEASUREMENT,
     WIRING,
     PlannedCall,
@@ -59,6 +60,7 @@ __all__ = [
     "FAIL",
     "HOLD",
     "ISO",
+    "KINDS",
     "MEASUREMENT",
     "ROWS",
     "SAMPLES",

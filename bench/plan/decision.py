@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from bench.model.events import Decision, Event, UnitLeftOut
 from bench.model.quantities import Values
 from bench.model.units import plain_quantity
-from bench.plan.plan import Step, StepKind, Steps
+from bench.plan.plan import Step, StepKind, Steps, no_effect, not_again
 from bench.plan.values import UNIT
 
 IF, WHILE, CHOOSE = "if", "while", "choose"
@@ -70,6 +70,9 @@ class PlannedDecision(Step):
     branches: tuple[Branch, ...]
     missing: str
     retry_step: int
+
+    effects = no_effect  # it reads an instrument
+    again = not_again  # it stands as it was made
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from bench.frame import FrameDefinition, parse_frame
 from bench.model.errors import InputError
+from bench.model.ports import Actions, Effect
 from bench.model.quantities import Values
 from bench.plan.language.interlocks import InterlockRule
 from bench.plan.language.sequence import Early
@@ -40,6 +41,9 @@ class Step:
     only in settle, record and soak steps (``duration_s``), all others take no planned time. ``conditions`` say under
     which loop values and set-points the step is done, with unit suffixes. What each kind holds is listed in
     docs/sequences.md. Arguments that have a default are left out of the file of a plan where they have it.
+
+    Raises: TypeError where a kind is declared that does not say what it may do to the bench (``effects``) and whether
+            it is done again once everything was made safe (``again``): no kind is harmless by silence.
     """
 
     kind: ClassVar[StepKind]
@@ -54,10 +58,31 @@ class Step:
     conditions: Values
     where: str
 
+    def __init_subclass__(cls) -> None:
+        for question in ("effects", "again"):
+            if question not in vars(cls):
+                raise TypeError(f"the kind of step {cls.__name__} has no {question!r}")
+
+    def effects(self, actions: Actions) -> frozenset[Effect]:
+        """Return what the step may do to the bench; ``actions``: those of the instrument that its role names."""
+        raise NotImplementedError
+
+    def again(self, actions: Actions) -> tuple[Any, ...] | None:
+        """Return order and identity of a step that is done again after everything was made safe, the last of each
+        identity; None for one that is not.
+        """
+        raise NotImplementedError
+
     @property
     def set_point(self) -> SetPoint | None:
         """Return what the step asks of the air of the chamber, None if it asks nothing."""
         return None
+
+    def confirmed(self, actions: Actions) -> dict[str, Any]:
+        """Return what the step, once it is done, has set and its instrument has confirmed: {"role.action": arguments},
+        else empty.
+        """
+        return {}
 
     @classmethod
     def read(cls, place: Place, arguments: Values) -> Self:
@@ -77,6 +102,15 @@ class Step:
     def as_json(self) -> dict[str, Any]:
         """Return the row of a plan file."""
         return {name: self.told() if name == "arguments" else getattr(self, name) for name in ROW}
+
+
+def no_effect(step: Step, actions: Actions) -> frozenset[Effect]:
+    """Answer for a kind of step that switches nothing and moves nothing."""
+    return frozenset()
+
+
+def not_again(step: Step, actions: Actions) -> None:
+    """Answer for a kind of step that is not done again."""
 
 
 # Arguments of which the field is not called as in a plan file.

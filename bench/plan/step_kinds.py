@@ -7,17 +7,22 @@ could not be read.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Self
 
 from bench.model.errors import SessionDamaged
+from bench.model.ports import ENERGISING, SWITCHES, Actions, Effect
 from bench.model.quantities import QUANTITY, Values
 from bench.plan.decision import PlannedDecision
-from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind
+from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind, no_effect, not_again
 
 CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
 MEASUREMENT, WIRING = "measurement", "wiring"  # purposes of a record
+_LEFT_OFF = frozenset({Effect.STIMULUS_SET, Effect.STIMULUS_ON, Effect.STIMULUS_OFF, Effect.ROUTE, Effect.ROUTES_OPEN})
+_NOT_AGAIN = _LEFT_OFF | {Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF}
+_NO_RAW_AGAIN = _LEFT_OFF | {Effect.MOTION_ON}  # of an instrument with such an action nobody knows what raw text does
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +33,24 @@ class PlannedCall(Step):
     on_the_bus: ClassVar[bool] = True
 
     arguments: Values
+
+    def effects(self, actions: Actions) -> frozenset[Effect]:
+        """Return the effect that the action declares."""
+        return frozenset({actions[self.name].effect} - {Effect.NONE}) if self.name in actions else frozenset()
+
+    def again(self, actions: Actions) -> tuple[Any, ...] | None:
+        """Return settings before switches; neither stimulus, relays nor motion: the point itself sets them."""
+        action = actions.get(self.name)
+        if action is None or action.effect in _NOT_AGAIN or not action.sets:
+            return None
+        chosen = tuple(self.arguments.get(parameter.name) for parameter in action.parameters if parameter.choices)
+        name = SWITCHES if self.name in SWITCHES else self.name  # what was switched off is not on for a moment
+        return (0 if action.parameters else 1), self.role, name, chosen
+
+    def confirmed(self, actions: Actions) -> dict[str, Any]:
+        """Return the arguments of an action that sets something: its driver reads back what it sets."""
+        sets = self.name in actions and actions[self.name].sets
+        return {f"{self.role}.{self.name}": dict(self.arguments)} if sets else {}
 
     @property
     def set_point(self) -> SetPoint | None:
@@ -63,6 +86,9 @@ class PlannedVerify(Step):
     kind: ClassVar[StepKind] = "verify"
     on_the_bus: ClassVar[bool] = True
 
+    effects = no_effect  # it only asks
+    again = not_again  # what it asks about is over
+
 
 @dataclass(frozen=True, slots=True)
 class PlannedSend(Step):
@@ -73,6 +99,21 @@ class PlannedSend(Step):
 
     text: str
 
+    @property
+    def asks(self) -> bool:
+        """Return whether every command of the text is a question; what follows the mark is its argument."""
+        return all(re.match(r"[^\s?]+\?", part.strip()) for part in self.text.split(";"))
+
+    def effects(self, actions: Actions) -> frozenset[Effect]:
+        """Return all that its instrument can do, as nobody knows which of it the text does."""
+        return frozenset() if self.asks else frozenset(action.effect for action in actions.values()) & ENERGISING
+
+    def again(self, actions: Actions) -> tuple[Any, ...] | None:
+        """Return the command word, for an instrument that drives no stimulus and moves nothing."""
+        if self.asks or any(action.effect in _NO_RAW_AGAIN for action in actions.values()):
+            return None
+        return 2, self.role, self.text.split(maxsplit=1)[0]
+
 
 @dataclass(frozen=True, slots=True)
 class PlannedSettle(Step):
@@ -81,6 +122,9 @@ class PlannedSettle(Step):
     kind: ClassVar[StepKind] = "settle"
 
     bus_s: float
+
+    effects = no_effect  # it waits
+    again = not_again  # it is done behind the step that it stands behind
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +168,9 @@ class PlannedRecord(Step):
     together: bool = False
     signals: tuple[tuple[str, str], ...] = ()
     longest_s: float = 0.0
+
+    effects = no_effect  # its readings only measure
+    again = not_again  # what it took is kept
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:
@@ -171,6 +218,16 @@ class PlannedSoak(Step):
     residual_degC: float | None = None
     least_s: float | None = None
 
+    def effects(self, actions: Actions) -> frozenset[Effect]:
+        """Return that it heats or cools."""
+        return frozenset({Effect.THERMAL})
+
+    again = not_again  # the way back sets the chamber
+
+    def confirmed(self, actions: Actions) -> dict[str, Any]:
+        """Return the target, as a call of the chamber has it."""
+        return {f"{self.role}.set_temperature": {"temperature": self.temperature_degC, "ramp": self.ramp_degC_min}}
+
     @property
     def set_point(self) -> SetPoint:
         """Return what the soak asks of the air of the chamber."""
@@ -198,6 +255,9 @@ class PlannedPrompt(Step):
     required: bool = False
     presence: str = "bench"
 
+    effects = no_effect  # what is done is done by the person, who stands beside it
+    again = not_again  # what the person changed stays
+
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
         sets = {"sets": dict(self.sets)} if self.sets else {}
@@ -224,6 +284,12 @@ class PlannedCommand(Step):
     timeout_s: float | None = None
     item: str = ""
     takes_s: float | None = None
+
+    effects = no_effect  # it changes the unit, which the bench supplies
+
+    def again(self, actions: Actions) -> tuple[Any, ...] | None:
+        """Return each command once, but no test of the unit."""
+        return None if self.item else (3, self.role, self.name)
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:

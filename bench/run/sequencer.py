@@ -24,7 +24,6 @@ from bench.run.steps.leaving import behind, leave_out
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
-from bench.run.steps.setpoints import setpoint_of
 from bench.run.steps.timing import Timeline
 from bench.run.stop import Interruption, Wish, unforeseen
 from bench.run.watch.outputs import look
@@ -56,7 +55,8 @@ class Sequencer:
         self._context = context
         self._journal_step = patient(journal.step, context.event)
         self._safe_order = safe_order
-        self._readings = readings_of(context.plan.steps, drivers_of(context.instruments))
+        self._drivers = drivers_of(context.instruments)
+        self._readings = readings_of(context.plan.steps, self._drivers)
         self._done = 0
         self._start_ns = context.clock.now_ns()
         self._slip_ns = 0
@@ -260,7 +260,7 @@ class Sequencer:
         execute(context, step)
         if step.number in context.failed:
             leave_out(context, step)
-        set_to = setpoint_of(step, context.instruments)
+        set_to = step.confirmed(self._drivers.get(step.role, {}))
         self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions, set_to)
         self._done = step.number + 1
         context.timeline.done_s = step.at_s + step.duration_s

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Hashable, Mapping
 from copy import copy
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
-from bench.model.ports import Action, Effect
+from bench.model.ports import ENERGISING, Action, Effect
 from bench.model.quantities import Values
 from bench.model.systems import declared_by
 from bench.plan.check.actions import Judged
@@ -48,9 +47,11 @@ class BenchState(Followed):
         channels = plan.campaign.get("channels", [])
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in channels}
         self._levels_A = {int(c["number"]): frozenset(c.get("levels_A", ())) for c in channels}
-        actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
-        self._effects = {role: frozenset(action.effect for action in known.values()) for role, known in actions.items()}
-        self.motion = MotionState(plan, actions, findings)
+        self._actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
+        self._effects = {
+            role: frozenset(action.effect for action in known.values()) for role, known in self._actions.items()
+        }
+        self.motion = MotionState(plan, self._actions, findings)
         self.switches = _with(Effect.ROUTE, self._effects)
         self.sources = _with(Effect.STIMULUS_ON, self._effects)
         self.energised: dict[str, str] = {}
@@ -95,6 +96,8 @@ class BenchState(Followed):
                 self._readable(step)
         elif isinstance(step, PlannedCall):
             self._forget(step.role)
+        elif not ENERGISING.isdisjoint(step.effects(self._actions.get(step.role, {}))):
+            self._energise(step, step.role)
 
     def _forget(self, role: str) -> None:
         """A call that names nothing may have been meant for the source or the switch: their order is not judged."""
@@ -204,7 +207,7 @@ class BenchState(Followed):
             self.level_A[step.role] = self.range_A[step.role] = None
         if Effect.ROUTE in effects:
             self._doubt(step, "may close any route, so the plan cannot be proved safe")
-        if Effect.MOTION_ON in effects and not _only_asks(step.text):
+        if Effect.MOTION_ON in effects and not step.asks:
             self._doubt(step, "may move it, faster and further than its limits allow")
         if effects & {*_ENERGY, Effect.ROUTE}:
             self._energise(step, step.role)
@@ -232,11 +235,6 @@ class BenchState(Followed):
 
 def _told(value: Values | set[str]) -> Hashable:
     return frozenset((key, repr(of)) for key, of in value.items()) if isinstance(value, Mapping) else frozenset(value)
-
-
-def _only_asks(text: str) -> bool:
-    """Return whether every command of the text is a question; what follows the mark is its argument."""
-    return all(re.match(r"[^\s?]+\?", part.strip()) for part in text.split(";"))
 
 
 def _with(effect: Effect, effects: Mapping[str, frozenset[Effect]]) -> frozenset[str]:

@@ -34,10 +34,6 @@ _KINDS: tuple[tuple[Effect, Kind], ...] = (
 )  # fmt: skip
 
 
-ENERGISING = frozenset(effect for effect, _ in _KINDS)
-"""Effects of actions that switch something on or let it move."""
-
-
 @dataclass
 class _Part:
     """One instrument that can hold energy. ``said``: by question, whether it says on, and when (UTC second)."""
@@ -211,12 +207,6 @@ def _part(role: str, driver: str) -> _Part | None:
     if kind is None and tells is None:
         return None
     return _Part(role, kind or "signal", driver, tells)
-
-
-def switches_on(driver: str, text: str) -> bool:
-    """Return whether a command switches something on or moves it, or may do so: it stands in no table of its model."""
-    touch = _touch(driver, text)
-    return touch in ("energises", "moves") or (touch is None and "?" not in text)
 
 
 @lru_cache(maxsize=4096)

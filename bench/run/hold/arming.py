@@ -11,11 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from bench.model.events import Armed
-from bench.model.ports import Drivers, drivers_of
-from bench.plan import PlannedCall, PlannedSend, PlannedSoak, Step
+from bench.model.ports import ENERGISING, Drivers, drivers_of
+from bench.plan import Step
 from bench.run.context import RunContext
 from bench.run.control.operator import Question
-from bench.run.feed.outputs import ENERGISING, switches_on
 from bench.run.steps.setpoints import goes_off, motion_again
 
 LIMIT_S = 24 * 3600.0  # as a pause: somebody comes within a day, or the run ends safely
@@ -58,20 +57,14 @@ def energised_again(context: RunContext, first: int) -> list[str]:
     drivers = drivers_of(context.instruments)
     left_out, steps = context.decided.left_out, context.plan.steps
     before = [step for step in steps[:first] if step.number not in left_out]
-    left_on = {step.role for step in before if _energises(context, step, drivers)}
+    left_on = {step.role for step in before if _energises(step, drivers)}
     left_on -= {role for role, instrument in context.instruments.items() if goes_off(type(instrument))}
     behind = [step for step in steps[first:] if step.number not in left_out]
     coming = [*motion_again(steps, first, drivers, left_out), *behind]
-    roles = (step.role for step in coming if step.role not in left_on and _energises(context, step, drivers))
+    roles = (step.role for step in coming if step.role not in left_on and _energises(step, drivers))
     return list(dict.fromkeys(roles))
 
 
-def _energises(context: RunContext, step: Step, drivers: Drivers) -> bool:
-    """Return whether a step switches something on, closes a route or lets something move."""
-    if isinstance(step, PlannedSoak):
-        return True
-    declared = drivers.get(step.role, {})
-    if isinstance(step, PlannedSend):
-        can = any(action.effect in ENERGISING for action in declared.values())
-        return can and switches_on(context.plan.station.instruments[step.role].driver, step.text)
-    return isinstance(step, PlannedCall) and step.name in declared and declared[step.name].effect in ENERGISING
+def _energises(step: Step, drivers: Drivers) -> bool:
+    """Return whether a step switches something on, closes a route or lets something move, or may do so."""
+    return not ENERGISING.isdisjoint(step.effects(drivers.get(step.role, {})))

@@ -14,8 +14,8 @@ from typing import Any, Literal
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
 from bench.model.events import Link
-from bench.model.ports import Effect, actions_of
-from bench.plan import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak, Step
+from bench.model.ports import Effect, drivers_of
+from bench.plan import PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak, Step
 from bench.run.context import RunContext
 from bench.run.guard.health import LINKS
 from bench.run.links.port import InstrumentLink, Reopenable, cure, kernel_counts, readers_beside
@@ -91,6 +91,7 @@ class LinkKeeper(Observer):
             Kept(reader, of_plan[owners.get(name, "")], owners.get(name, ""))
             for name, reader in context.acquisition.readers.items()
         ]
+        self._drivers = drivers_of(context.instruments)
         self._step = 0
         self._needed = False
         self._commanded = ""  # the link that the step under way sends a command over
@@ -115,9 +116,10 @@ class LinkKeeper(Observer):
         self._step = step.number
         self._commanded = step.role if isinstance(step, PlannedCommand) else ""
         self._person(isinstance(step, PlannedPrompt) and bool(step.sets))
+        powers = Effect.POWER in step.effects(self._drivers.get(step.role, {}))
         if isinstance(step, PlannedRecord | PlannedSoak):
             self._needed, self._power_changed = True, False
-        elif isinstance(step, PlannedCommand | PlannedSend) or self._is_power(step):
+        elif isinstance(step, PlannedCommand | PlannedSend) or powers:
             self._needed = False
             self._power_changed = self._power_changed or not isinstance(step, PlannedCommand)
 
@@ -128,12 +130,6 @@ class LinkKeeper(Observer):
         for kept in self._links if asked else ():
             kept.switched = kept.switched or kept.reader.last_frame_ns < 0
         self._asked = asked
-
-    def _is_power(self, step: Step) -> bool:
-        if not isinstance(step, PlannedCall) or step.role not in self._context.instruments:
-            return False
-        declared = actions_of(type(self._context.instruments[step.role])).get(step.name)
-        return declared is not None and declared.effect is Effect.POWER
 
     # --- judging ---------------------------------------------------------------------------------------------------
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import Any
+
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
 from bench.model.events import Answer, Overrun, Slip
 from bench.model.quantities import QUANTITY
 from bench.plan import (
+    KINDS,
     PlannedCall,
     PlannedCommand,
     PlannedDecision,
@@ -131,28 +135,28 @@ def _answer_of(context: RunContext, step: PlannedCommand, reader: LinkReader) ->
     return next((answer for answer in reader.answers if answer.command == step.code), None)
 
 
+def _call(context: RunContext, step: PlannedCall) -> None:
+    """Call an action; what it asks of the air is known from here on."""
+    call_or_flag(context, step, dict(step.arguments) if QUANTITY in step.conditions else None)
+    if step.set_point is not None:
+        context.observers.set_point(step.set_point)
+
+
+_DO: Mapping[type[Step], Callable[[RunContext, Any], object]] = {
+    PlannedCall: _call,
+    PlannedVerify: _verify,
+    PlannedSend: _send,
+    PlannedSettle: _settle,
+    PlannedRecord: take_record,
+    PlannedSoak: soak,
+    PlannedPrompt: _prompt,
+    PlannedCommand: _command,
+    PlannedDecision: decide,
+}
+if undone := set(KINDS.values()) - set(_DO):
+    raise TypeError(f"nobody does the kinds of step {sorted(kind.__name__ for kind in undone)}")
+
+
 def execute(context: RunContext, step: Step) -> None:
     """Do one step of a plan."""
-    match step:
-        case PlannedCall():
-            call_or_flag(context, step, dict(step.arguments) if QUANTITY in step.conditions else None)
-            if step.set_point is not None:
-                context.observers.set_point(step.set_point)
-        case PlannedVerify():
-            _verify(context, step)
-        case PlannedSettle():
-            _settle(context, step)
-        case PlannedRecord():
-            take_record(context, step)
-        case PlannedSoak():
-            soak(context, step)
-        case PlannedPrompt():
-            _prompt(context, step)
-        case PlannedSend():
-            _send(context, step)
-        case PlannedCommand():
-            _command(context, step)
-        case PlannedDecision():
-            decide(context, step)
-        case _:
-            raise NotImplementedError(step.kind)
+    _DO[type(step)](context, step)

@@ -13,44 +13,28 @@ from typing import Any
 
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
-from bench.model.ports import Action, Drivers, Effect, Instrument, actions_of, can_move, effects_of
-from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step, Steps
+from bench.model.ports import (
+    SWITCHED_ON,
+    SWITCHES,
+    Action,
+    Drivers,
+    Effect,
+    Instrument,
+    actions_of,
+    can_move,
+    effects_of,
+)
+from bench.plan import Plan, PlannedCall, PlannedSettle, Step, Steps
 from bench.record import JournalEntry
 
 READ_BACK_S = 3.0  # looking at the bench must not keep it from being made safe
 VOLTAGE_WITHIN = 0.05  # of the set-point
 AIR_WITHIN_degC = 2.0
 _ASKED = ("operating", "closed", "measure_voltage", "measure_air")
-_LEFT_OFF = (Effect.STIMULUS_SET, Effect.STIMULUS_ON, Effect.STIMULUS_OFF, Effect.ROUTE, Effect.ROUTES_OPEN)
-_NOT_AGAIN = (*_LEFT_OFF, Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF)
-_NO_RAW_AGAIN = (*_LEFT_OFF, Effect.MOTION_ON)  # of an instrument with such an action nobody knows what raw text does
-_ON = ("output_on", "operate", "run", "start")
-_OFF = ("output_off", "standby", "stop", "open_all")
-_SWITCHES = (*_ON, *_OFF, "route")  # of two of one instrument the later counts
-
 Readings = dict[str, dict[str, Any]]
 _STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
 _MOVE, _TURN, _SPIN = "move", "turn", "spin"
 _STOP = "stop"
-
-
-def setpoint_of(step: Step, instruments: Mapping[str, Instrument]) -> dict[str, Any]:
-    """Return what a finished step has set and its instrument has confirmed: {"role.action": arguments}, else empty."""
-    if isinstance(step, PlannedSoak):
-        target = {"temperature": step.temperature_degC, "ramp": step.ramp_degC_min}
-        return {f"{step.role}.set_temperature": target}
-    if not isinstance(step, PlannedCall) or step.role not in instruments:
-        return {}
-    declared = actions_of(type(instruments[step.role])).get(step.name)
-    if declared is None or not _sets(declared):
-        return {}
-    return {f"{step.role}.{step.name}": dict(step.arguments)}
-
-
-def _sets(action: Action) -> bool:
-    """Return whether an action changes its instrument, as far as its declaration can tell."""
-    plain = not action.returns and (bool(action.parameters) or action.name in _SWITCHES)
-    return action.effect is not Effect.NONE or plain
 
 
 def expected_of(entries: Iterable[JournalEntry]) -> Readings:
@@ -60,7 +44,7 @@ def expected_of(entries: Iterable[JournalEntry]) -> Readings:
         for name, arguments in entry.setpoint.items():
             role, action = name.split(".", 1)
             state = expected.setdefault(role, {})
-            for other in _SWITCHES if action in _SWITCHES else ():
+            for other in SWITCHES if action in SWITCHES else ():
                 state.pop(other, None)
             state.pop(action, None)
             state[action] = arguments
@@ -99,7 +83,7 @@ def differences(expected: Mapping[str, Mapping[str, Any]], actual: Readings) -> 
 
 
 def _difference(name: str, value: Any, state: Mapping[str, Any]) -> str:
-    on = any(word in state for word in _ON)
+    on = any(word in state for word in SWITCHED_ON)
     if name == "operating" and bool(value) != on:
         return f"output was {_word(on)}, is {_word(bool(value))}"
     if name == "closed" and bool(value) != ("route" in state):
@@ -132,7 +116,7 @@ def steps_again(plan: Plan, first: int, drivers: Drivers, left_out: Container[in
     """
     last: dict[tuple[Any, ...], int] = {}
     for step in plan.steps[:first]:
-        key = _key(step, drivers)
+        key = step.again(drivers.get(step.role, {}))
         if key is not None and step.number not in left_out:
             last.pop(key, None)
             last[key] = step.number
@@ -145,25 +129,13 @@ def steps_again(plan: Plan, first: int, drivers: Drivers, left_out: Container[in
     return again
 
 
-def _key(step: Step, drivers: Drivers) -> tuple[Any, ...] | None:
-    """Return sort and identity of a step that is done again; None for any other."""
-    if isinstance(step, PlannedCommand):
-        return None if step.item else (3, step.role, step.name)  # a test is not done twice
-    declared = drivers.get(step.role, {})
-    if isinstance(step, PlannedSend) and not any(action.effect in _NO_RAW_AGAIN for action in declared.values()):
-        return None if "?" in step.text else (2, step.role, step.text.split(maxsplit=1)[0])
-    action = declared.get(step.name)
-    if not isinstance(step, PlannedCall) or action is None or action.effect in _NOT_AGAIN or not _sets(action):
-        return None
-    chosen = tuple(step.arguments.get(parameter.name) for parameter in action.parameters if parameter.choices)
-    name = _SWITCHES if step.name in _SWITCHES else step.name  # what was switched off is not on for a moment
-    return (0 if action.parameters else 1), step.role, name, chosen
-
-
 def warm_up_s(plan: Plan, first: int, left_out: Container[int] = ()) -> float:
     """Return longest settle time in preparation behind what switched something on, before step ``first``, seconds."""
     before = [step for step in plan.steps[:first] if step.phase == "prepare" and step.number not in left_out]
-    on = next((at for at, step in enumerate(before) if isinstance(step, PlannedCall) and step.name in _ON), len(before))
+    on = next(
+        (at for at, step in enumerate(before) if isinstance(step, PlannedCall) and step.name in SWITCHED_ON),
+        len(before),
+    )
     return max((step.duration_s for step in before[on:] if isinstance(step, PlannedSettle)), default=0.0)
 
 
@@ -203,22 +175,17 @@ def motion_again(steps: Steps, number: int, drivers: Drivers, left_out: Containe
 
 def changes_motion(step: Step, drivers: Drivers) -> bool:
     """Return whether a step moves a table, or opens or closes its interlock."""
-    effect = _effect(step, drivers.get(step.role, {})) if isinstance(step, PlannedCall) else Effect.NONE
-    return effect in (Effect.MOTION_ON, Effect.MOTION_OFF)
-
-
-def _effect(step: Step, actions: Mapping[str, Action]) -> Effect:
-    return actions[step.name].effect if step.name in actions else Effect.NONE
+    return not step.effects(drivers.get(step.role, {})).isdisjoint((Effect.MOTION_ON, Effect.MOTION_OFF))
 
 
 def _closed(calls: Sequence[PlannedCall], actions: Mapping[str, Action]) -> PlannedCall | None:
     """Return the call that closed the interlock, if it is closed."""
     closed = None
     for step in calls:
-        effect = _effect(step, actions)
-        if effect is Effect.MOTION_OFF:
+        effects = step.effects(actions)
+        if Effect.MOTION_OFF in effects:
             closed = None
-        elif effect is Effect.MOTION_ON and step.axis is None:
+        elif Effect.MOTION_ON in effects and step.axis is None:
             closed = step
     return closed
 
@@ -227,7 +194,7 @@ def _axes(steps: Steps, calls: Sequence[PlannedCall], number: int, actions: Mapp
     """Return the last motion of each axis as a move or a spin, and the longest settle time that follows one of them."""
     last: dict[int | None, PlannedCall] = {}
     for step in calls:
-        if _effect(step, actions) is Effect.MOTION_OFF:  # what was turning came to rest, and stayed so
+        if Effect.MOTION_OFF in step.effects(actions):  # what was turning came to rest, and stayed so
             last = {axis: call for axis, call in last.items() if call.name == _MOVE}
             continue
         axis, before = step.axis, last.get(step.axis)

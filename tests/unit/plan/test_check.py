@@ -9,7 +9,8 @@ from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.errors import InputError
-from bench.plan import check_plan, compile_sequence, summarise
+from bench.model.ports import Actions, Effect
+from bench.plan import PlannedSend, Step, check_plan, compile_sequence, driver_actions, summarise
 
 CALLS = {
     "standby": "calibrator.standby",
@@ -277,3 +278,21 @@ def test_only_calls_and_a_soak_may_end_a_campaign_b_plan_037(tmp_path: Path, ste
     soak = "soak: {temperature: 23 degC, ramp: 0.5 degC/min, slot: 600 s, stable: {within: 2 degC, for: 1 min}}"
     assert codes(make_bench(tmp_path, changed("finally:\n", f"finally:\n  - {soak}\n"))) == []
     assert SEQUENCE.count("finally:\n") == 1
+
+
+def test_a_kind_of_step_says_what_it_may_do_to_the_bench_and_whether_it_is_done_again() -> None:
+    def no_effect(step: Step, actions: Actions) -> frozenset[Effect]:
+        return frozenset()
+
+    with pytest.raises(TypeError, match="the kind of step Ninth has no 'effects'"):
+        type("Ninth", (Step,), {})
+    with pytest.raises(TypeError, match="the kind of step Ninth has no 'again'"):
+        type("Ninth", (Step,), {"effects": no_effect})
+
+
+@pytest.mark.parametrize(("text", "may"), [("OUT 1 A", True), ("OUT?", False), ("OUT?;OPER", True), ("*RST", True)])
+def test_raw_text_may_do_all_that_its_instrument_can(text: str, may: bool) -> None:
+    send = PlannedSend(0, "campaign", 0.0, 0.0, "calibrator", "send", {}, "here", text)
+    actions = driver_actions("fluke_5720a")
+    assert send.effects(actions) == ({Effect.STIMULUS_ON} if may else frozenset())
+    assert send.again(actions) is None

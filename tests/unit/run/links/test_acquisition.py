@@ -5,7 +5,6 @@ import threading
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NoReturn
 
 import pytest
@@ -101,8 +100,7 @@ def kept(rig: Rig, stack: ExitStack) -> RunContext:
     stack.enter_context(keep_links(context))
     rig.clock.sleep(1.0)
     context.acquisition.refresh()
-    record = SimpleNamespace(kind="record", number=0, role="", name="")
-    context.observers.step(record, 0.0)  # type: ignore[arg-type]
+    context.observers.step(rig.step("record", "port_b", seconds=1.0), 0.0)
     return context
 
 

@@ -11,13 +11,13 @@ from run_rig import Rig, instrument_error
 from bench.model.clock import NS
 from bench.model.drivers import driver_class
 from bench.model.errors import LinkError, RunError
-from bench.model.ports import Action, actions_of
+from bench.model.ports import Action, actions_of, drivers_of
 from bench.run.context import RunContext
 from bench.run.control.channel import Control
 from bench.run.links.keeper import keep_links
 from bench.run.observers import Following
 from bench.run.steps.reentry import come_back, enter
-from bench.run.steps.setpoints import differences, expected_of, read_back, setpoint_of, steps_again
+from bench.run.steps.setpoints import differences, expected_of, read_back, steps_again
 from bench.run.stop import Interruption, Wish
 
 SOAK = {"temperature": 20.0, "ramp": 0.5, "slot": 600.0, "within": 1.0, "for": 120.0, "sensor": "unit", "late": "abort"}
@@ -187,14 +187,14 @@ def entry(number: int, **setpoint: Any) -> Any:
 
 def test_a_step_says_what_it_set(tmp_path: Path) -> None:
     rig = Rig(tmp_path, "calibrator", "chamber")
-    instruments: Any = rig.instruments
+    actions = drivers_of(rig.instruments)
     output = rig.step("call", "calibrator", "output", current=1.0)
-    assert setpoint_of(output, instruments) == {"calibrator.output": {"current": 1.0}}
-    assert setpoint_of(rig.step("call", "calibrator", "measure"), instruments) == {}
-    assert setpoint_of(rig.step("verify", "calibrator", "operating"), instruments) == {}
-    assert setpoint_of(rig.step("record", "port_a", seconds=1.0), instruments) == {}
+    assert output.confirmed(actions["calibrator"]) == {"calibrator.output": {"current": 1.0}}
+    assert rig.step("call", "calibrator", "measure").confirmed(actions.get("calibrator", {})) == {}
+    assert rig.step("verify", "calibrator", "operating").confirmed(actions.get("calibrator", {})) == {}
+    assert rig.step("record", "port_a", seconds=1.0).confirmed(actions.get("port_a", {})) == {}
     soak = rig.step("soak", "chamber", "soak", **SOAK)
-    assert setpoint_of(soak, instruments) == {"chamber.set_temperature": {"temperature": 20.0, "ramp": 0.5}}
+    assert soak.confirmed(actions["chamber"]) == {"chamber.set_temperature": {"temperature": 20.0, "ramp": 0.5}}
 
 
 def test_the_newest_state_counts() -> None:
