@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Protocol, TypeVar
 
 
@@ -64,7 +64,7 @@ class Action:
     returns: str = ""  # unit of the value returned, "" if none
     longer: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def sets(self) -> bool:
         """Return whether the action changes its instrument, as far as its declaration can tell."""
         plain = not self.returns and (bool(self.parameters) or self.name in SWITCHES)

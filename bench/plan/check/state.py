@@ -15,7 +15,7 @@ from bench.plan.check.actions import Judged
 from bench.plan.check.motion import MotionState
 from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
 from bench.plan.findings import Findings
-from bench.plan.plan import Plan, Step
+from bench.plan.plan import Plan, Step, no_effect
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedSend, PlannedSoak
 from bench.plan.ways import Followed
@@ -96,7 +96,7 @@ class BenchState(Followed):
                 self._readable(step)
         elif isinstance(step, PlannedCall):
             self._forget(step.role)
-        elif not ENERGISING.isdisjoint(step.effects(self._actions.get(step.role, {}))):
+        elif type(step).effects is not no_effect and step.effects(self._actions.get(step.role, {})) & ENERGISING:
             self._energise(step, step.role)
 
     def _forget(self, role: str) -> None:

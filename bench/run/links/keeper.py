@@ -116,12 +116,12 @@ class LinkKeeper(Observer):
         self._step = step.number
         self._commanded = step.role if isinstance(step, PlannedCommand) else ""
         self._person(isinstance(step, PlannedPrompt) and bool(step.sets))
-        powers = Effect.POWER in step.effects(self._drivers.get(step.role, {}))
         if isinstance(step, PlannedRecord | PlannedSoak):
             self._needed, self._power_changed = True, False
-        elif isinstance(step, PlannedCommand | PlannedSend) or powers:
+        elif isinstance(step, PlannedCommand):
             self._needed = False
-            self._power_changed = self._power_changed or not isinstance(step, PlannedCommand)
+        elif isinstance(step, PlannedSend) or Effect.POWER in step.effects(self._drivers.get(step.role, {})):
+            self._needed, self._power_changed = False, True
 
     def _person(self, asked: bool) -> None:
         """A step begins that is an act of a person on the bench, or another one."""
