@@ -4,6 +4,7 @@ from bench.model.events.course import (
     DECISION,
     LEFT_OUT,
     OPERATOR,
+    UNDECLARED,
     Armed,
     Closed,
     Config,
@@ -57,10 +58,10 @@ from bench.model.events.trouble import (
 )
 
 __all__ = [
-    "DECISION", "LEFT_OUT", "OPERATOR", "Alarm", "Answer", "Armed", "ClockStep", "Closed", "Config", "Control",
-    "Decision", "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold",
-    "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt",
+    "DECISION", "LEFT_OUT", "OPERATOR", "UNDECLARED", "Alarm", "Answer", "Armed", "ClockStep", "Closed", "Config",
+    "Control", "Decision", "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard",
+    "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt",
     "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity",
-    "Skip", "Slip", "StimulusAlarm", "Surroundings", "Suspend", "ThermalLag", "UnitLeftOut", "Verdict", "by_instrument",
-    "event_of",
+    "Skip", "Slip", "StimulusAlarm", "Surroundings", "Suspend", "ThermalLag", "UnitLeftOut", "Verdict",
+    "by_instrument", "event_of",
 ]  # fmt: skip

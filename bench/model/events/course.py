@@ -10,6 +10,7 @@ from bench.model.events.event import Event, Severity, event, left_out, number
 
 OPERATOR = "operator"  # who holds a run by a pause
 LEFT_OUT = "unit left out"  # who leaves out the steps of a unit
+UNDECLARED = "undeclared effect"  # who holds a run in which something is on that no step switches on
 DECISION = "decision"  # who leaves out steps of a branch, or holds a run that has nothing to decide by
 
 

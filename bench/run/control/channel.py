@@ -24,7 +24,7 @@ from bench.run.feed.state import RunState
 from bench.run.observers import Following
 
 OPERATOR, EARLY = "operator", "early verdict"
-RELEASABLE = (OPERATOR, EARLY, events.DECISION)  # an interlock releases by itself, when its value is back
+RELEASABLE = (OPERATOR, EARLY, events.DECISION, events.UNDECLARED)  # an interlock is released by its value
 PAUSE_LIMIT_S = 24 * 3600.0
 LONGEST_REASON = 500
 LONGEST_NAME = 100

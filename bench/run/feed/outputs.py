@@ -112,6 +112,10 @@ class Outputs:
         else:
             part.on_reply(text.strip(), t_utc_s)
 
+    def answers_on(self, role: str) -> bool:
+        """Return whether an instrument has answered one of its questions so that it is on, whatever it was told."""
+        return role in self._parts and any(on for on, _ in self._parts[role].said.values())
+
     def off_since(self, role: str, t_utc_s: float) -> bool:
         """Return whether an instrument has answered that it is off, to every question, later than ``t_utc_s``."""
         on, confirmed = self._parts[role].known() if role in self._parts else (None, None)

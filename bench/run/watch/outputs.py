@@ -7,19 +7,23 @@ at most one more period.
 What is on and leads or drives a stimulus, or moves, is asked each second whether it is there, unless it has just
 answered a step. One that is silent for longer than ``LOST_S`` holds the run, which opens its path over what still
 answers and takes the point again. Only on the wall clock: a bench inside this process has no network.
+
+What is on though no step up to now may have switched it on, as the steps declare it, holds the run too.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
-from bench.model.ports import Instrument
+from bench.model.events import UNDECLARED
+from bench.model.ports import ENERGISING, Instrument, drivers_of
+from bench.plan import Step
 from bench.run.bench.safety import QUICK_S, hurried
 from bench.run.context import RunContext
 from bench.run.feed.outputs import LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs
@@ -75,10 +79,7 @@ class Contact(Observer):
         self._context, self._lock = context, threading.Lock()
         off = {role: instrument for role, instrument in context.instruments.items() if goes_off(type(instrument))}
         self._asked = {role: instrument for role, instrument in off.items() if hasattr(instrument, "silence_s")}
-        entries = context.plan.station.instruments
-        self._outputs = Outputs(
-            {role: (entries[role].driver, entries[role].resource) for role in self._asked}, math.inf
-        )
+        self._outputs = _outputs(context, self._asked)
 
     def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         with self._lock:
@@ -100,12 +101,48 @@ class Contact(Observer):
                 context.wait_for(role, f"it is on and has not answered for {silence_s:.1f} s")
 
 
+class Declared(Observer):
+    """Knows what the steps up to now may have switched on; holds the run once for anything else that answers it is."""
+
+    order = Order.SAFETY
+    loss = "nobody watches any more whether something is on that no step switches on"
+
+    def __init__(self, context: RunContext) -> None:
+        self._context, self._drivers = context, drivers_of(context.instruments)
+        self._unasked = {
+            role for role, actions in self._drivers.items() if any(one.effect in ENERGISING for one in actions.values())
+        }
+        self._outputs = _outputs(context, self._unasked)
+        self._begun = 0  # steps
+
+    def step(self, step: Step, at_s: float) -> None:
+        for begun in self._context.plan.steps[self._begun : step.number + 1]:
+            if begun.effects(self._drivers.get(begun.role, {})) & ENERGISING:
+                self._unasked.discard(begun.role)
+        self._begun = max(self._begun, step.number + 1)
+
+    def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        stop = self._context.stop
+        if role not in self._unasked:
+            return
+        self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
+        if direction == "rx" and self._begun and stop.interruptible and self._outputs.answers_on(role):
+            self._unasked.discard(role)
+            stop.holds.hold(UNDECLARED, f"{role} answers that it is on, and no step up to now switches it on")
+
+
+def _outputs(context: RunContext, roles: Iterable[str]) -> Outputs:
+    entries = context.plan.station.instruments
+    return Outputs({role: (entries[role].driver, entries[role].resource) for role in roles}, math.inf)
+
+
 @contextmanager
 def outputs_watch(context: RunContext, following: Following) -> Iterator[None]:
     """Look at the outputs while the run goes on, under either clock."""
     watch = OutputsWatch(context, following)
     wake_s = LOOK_VIRTUAL_S if context.clock.virtual else WAKE_S
     duties = [(wake_s, watch.take)]
+    context.observers.add(Declared(context))
     if not context.clock.virtual:
         contact = Contact(context)
         context.observers.add(contact)

@@ -22,7 +22,7 @@ from bench.run.watch import clock as watch_module
 from bench.run.watch import disk
 from bench.run.watch.clock import SUSPEND_S, ClockWatch, clock_watch
 from bench.run.watch.disk import LATE_S, LIMIT_S, disk_watch
-from bench.run.watch.outputs import CONTACT_S, CONTACT_WAKE_S, LOST_S, Contact
+from bench.run.watch.outputs import CONTACT_S, CONTACT_WAKE_S, LOST_S, Contact, Declared
 
 AT_S = 8.2  # in the record of the first point
 
@@ -248,7 +248,7 @@ def watched(tmp_path: Path) -> tuple[Rig, Calibrator, Any, Contact]:
     return rig, calibrator, context, contact
 
 
-def on(contact: Contact, reply: str) -> None:
+def on(contact: Contact | Declared, reply: str) -> None:
     contact.traffic("calibrator", "tx", "ISR?", 0)
     contact.traffic("calibrator", "rx", reply, 0)
 
@@ -288,3 +288,26 @@ def test_nobody_else_is_asked(watched: tuple[Rig, Calibrator, Any, Contact], why
     with context.in_use.take("calibrator" if why == "in use" else "dmm"):
         rig.clock.sleep(10.0)
     assert calibrator.asked == 0
+
+
+@pytest.mark.parametrize(("done", "held"), [("measure", True), ("operate", False)])
+def test_what_is_on_and_no_step_switches_on_holds_the_run_once(
+    watched: tuple[Rig, Calibrator, Any, Contact], done: str, held: bool
+) -> None:
+    rig, _, _, _ = watched
+    step = rig.step("call", "calibrator", done)
+    context = rig.context()
+    context.plan.station = SimpleNamespace(  # type: ignore[misc]
+        instruments={"calibrator": SimpleNamespace(driver="fluke_5720a", resource="TCPIP0::a::hislip0::INSTR")}
+    )
+    declared = Declared(context)
+    on(declared, "4097")  # as the last user left it, before the first step
+    assert context.stop.holds.reasons == {}
+    declared.step(step, 0.0)
+    on(declared, "4096")
+    assert context.stop.holds.reasons == {}
+    for _ in range(2):
+        on(declared, "4097")
+        assert set(context.stop.holds.reasons) == ({"undeclared effect"} if held else set())
+        context.stop.holds.release("undeclared effect")
+        held = False
