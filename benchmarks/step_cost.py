@@ -25,9 +25,8 @@ from typing import Any, cast
 from bench.model.clock import NS, VirtualClock
 from bench.plan import Plan, compile_sequence
 from bench.record import Journal
-from bench.run.context import RunContext
+from bench.run.context import RunContext, Timeline
 from bench.run.sequencer import Sequencer
-from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
 
 KINDS = ("call", "verify", "settle")

@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.model.told import Figure, Tells
+from bench.model.ports import Figure, Tells
 from instruments.values import read_number
 
 OPEN, CLOSED, FAULT = "OPEN", "CLOSED", "FAULT"

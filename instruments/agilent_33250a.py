@@ -8,8 +8,7 @@ amplitudes are those at an open output.
 
 from __future__ import annotations
 
-from bench.model.ports import Parameter, action
-from bench.model.told import Figure, Tells, is_one
+from bench.model.ports import Figure, Parameter, Tells, action, is_one
 from instruments.commands import Setting, either
 from instruments.scpi import ScpiInstrument
 from instruments.values import OVERLOAD_FROM, read_number

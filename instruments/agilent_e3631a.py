@@ -11,8 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from bench.model.ports import Effect, Parameter, action
-from bench.model.told import Tells, is_one
+from bench.model.ports import Effect, Parameter, Tells, action, is_one
 from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
 from instruments.values import read_number

@@ -14,8 +14,7 @@ from pyvisa.resources import MessageBasedResource
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError, InstrumentError
-from bench.model.ports import Identity, Transcript, actions_of
-from bench.model.told import Tells
+from bench.model.ports import Identity, Tells, Transcript, actions_of
 from instruments.bus import BUS_FAILED, TIMED_OUT, BusSession
 from instruments.commands import Commands
 from instruments.ladder import Ladder

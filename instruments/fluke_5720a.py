@@ -24,8 +24,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 from bench.model.errors import InstrumentError
-from bench.model.ports import Effect, Parameter, action
-from bench.model.told import Figure, Tells
+from bench.model.ports import Effect, Figure, Parameter, Tells, action
 from instruments.base import BaseInstrument
 from instruments.commands import ReadBack, either
 from instruments.values import exponent_form, read_integer, read_number, read_text

@@ -11,8 +11,7 @@ over-voltage, and the read-back resolutions.
 
 from __future__ import annotations
 
-from bench.model.ports import Effect, Parameter, action
-from bench.model.told import Figure, Tells, is_one
+from bench.model.ports import Effect, Figure, Parameter, Tells, action, is_one
 from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
 from instruments.values import read_integer, read_number

@@ -17,8 +17,7 @@ from contextlib import suppress
 from typing import Any, ClassVar
 
 from bench.model.errors import InstrumentError
-from bench.model.ports import Effect, Parameter, action
-from bench.model.told import Figure, Tells
+from bench.model.ports import Effect, Figure, Parameter, Tells, action
 from instruments.commands import ReadBack
 from instruments.scpi import ScpiInstrument
 

@@ -15,8 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from bench.model.ports import Effect, Identity, Parameter, action
-from bench.model.told import Figure, Tells
+from bench.model.ports import Effect, Figure, Identity, Parameter, Tells, action
 from instruments.base import BaseInstrument
 from instruments.commands import Setting, either
 from instruments.values import plain_form, read_integer, read_number

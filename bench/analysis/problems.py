@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.analysis.wording import say
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 
 if TYPE_CHECKING:
     from bench.record import RecordRow

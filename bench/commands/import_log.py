@@ -19,7 +19,7 @@ from bench.model.yamlio import Document
 from bench.plan import LogMapping, load_mapping, names_made_of_logs
 from bench.record import SessionWriter
 from bench.replay import IMPORT, LINK, MAPPING, LogParser, survey
-from bench.run.bench.transcript import new_folder
+from bench.run.observers import new_folder
 from bench.run.provenance import software
 from bench.session.finish import finish
 from bench.session.history import chosen_url

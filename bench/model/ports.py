@@ -1,7 +1,8 @@
 """Protocols by which the rooms of the bench know each other, and the declarations a driver makes about itself.
 
 A driver declares its actions with ``@action``; the static check and the sequencer read the declarations, so neither
-needs to know a model of instrument.
+needs to know a model of instrument. ``Tells`` says which of its replies mean that something is on, and how far: the
+state of the bench that people see is made of replies alone, so that a recording gives it too.
 """
 
 from __future__ import annotations
@@ -11,6 +12,38 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache, cached_property
 from typing import Any, Protocol, TypeVar
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What a reply gives to read: ``name`` for people ("current"), its base unit, and how it is read.
+
+    ``read`` raises ValueError for a reply of another form. Closed crosspoints have no unit: it returns their names.
+    """
+
+    name: str
+    unit: str
+    read: Callable[[str], float | tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Tells:
+    """What the replies of one model tell, by question as the driver sends it.
+
+    ``on``: questions of which each says whether something is on, closed or turning (True); it is off when all say so.
+    ``figures``: questions that say how far.
+    """
+
+    on: Mapping[str, Callable[[str], bool]]
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+
+
+def is_one(reply: str) -> bool:
+    """Return whether a switch reads back on. Raises: ValueError unless it is 0 or 1."""
+    value = float(reply)
+    if value not in (0.0, 1.0):
+        raise ValueError("0 or 1 is due")
+    return value == 1.0
 
 
 class Effect(Enum):

@@ -12,10 +12,10 @@ from bench.frame import FrameDefinition
 from bench.model.quantities import Values
 from bench.model.units import likely
 from bench.plan.drivers import range_after
+from bench.plan.expected import NamedValues
 from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
 from bench.plan.language.steps import CallStep
-from bench.plan.named_values import NamedValues
 from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
 from bench.plan.station import Station
 from bench.plan.step_kinds import KINDS

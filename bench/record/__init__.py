@@ -11,20 +11,21 @@ from bench.record.reader import SHORTER, ChunkPlace, SegmentChunks, SessionReade
 from bench.record.recover import Survey, recover_session, resume_session
 from bench.record.samples import Samples, SignalValues
 from bench.record.scan import Damage
-from bench.record.trend import BenchRows, TrendWriter
-from bench.record.trend_reader import Part, TrendReader, TrendWindow, joined
-from bench.record.trend_rows import (
+from bench.record.trend import (
     FOLDER,
     HEAD,
     HELD_S,
     LEVELS_S,
+    BenchRows,
     FrameTimes,
     LinkReduction,
     TrendRows,
+    TrendWriter,
     concatenated,
     read_head,
     sources_of,
 )
+from bench.record.trend_reader import Part, TrendReader, TrendWindow, joined
 from bench.record.walk import Walk
 from bench.record.window import UNIT_TEMPERATURE, RecordedReadings, RecordRow, is_off_target, row_of_readings
 from bench.record.writer import RecordError, SessionWriter

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.frame import Signal
 from bench.model.arrays import Floats
 from bench.model.errors import InputError
-from bench.record.trend_rows import (
+from bench.record.trend import (
     FOLDER,
     HEAD,
     LEVELS_S,

@@ -22,7 +22,7 @@ from bench.model.arrays import Array, Flags, Floats, Integers
 from bench.model.clock import NS
 from bench.model.events import Event, Reading
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record.samples import BesideKeeper, SampleKeeper, Samples, SignalKeeper, SignalValues
 
 Columns = Mapping[str, Array]

@@ -13,8 +13,7 @@ from bench.model.errors import RunError
 from bench.model.events import Closed, Error
 from bench.model.segments import OPEN_MARKER
 from bench.record import layout
-from bench.record.files import Files, OsFiles
-from bench.record.segment import Channel, ChunkBuffer, SegmentWriter
+from bench.record.files import Channel, ChunkBuffer, Files, OsFiles, SegmentWriter
 
 SEGMENT_S = 3600
 CHUNK_BYTES = 1_000_000  # a chunk is closed before its second when it gets this large

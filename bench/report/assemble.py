@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import Step
 from bench.record import RecordRow
 from bench.report.model import RecordCounts, ReportModel, Residual

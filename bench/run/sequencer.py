@@ -15,7 +15,7 @@ from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe, states_of
-from bench.run.context import RunContext
+from bench.run.context import RunContext, Timeline
 from bench.run.hold.leaving_out import leave_unit_out, to_blame
 from bench.run.hold.standing import stand_still, wish_to_wait
 from bench.run.observers import patient
@@ -24,7 +24,6 @@ from bench.run.steps.leaving import behind, leave_out
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
-from bench.run.steps.timing import Timeline
 from bench.run.stop import Interruption, Wish, unforeseen
 from bench.run.watch.outputs import look
 

@@ -20,21 +20,28 @@ from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
 from bench.run.bench.opener import OpenBench, open_bench
-from bench.run.bench.transcript import HeldTranscript, new_folder
-from bench.run.context import RunContext
+from bench.run.context import RunContext, Timeline
 from bench.run.control.operator import Operator
 from bench.run.guard.guarding import station_lock
 from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
 from bench.run.links.reader import LinkReader
-from bench.run.observers import AtTerminal, Listener, Observers, Recorder, StoredEvent, patient
+from bench.run.observers import (
+    AtTerminal,
+    HeldTranscript,
+    Listener,
+    Observers,
+    Recorder,
+    StoredEvent,
+    new_folder,
+    patient,
+)
 from bench.run.provenance import lab_of, software
 from bench.run.resume import changed_files, same_instruments
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.steps.position import Resumption
 from bench.run.steps.reentry import enter
 from bench.run.steps.setpoints import differences, read_back
-from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch, repeated, unforeseen
 from bench.run.watch.disk import disk_watch
 from bench.run.watch.environment import PERIOD_S, note_temperatures

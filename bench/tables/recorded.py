@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from bench.frame import FrameDefinition
 from bench.model.errors import BenchError
 from bench.model.events import Reading
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import driver_actions
 from bench.record import RecordRow
 from bench.replay import Course, Replayed

@@ -13,7 +13,7 @@ from rehearsal import SEED, Act, Rehearsal, SOAK_s, Watched, assert_nothing_swit
 from bench.analysis import Material, analyse
 from bench.model.clock import NS
 from bench.model.errors import BenchError, ExitStatus
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import Step
 from bench.record import RecordError, SessionWriter
 from bench.replay import replay_rows

@@ -29,8 +29,7 @@ from bench.run.guard.health import LINKS, Health
 from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
 from bench.run.links.port import PortLink
-from bench.run.links.reader import LinkReader
-from bench.run.links.status import SILENCE_S
+from bench.run.links.reader import SILENCE_S, LinkReader
 from bench.run.observers import Observers
 from bench.run.steps.decided import Decided
 from bench.run.steps.windows import silent

@@ -25,7 +25,7 @@ from bench.commands.run import view_of
 from bench.model.clock import NS
 from bench.model.errors import InputErrors, InstrumentError
 from bench.model.events import Event, Reading
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import check_plan, compile_sequence
 from bench.plan.summary import summarise
 from bench.replay import replay_rows

@@ -21,7 +21,7 @@ from served import SAFE_S, Served
 from bench.commands.control import ask as ask_run
 from bench.commands.session import replay
 from bench.model.errors import BenchError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay import replay_rows
 from bench.run.guard.diary import read_diary

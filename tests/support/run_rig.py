@@ -18,16 +18,15 @@ from bench.frame import FrameDefinition, load_frame
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Identity, action
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import Step
 from bench.record import Journal, RecordCutter
-from bench.run.context import RunContext
+from bench.run.context import RunContext, Timeline
 from bench.run.control.operator import Answer, Question
 from bench.run.links.acquisition import Acquisition
 from bench.run.links.reader import LinkReader
 from bench.run.observers import AtTerminal, Observers, Recorder
 from bench.run.sequencer import Outcome, Sequencer
-from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -31,7 +31,7 @@ from bench.analysis import Estimate, Table, analysis_module, estimates_of, is_so
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import Plan, check_plan, compile_sequence, load_station
 from bench.record.writer import RETIRED_FILES
 from bench.replay import replay_rows

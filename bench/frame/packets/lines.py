@@ -15,8 +15,7 @@ from functools import partial
 from typing import NamedTuple
 
 from bench.frame.layout import Field, Layout, Message
-from bench.frame.packets.decoder import PacketDecoder
-from bench.frame.packets.escape import Packet, Search
+from bench.frame.packets.escape import Packet, PacketDecoder, Search
 from bench.frame.refusal import Refusal
 from bench.frame.spec import LinesSpec
 

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from bench.frame.layout import Layout
-from bench.frame.packets.decoder import ROOM, PacketDecoder
-from bench.frame.packets.escape import ESCAPES
+from bench.frame.packets.escape import ESCAPES, ROOM, PacketDecoder
 from bench.frame.packets.lines import LineDecoder, LineReader, search_of
 from bench.frame.reference import ReferenceDecoder
 from bench.frame.refusal import Refusal, why_refused

@@ -21,9 +21,8 @@ from bench.model.errors import InputError
 from bench.model.installed import offer_of
 from bench.plan.check.actions import ActionCheck
 from bench.plan.check.analysis import check_asked
-from bench.plan.check.motion import check_poses
 from bench.plan.check.records import check_record, check_windows
-from bench.plan.check.state import BenchState
+from bench.plan.check.state import BenchState, check_poses
 from bench.plan.check.stations import SIMULATION, check_station, check_used_ranges
 from bench.plan.drivers import bus_s
 from bench.plan.expand import DURATION

@@ -28,11 +28,11 @@ from bench.plan import Station
 from bench.run.bench.beginning import begin_safely, identities_of
 from bench.run.bench.drill_controller import stimulate, stimulated
 from bench.run.bench.opener import open_bench
-from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import InUse
 from bench.run.guard.diary import DIARY, read_diary
 from bench.run.guard.guarding import GuardTask, station_lock
 from bench.run.guard.health import CHAMBER_AIR, Health
+from bench.run.observers import HeldTranscript, new_folder
 from bench.run.provenance import lab_of, software
 from bench.run.steps.setpoints import drives
 from bench.run.stop import StopSwitch

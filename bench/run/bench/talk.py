@@ -10,8 +10,7 @@ from bench.model.lab import code_texts, recorded_code
 from bench.plan import Station
 from bench.record import SessionWriter
 from bench.run.bench.opener import open_bench
-from bench.run.bench.transcript import HeldTranscript, new_folder
-from bench.run.observers import Observers, Recorder
+from bench.run.observers import HeldTranscript, Observers, Recorder, new_folder
 from bench.run.provenance import lab_of, software
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from bench.frame import LinkBatch
 from bench.model.clock import NS, WallClock, to_ns, utc_of_stamp
 from bench.model.events import Environment, Event, Reentry
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.model.units import finite
 from bench.plan import Step, unwatched
 from bench.record import RecordRow
@@ -27,8 +27,7 @@ from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows, signals_
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
-from bench.run.links.reader import LinkReader
-from bench.run.links.status import age_s, state_of
+from bench.run.links.reader import LinkReader, age_s, state_of
 from bench.run.observers import Observer
 
 FRESH_S = 10.0  # a temperature of the unit that was noted longer ago does not count

@@ -32,11 +32,10 @@ from bench.model.events import (
 from bench.model.quantities import Values
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
-from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs, bench_in_words
+from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, InstrumentPanel, Outputs, bench_in_words
 from bench.run.feed.place import Place, Temperature, wait_document, wait_of
 from bench.run.feed.planned import PlannedRun, Remaining, corners, early_s, end_of_run, in_words, soak_to_come_s
-from bench.run.feed.records import Records
-from bench.run.feed.traffic import InstrumentPanel
+from bench.run.feed.points import Records
 
 PROTO = 1
 LONGEST_LOG = 200
@@ -131,7 +130,7 @@ class RunState:
             self._place.at_planned(phase, seconds)
 
     def on_record(self, number: int, t_utc_s: float, conditions: Values, counts: Values) -> None:
-        """A record is complete: ``counts`` has frames, lost, bad and flags (bits of bench.model.quality)."""
+        """A record is complete: ``counts`` has frames, lost, bad and flags (bits of bench.model.quantities)."""
         with self._lock:
             self._records.on_record(number, t_utc_s, conditions, counts)
 

@@ -19,8 +19,7 @@ from bench.plan import PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend
 from bench.run.context import RunContext
 from bench.run.guard.health import LINKS
 from bench.run.links.port import InstrumentLink, Reopenable, cure, kernel_counts, readers_beside
-from bench.run.links.reader import LinkReader
-from bench.run.links.status import age_s, is_silent, is_stale, silence_s
+from bench.run.links.reader import LinkReader, age_s, is_silent, is_stale, silence_s
 from bench.run.links.unit import NOWHERE, CounterMark, Unit, went_on
 from bench.run.observers import Observer, Order
 from bench.run.watch.clock import SUSPEND_S

@@ -13,7 +13,7 @@ from bench.model.clock import to_ns
 from bench.model.errors import InstrumentError
 from bench.model.events import Reading, Record, Retake
 from bench.model.ports import Instrument, RecordWindow, actions_of
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import WIRING, PlannedCall, PlannedRecord, PlannedVerify, Step, is_measurement, is_reading, round_count
 from bench.record import RecordRow, row_of_readings
 from bench.run.context import RunContext

@@ -16,12 +16,11 @@ from bench.model.events import Reentry
 from bench.model.ports import drivers_of
 from bench.model.units import finite
 from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step, Steps
-from bench.run.context import RunContext
+from bench.run.context import RunContext, Timeline
 from bench.run.control.operator import changes_of
 from bench.run.steps.dispatch import execute
 from bench.run.steps.setpoints import changes_motion, motion_again, steps_again, warm_up_s
 from bench.run.steps.soak import drive, soak
-from bench.run.steps.timing import Timeline
 
 UNIT_SPEAKS_S = 10.0  # housekeeping comes ten times a second once the unit streams
 

@@ -14,7 +14,7 @@ import numpy as np
 from bench.maths.arrays import Integers
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import UNIT_TEMPERATURE, RecordRow
 from bench.systems.af_converter.constants import Campaign
 

@@ -18,7 +18,7 @@ from bench.analysis import CONTINUES, UNIT, Document, Estimates, Floats, Materia
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow, Samples
 from bench.systems.gnc.bias import ITEMS as AT_REST
 from bench.systems.gnc.bias import flip_estimates, gyro_estimates, repeatability_estimates, stability_estimates

@@ -18,7 +18,7 @@ import numpy as np
 from bench.analysis import Document, Material, Planned, Prediction
 from bench.model.clock import NS
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE, Compensated, Shown
 from bench.systems.lock_in.estimators.global_constants import NominalLaser, expected_constants, expected_output

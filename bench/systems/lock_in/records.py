@@ -20,7 +20,7 @@ from bench.analysis import Material
 from bench.maths.arrays import Flags, Integers
 from bench.maths.samples import seen_before
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.lock_in.wording import say
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.analysis import Bound, Document, Material, Planned, Prediction
 from bench.model.clock import NS
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow
 from bench.systems.north.analysis import azimuth_error_limit_deg, north_estimates
 from bench.systems.north.assumptions import EARTH_DEG_H

@@ -27,7 +27,7 @@ from bench.maths.arrays import Flags, Integers
 from bench.maths.samples import few, longest_still, pinned, scatter
 from bench.maths.tests import f_tail, of_many
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
 from bench.systems.north.wording import item_name, say
 

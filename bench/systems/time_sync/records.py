@@ -17,7 +17,7 @@ from bench.analysis import Material
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.stamps import first_step
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.time_sync.estimators.port_clocks import (
     PortClock,
     StampsDifference,

@@ -11,7 +11,7 @@ import numpy as np
 from bench.analysis import Material, Reading
 from bench.model.clock import NS, VirtualClock
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import Plan, compile_sequence
 from bench.plan.station import load_station
 from bench.record import RecordRow

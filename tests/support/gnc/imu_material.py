@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.analysis import Material
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow, Samples
 
 RATE_Hz = 200.0

@@ -10,7 +10,7 @@ import numpy as np
 from bench.analysis import Material
 from bench.model.arrays import Floats, Integers, Octets
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow, Samples
 from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, RingLaser, levels
 from sim_instruments.worlds.lock_in.crossings import Crossings, crossings

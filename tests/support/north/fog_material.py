@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from bench.analysis import Material, Reading
 from bench.maths.verdict import coverage_factor
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow, Samples
 from bench.systems.north.estimators.formulas import literal_north, propagated, quadrant_north
 from bench.systems.north.estimators.likelihood import likelihood_north

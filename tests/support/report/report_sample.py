@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from plan_sample import planned
 
 from bench.analysis import Analysis, build_results, estimate, with_uncertainty
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.plan import Step
 from bench.report import RunStory, Surrounding, TemperatureTrace, report_model
 from bench.report.model import ReportModel

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.analysis import Material
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordRow, Samples
 
 Array = Any

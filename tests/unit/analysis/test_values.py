@@ -32,7 +32,7 @@ from bench.analysis.analysis import analyse, analysis_module, with_expected
 from bench.analysis.values import number_of
 from bench.model.declaration import Limit
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.model.systems import analyses
 from bench.record import RecordRow
 from bench.systems.gnc.rows import sampled_rows

@@ -9,7 +9,7 @@ from record_sample import FRAME_NS, MASTER, NS, Stream, chunks_of, constant_stre
 from bench.frame import LinkDecoder, parse_frame
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import RecordCutter, RecordRow
 from bench.record.window import pulse_timing
 

@@ -18,7 +18,7 @@ from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.record import (
     FOLDER,
     BenchRows,
@@ -33,7 +33,7 @@ from bench.record import (
     sources_of,
 )
 from bench.record.packed import BLOCK, StoredColumns
-from bench.record.trend_rows import spread_ns
+from bench.record.trend import spread_ns
 from bench.replay.history import _with_gaps
 
 ROOT = Path(__file__).resolve().parents[3]

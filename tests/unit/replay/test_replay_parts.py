@@ -17,7 +17,7 @@ from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Record, event_of
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.record import RecordRow, SessionWriter

@@ -32,7 +32,7 @@ from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment, Event, Phase, Resume, event_of
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.model.shipped import find_shipped
 from bench.model.systems import analyses
 from bench.plan import Plan, compile_sequence

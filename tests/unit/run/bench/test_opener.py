@@ -27,9 +27,8 @@ from bench.run.bench.opener import OpenBench, check_answers, missing_buses, open
 from bench.run.bench.safety import LATE_S, PAUSE_S, QUICK_S, WayToSafe, make_safe, states_of
 from bench.run.bench.served_world import ask, told
 from bench.run.bench.side_by_side import asked, bus_of
-from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.control.operator import SimulatedOperator
-from bench.run.observers import Observers, Recorder
+from bench.run.observers import HeldTranscript, Observers, Recorder, new_folder
 from bench.run.session import conduct
 from sim_instruments.served.control_socket import ControlSocket
 

@@ -26,8 +26,7 @@ from bench.model.shipped import find_shipped
 from bench.plan import Step, load_station
 from bench.run.bench.opener import open_port
 from bench.run.links.port import TIOCGICOUNT, InstrumentLink, PortLink, descriptor_of, kernel_counts
-from bench.run.links.reader import LinkReader
-from bench.run.links.status import is_stale
+from bench.run.links.reader import LinkReader, is_stale
 from bench.run.links.unit import CounterMark, Unit, went_on
 
 FRAME = load_frame(find_shipped("frames", "time_tags"))

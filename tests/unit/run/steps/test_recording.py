@@ -12,7 +12,7 @@ from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus
 from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.model.shipped import find_shipped
 from bench.record import RecordCutter, RecordRow
 from bench.run.steps.recording import measurement_rows

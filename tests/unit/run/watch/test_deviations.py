@@ -18,8 +18,8 @@ from bench.model.ports import action
 from bench.plan import SetPoint
 from bench.record import SessionReader
 from bench.record.files import AppendFile, OsFiles
+from bench.record.trend import FOLDER
 from bench.record.trend_reader import TrendReader
-from bench.record.trend_rows import FOLDER
 from bench.replay.build_trend import build_trend, main
 from bench.replay.history import history, needs_build, raw_window, trend_place
 from bench.run.context import RunContext

@@ -13,7 +13,7 @@ from one_estimate import score
 
 from bench.analysis import Analysis, Material, Trace, build_results, with_uncertainty
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.af_converter.bias_ramp import analysis as bias_ramp
 from bench.systems.af_converter.coefficients import coefficients_of
 

@@ -15,7 +15,7 @@ from one_estimate import every as of
 from bench.analysis import Analysis, Evidence, documents
 from bench.analysis.doubt import weigh
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.estimators.readings import halves_A2
 from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor

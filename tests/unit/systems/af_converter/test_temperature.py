@@ -13,7 +13,7 @@ from trials import without_budgets
 
 from bench.analysis import Analysis
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.af_converter import groups
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.group_fit import fit_groups

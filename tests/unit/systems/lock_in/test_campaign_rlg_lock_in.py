@@ -18,7 +18,7 @@ from spoken import english_left
 from bench.maths.allan_terms import NoiseTerm
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.lock_in import result as laser_results
 from bench.systems.lock_in.analysis import analyse
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown

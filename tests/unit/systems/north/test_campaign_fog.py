@@ -13,7 +13,7 @@ from scipy import stats
 
 from bench.analysis import Analysis, Series, with_uncertainty
 from bench.model.errors import FitError
-from bench.model.quality import Quality
+from bench.model.quantities import Quality
 from bench.systems.north.analysis import AZIMUTH_ERROR, analyse, north_estimates
 from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.sets import NorthSet, north_sets
