@@ -87,9 +87,23 @@ from bench.analysis.figures import (
     worded_table,
 )
 from bench.analysis.form import Closed, Document, check_form, schema_of
-from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
+from bench.analysis.material import (
+    CONTINUES,
+    Check,
+    Exchange,
+    GivenValue,
+    Material,
+    Reading,
+    Specification,
+    Trace,
+    count_problem,
+    flag_problem,
+    joined,
+    link_checks,
+    outlived,
+    outlived_text,
+)
 from bench.analysis.prediction import PROMPT, Bound, Planned, Prediction
-from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
     Acceptances,
@@ -101,7 +115,6 @@ from bench.analysis.results import (
     stated_estimates,
     validate_results,
 )
-from bench.analysis.specification import Specification, outlived, outlived_text
 from bench.analysis.values import Value, foreseen_material, place_of, placed, values_of
 from bench.maths.arrays import Floats
 

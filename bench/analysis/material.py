@@ -2,19 +2,29 @@
 
 A recording through a motion is cut in two, so that a command may stand between; the second part says ``continues: 1``,
 its frames come right behind those of the first (docs/sequences.md), and both are one record again.
+
+With it go why a record may not enter any estimate, and what the register of standards says of an instrument: its
+specification by range and age, and whether it still holds.
+
+Source: docs/decisions/0031-values-without-programming.md, docs/decisions/0036-standards-once.md.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bench.analysis.form import Document
+from bench.analysis.wording import say
 from bench.maths.arrays import Floats
 from bench.model.clock import NS
+from bench.model.quantities import Quality
+from bench.model.units import format_quantity
 
 if TYPE_CHECKING:
     from bench.frame import CommandLayout
@@ -193,3 +203,162 @@ def _samples(first: Samples | None, second: Samples | None) -> Samples | None:
         counter=np.concatenate((first.counter, second.counter)),
         t_ns=np.concatenate((first.t_ns, second.t_ns)),
     )
+
+
+_EXPANDED = 2.0  # the register states 95 %
+_DAY_S = 86_400.0
+_ALIKE = 1e-9  # of two ranges that went through different roundings
+
+
+@dataclass(frozen=True)
+class Specification:
+    """One line of the register, 95 %: ``relative`` of the reading plus ``floor``, in the unit of the reading."""
+
+    relative: float
+    floor: float
+
+    def std(self, value: float) -> float:
+        """Return the standard uncertainty of a reading of this value."""
+        return (self.relative * abs(value) + self.floor) / _EXPANDED
+
+
+def specification_of(
+    standards: Mapping[str, Document], reading: Reading, value: float, age_s: float | None
+) -> Specification | None:
+    """Return the line of the register that holds for a reading; None if none does.
+
+    It names the action, holds for an instrument of this age (seconds since its calibration; None is unknown), and is of
+    the range that was set, else of the lowest range that holds the value.
+    """
+    lines = [
+        line for line in standards.get(reading.role, {}).get("specifications", ()) if line["reads"] == reading.name
+    ]
+    lines = [line for line in lines if "age_s" not in line or (age_s is not None and age_s <= line["age_s"])]
+    set_to = reading.arguments.get("range")
+    if isinstance(set_to, int | float):
+        lines = [line for line in lines if "range" not in line or abs(line["range"] - set_to) <= _ALIKE * abs(set_to)]
+    else:
+        lines = [line for line in lines if "range" not in line or abs(value) <= line["range"]]
+    if not lines:
+        return None
+    line = min(lines, key=lambda line: (line.get("range", 0.0), line.get("age_s", float("inf"))))
+    return Specification(float(line["relative"]), float(line["floor"]))
+
+
+def age_s(standards: Mapping[str, Document], role: str, utc_s: float | None) -> float | None:
+    """Return how long ago an instrument was calibrated, seconds, at a UTC; None where either is not known."""
+    calibrated = standards.get(role, {}).get("calibrated")
+    if calibrated is None or utc_s is None:
+        return None
+    return utc_s - datetime.fromisoformat(str(calibrated)).replace(tzinfo=UTC).timestamp()
+
+
+def age_text(seconds: float | None) -> str:
+    """Return an age in words."""
+    if seconds is None or math.isinf(seconds):
+        return say("age.unknown")
+    return say("age.known", days=seconds / _DAY_S)
+
+
+@dataclass(frozen=True)
+class Outlived:
+    """A range of a standard whose specification held for ``age_s`` after its calibration; the age it had, seconds."""
+
+    role: str
+    range_A: float
+    age_s: float
+    had_s: float
+
+
+def outlived_text(ranges: Sequence[Outlived]) -> str:
+    """Return what is wrong with one or more ranges of a standard, for a person."""
+    first, more = ranges[0], len(ranges) - 1
+    told = {
+        "role": first.role,
+        "range": format_quantity(first.range_A, "A"),
+        "days": first.age_s / _DAY_S,
+        "age": age_text(first.had_s),
+    }
+    if more > 1:
+        return say("outlived.more", count=more, **told)
+    return say("outlived.one_more" if more else "outlived", **told)
+
+
+def outlived(standards: Mapping[str, Document], role: str, end_utc_s: float) -> list[Outlived]:
+    """Return the ranges of a standard whose specification did not hold at the end of a measurement.
+
+    A register that does not say when the standard was calibrated cannot say that its specification held.
+    """
+    known_s = age_s(standards, role, end_utc_s)
+    had_s = math.inf if known_s is None else known_s
+    lines = standards.get(role, {}).get("uncertainty") or ()
+    return [
+        Outlived(role, float(line["range_A"]), float(line["age_s"]), had_s)
+        for line in lines
+        if "age_s" in line and had_s > float(line["age_s"])
+    ]
+
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+_LINK_FLAGS = Quality.LOST | Quality.BAD_FRAMES | Quality.DUPLICATE
+_NO_PROBLEM = int(_LINK_FLAGS | Quality.STALE)
+_MOST_LOST = 1e-3  # of the frames of a record; a few lost frames take their share of counts and of the gate with them
+_NEEDED_CLOCKS = ("af_clock", "master_count")
+_COUNTS = {"npp", "ppp"}
+
+
+def flag_problem(row: RecordRow) -> str:
+    """Return what is wrong with a record whatever it holds, "" if nothing is."""
+    if not row.quality & ~_NO_PROBLEM:
+        return ""
+    flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
+    return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
+
+
+def count_problem(row: RecordRow) -> str:
+    """Return why the counts of a record may not enter an estimate, "" if they may.
+
+    Rates are taken over the frames that did arrive, so a loss of up to 0.1 % costs resolution, not truth.
+    """
+    if problem := flag_problem(row):
+        return problem
+    if row.lost > _MOST_LOST * row.window.frames:
+        return say("problem.frames_lost")
+    complete = all(_counted(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
+    return "" if complete else say("problem.no_clock_counts")
+
+
+def _counted(value: Any) -> bool:
+    """Return whether any count is not zero; a clock is one number as a rule."""
+    return bool(value.any() if isinstance(value, np.ndarray) else value)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One verdict: ``ok`` None if there is too little to judge yet."""
+
+    name: str
+    ok: bool | None
+    value: float | None
+    limit: float
+    text: str
+
+
+def link_checks(counts: Mapping[str, int], max_lost: float, max_bad: float) -> list[Check]:
+    """Return share of the frames of all links that are missing, and that are damaged.
+
+    Where a counter jumped by more than it can tell, nobody knows whether few enough are missing.
+    """
+    jumps = counts.get("jumps", 0)
+    due = counts["frames"] + counts["frames_lost"]
+    shares = (("frames lost", "frames_lost", max_lost, due), ("frames damaged", "frames_bad", max_bad, due))
+    checks = []
+    for name, key, limit, of in shares:
+        share = counts[key] / of if of else None
+        text, ok = f"{counts[key]} of {of} frames", None if share is None else share <= limit
+        if jumps and key == "frames_lost":
+            text, ok = f"{text}, and {jumps} jumps of unknown size of the counter", False if ok is False else None
+        checks.append(Check(name, ok, share, limit, text))
+    return checks

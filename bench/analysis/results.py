@@ -22,8 +22,8 @@ from bench.analysis.estimates import FIT_AGAIN, Acceptance, Estimate, Estimates,
 from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.wording import say
 from bench.maths.verdict import Rule
-from bench.model.assumptions import Assumption
 from bench.model.errors import InputError
+from bench.model.systems import Assumption
 
 _SAME_VALUE = 1e-9  # relative; another machine may round the last digits otherwise
 _Said = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
@@ -139,7 +139,7 @@ _Count = Annotated[int, Field(ge=0)]
 
 
 class TakenForGranted(Closed):
-    """What no data of this campaign can show (``bench.model.assumptions``)."""
+    """What no data of this campaign can show (``bench.model.systems``)."""
 
     code: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     taken_for_granted: str

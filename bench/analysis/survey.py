@@ -169,7 +169,7 @@ def _codes(column: Document, values: Floats) -> Iterator[tuple[float, Flags, boo
         yield float(values[no_number][0]), no_number, True
     code = None if column["role"] == "set_point" else sentinel(np.where(no_number, np.nan, values))
     if code:
-        yield code.value, values == code.value, code.outside
+        yield code[0], values == code[0], code[1]
 
 
 def _rows(series: Mapping[str, Floats], kept: Flags) -> Mapping[str, Floats]:

@@ -20,10 +20,17 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.form import Document
-from bench.analysis.material import GivenValue, Material, Reading
+from bench.analysis.material import (
+    GivenValue,
+    Material,
+    Reading,
+    Specification,
+    age_s,
+    age_text,
+    flag_problem,
+    specification_of,
+)
 from bench.analysis.prediction import Planned
-from bench.analysis.problems import flag_problem
-from bench.analysis.specification import Specification, age_s, age_text, specification_of
 from bench.analysis.wording import say
 from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof, independent_count

@@ -16,12 +16,11 @@ from bench.commands.console import console, print_json
 from bench.commands.origin import say_origins
 from bench.commands.requests import CheckRequest
 from bench.frame import Pace, pace_of
-from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.stopping import UNTIL
-from bench.model.systems import declared_by
+from bench.model.systems import assumptions_of, declared_by
 from bench.model.units import hours
 from bench.plan import Plan, PlannedSoak, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing

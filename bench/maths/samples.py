@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -357,17 +357,10 @@ def repeated_rows(columns: Sequence[Column]) -> Flags:
     return again if regular or fine else np.zeros(len(table), np.bool_)
 
 
-class Sentinel(NamedTuple):
-    """``outside``: far from all other values; else it stands on end among them, as an output does that is held."""
-
-    value: float
-    outside: bool
-
-
-def sentinel(values: Floats) -> Sentinel | None:
+def sentinel(values: Floats) -> tuple[float, bool] | None:
     """Return the value that stands in a column in place of readings: exactly the same at least three times, and a jump
-    into it and out of it each time, far beyond the noise; outside of all others, or on end, where a motion may jump as
-    far. None without one; NaN are no readings.
+    into it and out of it each time, far beyond the noise; outside of all others, which is told too, or on end, where a
+    motion may jump as far. None without one; NaN are no readings.
     """
     known = values[np.isfinite(values)]
     steps = np.abs(np.diff(known))
@@ -382,7 +375,7 @@ def sentinel(values: Floats) -> Sentinel | None:
         outside = max(others.min() - value, value - others.max()) > _OUTSIDE * np.ptp(others)
         on_end = 2 * there.sum() >= _SENTINEL * edges.size  # no noise gives the same value again
         if _SENTINEL <= there.sum() < known.size / 2 and jump[edges].all() and (outside or on_end):
-            return Sentinel(float(value), bool(outside))
+            return float(value), bool(outside)
     return None
 
 

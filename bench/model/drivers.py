@@ -1,14 +1,123 @@
-"""Finds the driver class a station names, by plain name, so that a YAML cannot run code of its choosing."""
+"""Finds the driver class a station names, by plain name, so that a YAML cannot run code of its choosing; and what the
+manual of its model says of each command that it sends: one YAML file beside the driver.
+
+The pages in docs/instruments are written from these files, ``bench commission`` walks through them at a real
+instrument, and what a driver sends in the tests must stand in its file.
+"""
 
 from __future__ import annotations
 
 import re
-from functools import lru_cache
+import sys
+from functools import cache, lru_cache
 from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
 
 from bench.model import lab
 from bench.model.errors import InputError
-from bench.model.installed import driver_refusals, load, package_of_driver, refuse_unknown
+from bench.model.installed import driver_packages, driver_refusals, load, package_of_driver, refuse_unknown
+from bench.model.yamlio import StrictModel, parse_yaml
+
+Touch = Literal["asks", "sets", "energises", "moves"]
+State = Literal["confirmed", "derived", "unconfirmed"]
+TOUCHES: tuple[Touch, ...] = ("asks", "sets", "energises", "moves")  # in the order of a first contact
+STATES: tuple[State, ...] = ("confirmed", "derived", "unconfirmed")
+_NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
+_CONTROLS = "".join(map(chr, range(33)))
+_ARGUMENT = re.compile(r"\{[^}]*\}")
+
+
+class Command(StrictModel):
+    """What is known of one command."""
+
+    source: str = Field(description="key of a source, and where in it")
+    state: State = Field("confirmed", description="read there; concluded from it; or assumed")
+    reply: str = Field("", description="regular expression of the whole reply; NUMBER stands for one in figures")
+    touch: Touch = Field("asks", description="what sending it does to the bench")
+    example: str = Field("", alias="try", description="as it may be sent at a first contact; empty: never alone")
+
+    def replies_so(self, reply: str) -> bool:
+        """Return whether a reply has the documented form; frames and terminators aside."""
+        return re.fullmatch(self.reply.replace("NUMBER", _NUMBER), reply.strip(_CONTROLS)) is not None
+
+
+class Manual(StrictModel):
+    """The file: ``commands`` by their form, each argument in braces: ``FREQ {frequency}``."""
+
+    instrument: str
+    sources: dict[str, str]
+    commands: dict[str, Command]
+
+    def find(self, sent: str) -> str | None:
+        """Return the form of a command that was sent, that with most letters of its own; None if it is in none."""
+        forms = [form for form in self.commands if _says(form, sent.strip(_CONTROLS))]
+        return max(forms, key=lambda form: len(_ARGUMENT.sub("", form)), default=None)
+
+    def in_order(self) -> list[tuple[str, Command]]:
+        """Return forms and commands in the order of a first contact: harmless ones first."""
+        return sorted(self.commands.items(), key=lambda row: TOUCHES.index(row[1].touch))
+
+    @property
+    def unconfirmed(self) -> tuple[str, ...]:
+        """Forms that neither a manual nor a public driver shows."""
+        return tuple(form for form, command in self.commands.items() if command.state == "unconfirmed")
+
+
+def _says(form: str, sent: str) -> bool:
+    return re.fullmatch(".+?".join(re.escape(part) for part in _ARGUMENT.split(form)), sent) is not None
+
+
+@cache
+def manual_of(driver: str) -> Manual | None:
+    """Return the table of a driver, None if it has none. Raises: InputErrors for a file that is not right."""
+    package = package_of_driver(driver)
+    if package is None:
+        return None
+    path = package.folder / f"{driver}.yaml"
+    if not path.is_file():
+        return None
+    return parse_yaml(path.read_bytes(), f"{driver}.yaml", Manual).model
+
+
+def page(driver: str, manual: Manual) -> str:
+    """Return the table of a driver as a page of Markdown."""
+    counts = {state: sum(one.state == state for one in manual.commands.values()) for state in STATES}
+    rows = [
+        f"| `{form}` | {_cell(one.reply)} | {one.touch} | {one.source} | {one.state} |"
+        for form, one in manual.commands.items()
+    ]
+    return "\n".join(
+        [
+            f"# {manual.instrument}",
+            "",
+            f"What the driver `{driver}` sends, as [its file](../../instruments/{driver}.yaml) has it. "
+            + ", ".join(f"{count} {state}" for state, count in counts.items())
+            + "; none of it was tried on hardware by us: [first contact](../first-contact.md).",
+            "",
+            *(f"* {key}: {text}" for key, text in manual.sources.items()),
+            "",
+            "| command | form of the reply | it | source | state |",
+            "|---|---|---|---|---|",
+            *rows,
+            "",
+        ]
+    )
+
+
+def _cell(reply: str) -> str:
+    return f"`{reply}`".replace("|", "\\|") if reply else "–"
+
+
+def write_pages(folder: Path) -> None:
+    """Write the page of every driver that has a table."""
+    for package in driver_packages():
+        for path in sorted(package.folder.glob("*.yaml")):
+            manual = manual_of(path.stem)
+            assert manual is not None
+            (folder / f"{path.stem}.md").write_text(page(path.stem, manual), encoding="utf-8")
+
 
 _PLAIN = re.compile(r"[a-z0-9_]{1,40}")
 
@@ -52,3 +161,7 @@ def _class_of_lab(name: str) -> type:
     if not isinstance(driver, type):
         raise lab.unusable("instruments", name, "names no class as DRIVER")
     return driver
+
+
+if __name__ == "__main__":
+    write_pages(Path(sys.argv[1]))

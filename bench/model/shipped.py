@@ -1,14 +1,33 @@
-"""Sequences, frames and stations by path or name: those of a lab folder first, then those that come with the bench."""
+"""Sequences, frames and stations by path or name: those of a lab folder first, then those that come with the bench.
+
+Folders of this user and names of folders stand here too.
+"""
 
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from pathlib import Path
 from typing import Literal
 
 from bench.model.errors import InputError
 from bench.model.lab import Lab, lab_here
+
+
+def cache_folder() -> Path:
+    """Return where the bench keeps what it can compute again; nobody made it yet.
+
+    Source: XDG Base Directory Specification: XDG_CACHE_HOME if it is absolute, else ~/.cache.
+    """
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "inertial-bench"
+
+
+def folder_name(serial: str) -> str:
+    """Return a serial number as the name of a folder: letters, digits, dot, dash and underscore, no dot at its ends."""
+    return re.sub(r"[^A-Za-z0-9._-]", "_", serial).strip(".") or "_"
+
 
 Kind = Literal["sequences", "frames", "stations"]
 KINDS: tuple[Kind, ...] = ("sequences", "stations", "frames")

@@ -12,14 +12,13 @@ from bench.frame import FrameDefinition
 from bench.model.quantities import Values
 from bench.model.units import likely
 from bench.plan.drivers import range_after
-from bench.plan.expected import NamedValues
 from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
 from bench.plan.language.steps import CallStep
 from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
 from bench.plan.station import Station
 from bench.plan.step_kinds import KINDS
-from bench.plan.values import Channel, Quantity, Scope, UnknownVariable, plain
+from bench.plan.values import Channel, NamedValues, Quantity, Scope, UnknownVariable, plain
 
 Path = tuple[str | int, ...]
 MAX_STEPS = 50_000

@@ -78,7 +78,7 @@ class Step:
         """Return what the step asks of the air of the chamber, None if it asks nothing."""
         return None
 
-    def confirmed(self, actions: Actions) -> dict[str, Any]:
+    def confirmed(self, actions: Actions) -> Values:
         """Return what the step, once it is done, has set and its instrument has confirmed: {"role.action": arguments},
         else empty.
         """

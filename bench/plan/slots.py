@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bench.model.folders import folder_name
+from bench.model.shipped import folder_name
 from bench.plan.check.everything import NO_SERIAL, SERIAL, short
 from bench.plan.expand import Expander, Node
 from bench.plan.findings import suggestion

@@ -47,7 +47,7 @@ class PlannedCall(Step):
         name = SWITCHES if self.name in SWITCHES else self.name  # what was switched off is not on for a moment
         return (0 if action.parameters else 1), self.role, name, chosen
 
-    def confirmed(self, actions: Actions) -> dict[str, Any]:
+    def confirmed(self, actions: Actions) -> Values:
         """Return the arguments of an action that sets something: its driver reads back what it sets."""
         sets = self.name in actions and actions[self.name].sets
         return {f"{self.role}.{self.name}": dict(self.arguments)} if sets else {}
@@ -224,7 +224,7 @@ class PlannedSoak(Step):
 
     again = not_again  # the way back sets the chamber
 
-    def confirmed(self, actions: Actions) -> dict[str, Any]:
+    def confirmed(self, actions: Actions) -> Values:
         """Return the target, as a call of the chamber has it."""
         return {f"{self.role}.set_temperature": {"temperature": self.temperature_degC, "ramp": self.ramp_degC_min}}
 

@@ -12,8 +12,7 @@ from functools import partial
 from typing import Any
 
 from bench.analysis import Estimate, cell, decimals_for, is_sound, number, significant, stated_value, unit_text
-from bench.model.texts import Texts, told
-from bench.model.titles import condition_title, value_title
+from bench.model.texts import Texts, condition_title, told, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
 from bench.report.tables import (

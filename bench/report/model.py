@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimate, Figure, Floats, Table, estimates_of, unit_text
-from bench.model.texts import ENGLISH
-from bench.model.titles import quantity_title, sequence_title
+from bench.model.texts import ENGLISH, quantity_title, sequence_title
 
 _CLOCK_OF_A_LOG = "log"  # in the manifest of what was imported
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Floats, cell, number, unit_text
-from bench.model.texts import Texts
-from bench.model.titles import campaign_title
+from bench.model.texts import Texts, campaign_title
 from bench.report.estimate_tables import prefixed
 from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of, table_of

@@ -25,8 +25,7 @@ from bench.analysis import (
 )
 from bench.maths.verdict import meaning_of, worst
 from bench.model.systems import is_size
-from bench.model.texts import Texts, told
-from bench.model.titles import sizes_of_assumptions
+from bench.model.texts import Texts, sizes_of_assumptions, told
 from bench.report.estimate_tables import prefixed, readable, span, two_places, value_text
 from bench.report.model import ReportModel
 from bench.report.tables import Table, grouped, sentence, table_of

@@ -23,7 +23,7 @@ from bench.design import (
 )
 from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, named
-from bench.model.titles import quantity_title
+from bench.model.texts import quantity_title
 from bench.plan import Plan, PlannedSoak, decisions_of
 from bench.session.predicted import predicted
 

@@ -24,7 +24,7 @@ from bench.analysis import (
 )
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
-from bench.model.titles import quantity_titles
+from bench.model.texts import quantity_titles
 from bench.record import UNIT_TEMPERATURE, SessionReader
 from bench.session.one_unit import serials_of
 from bench.session.service import read_view

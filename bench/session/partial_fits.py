@@ -12,9 +12,8 @@ from typing import Any
 from bench.analysis import doubt_lines, estimates_of
 from bench.model.clock import NS, Clock, pause, to_ns
 from bench.model.errors import InputError
-from bench.model.posix import spent_by_children_s
-from bench.model.processes import PARTIAL_RESULTS, own_process
-from bench.model.titles import quantity_titles
+from bench.model.posix import PARTIAL_RESULTS, own_process, spent_by_children_s
+from bench.model.texts import quantity_titles
 from bench.record import UNIT_TEMPERATURE  # a condition that says nothing of which estimate it is
 
 SHORTEST_S = 60.0  # between two fits

@@ -34,13 +34,12 @@ from bench.analysis import (
 )
 from bench.frame import CommandLayout, parse_frame
 from bench.model import events
-from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS
 from bench.model.errors import BenchError, FitError, InputError
 from bench.model.events import Decision, Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
 from bench.model.lab import sha256_of
 from bench.model.quantities import key_of_value
-from bench.model.systems import declared_by
+from bench.model.systems import assumptions_of, declared_by
 from bench.model.yamlio import parse_yaml
 from bench.plan import Plan, StationFile, Step, plan_of_texts, unmet_loops, values_not_due
 from bench.record import Damage, RecordRow

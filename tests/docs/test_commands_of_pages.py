@@ -22,7 +22,7 @@ from pydantic import RootModel
 from rehearsal import Inside, writable_copy
 
 from bench.cli import app
-from bench.model.manual import Manual
+from bench.model.drivers import Manual
 from bench.model.yamlio import parse_yaml
 from bench.plan import json_schemas, mapping_schema
 

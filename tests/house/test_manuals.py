@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.model.manual import manual_of, page
+from bench.model.drivers import manual_of, page
 
 TOP = Path(__file__).resolve().parents[2]
 DRIVERS = sorted(path.stem for path in (TOP / "instruments").glob("*.yaml"))

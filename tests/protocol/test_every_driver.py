@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from scripted import CLEAR, SILENT, TIMEOUT, make, refused, scripted
 
 import instruments
+from bench.model.drivers import manual_of
 from bench.model.errors import InputError, InstrumentError
-from bench.model.manual import manual_of
 from bench.model.ports import Effect, Parameter, actions_of
 from bench.model.units import parse_quantity
 from instruments.values import (

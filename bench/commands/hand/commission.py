@@ -9,8 +9,8 @@ import typer
 from bench.commands.console import console
 from bench.commands.origin import named_file
 from bench.model.clock import WallClock, utc_text
+from bench.model.drivers import manual_of
 from bench.model.errors import ExitStatus, InputError
-from bench.model.manual import manual_of
 from bench.plan import load_station
 from bench.run.bench.first_contact import AS_DOCUMENTED, NOT_TRIED, Tried, record_of, told_once, walk, write_record
 from bench.run.bench.opener import open_bench, unheard

@@ -5,8 +5,7 @@ from __future__ import annotations
 from bench.analysis import decimals_for, limits_text, number, unit_text, with_uncertainty
 from bench.maths.verdict import meaning_of
 from bench.model.systems import is_size
-from bench.model.texts import Texts
-from bench.model.titles import campaign_title, quantity_title
+from bench.model.texts import Texts, campaign_title, quantity_title
 from bench.report.batch.model import Batch, Member, Quantity, Spread, Unit, Yield
 from bench.report.estimate_tables import conditions_text, prefixed
 from bench.report.tables import Table, table_of

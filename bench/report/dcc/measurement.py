@@ -11,8 +11,7 @@ from datetime import date
 from typing import Any
 
 from bench.analysis import Estimates
-from bench.model.texts import ENGLISH, Texts
-from bench.model.titles import campaign_title
+from bench.model.texts import ENGLISH, Texts, campaign_title
 from bench.report.dcc.calibration import FOLDER, ITEM_ID, TEXTS, Calibration, Span
 from bench.report.dcc.dsi import CELSIUS, ONE, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words

@@ -11,8 +11,7 @@ from typing import Any
 
 from bench.analysis import Estimate, cell, decimals_for, is_sound, number, unit_text, with_uncertainty
 from bench.maths.verdict import worst
-from bench.model.texts import Texts
-from bench.model.titles import quantity_title
+from bench.model.texts import Texts, quantity_title
 from bench.report.estimate_tables import condition_head, condition_scale, condition_value, readable
 from bench.report.model import ReportModel
 from bench.report.tables import grouped, kind_of

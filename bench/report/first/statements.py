@@ -10,8 +10,7 @@ import numpy as np
 from bench.analysis import Estimate, is_sound, limits_of, limits_text, number, unit_text, with_uncertainty
 from bench.maths.verdict import NON_BINARY, meaning_of
 from bench.model.systems import analysis_declaration, is_size
-from bench.model.texts import Texts
-from bench.model.titles import quantity_title, value_title
+from bench.model.texts import Texts, quantity_title, value_title
 from bench.report.dcc import method_of
 from bench.report.estimate_tables import conditions_text, readable
 from bench.report.first.results import MEASURED

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import limits_text, number, unit_text
 from bench.model.systems import is_size
-from bench.model.texts import Texts
-from bench.model.titles import quantity_title
+from bench.model.texts import Texts, quantity_title
 from bench.report.batch.model import Batch, Spread
 from bench.report.estimate_tables import prefixed
 from bench.report.model import Picture

@@ -22,8 +22,7 @@ from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, RunError
 from bench.model.events import Event
 from bench.model.ports import Instrument
-from bench.model.posix import signals
-from bench.model.processes import DRILL_CONTROLLER, own_process
+from bench.model.posix import DRILL_CONTROLLER, own_process, signals
 from bench.plan import Station
 from bench.run.bench.beginning import begin_safely, identities_of
 from bench.run.bench.drill_controller import stimulate, stimulated

@@ -16,8 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.model.drivers import Command, Manual
 from bench.model.errors import BenchError
-from bench.model.manual import Command, Manual
 from bench.model.ports import Identity
 from bench.model.quantities import Values
 

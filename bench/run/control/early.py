@@ -17,7 +17,7 @@ from typing import IO
 from bench.model.clock import to_ns
 from bench.model.errors import RunError
 from bench.model.events import Verdict
-from bench.model.processes import EARLY_VERDICT, own_process
+from bench.model.posix import EARLY_VERDICT, own_process
 from bench.plan import Early
 from bench.run.context import RunContext
 from bench.run.control.channel import EARLY

@@ -17,7 +17,7 @@ from email.message import EmailMessage
 from functools import partial
 from typing import Any
 
-from bench.model.processes import APPRISE
+from bench.model.posix import APPRISE
 from bench.plan import Apprise, Mail, Notify, Webhook, web_address
 
 TIMEOUT_S = 10.0

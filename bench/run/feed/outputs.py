@@ -16,9 +16,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal
 
-from bench.model.drivers import driver_class
+from bench.model.drivers import driver_class, manual_of
 from bench.model.errors import BenchError
-from bench.model.manual import manual_of
 from bench.model.ports import Effect, Tells, effects_of
 from bench.model.units import format_quantity
 from bench.run.guard.last_words import roles_in_words

@@ -10,7 +10,7 @@ import json
 import sys
 from collections.abc import Callable
 
-from bench.model.processes import NOTICE, own_process
+from bench.model.posix import NOTICE, own_process
 from bench.plan import Notify
 from bench.run.control.notify_ways import ATTEMPTS, Message, NotSent, ways_of
 

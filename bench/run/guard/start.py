@@ -16,7 +16,7 @@ import bench
 from bench.model.clock import NS, Clock
 from bench.model.errors import RunError
 from bench.model.events import Guard
-from bench.model.processes import GUARD, own_process
+from bench.model.posix import GUARD, own_process
 from bench.run.guard.decision import Brief
 from bench.run.guard.health import CHAMBER_AIR, LINKS, SEQUENCER, Health
 from bench.run.guard.process import READY

@@ -5,8 +5,8 @@ from __future__ import annotations
 from datetime import timedelta
 from typing import Any
 
+from bench.model.drivers import manual_of
 from bench.model.errors import BenchError, InstrumentError
-from bench.model.manual import manual_of
 from bench.plan import WIRING, PlannedPrompt, PlannedRecord
 from bench.run.bench.first_contact import unproved
 from bench.run.bench.safety import hurried

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption, assumed
+from bench.model.systems import Assumption, assumed
 from bench.systems.af_converter.wording import say
 
 CLOCK_STEADY = 5e-6  # relative, within a visit of half an hour: a bad oscillator moves less

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption, assumed
+from bench.model.systems import Assumption, assumed
 from bench.systems.gnc.wording import say
 
 _TURN_deg = 1080.0  # of the published sequences

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption, assumed
+from bench.model.systems import Assumption, assumed
 from bench.systems.lock_in.wording import say
 
 _OUTPUTS = ("angle_random_walk", "quantisation_noise", "alignment_time")

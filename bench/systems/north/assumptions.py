@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption, assumed
+from bench.model.systems import Assumption, assumed
 from bench.systems.north.wording import say
 
 EARTH_DEG_H = 15.041  # rate of the Earth's rotation

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption, assumed
+from bench.model.systems import Assumption, assumed
 from bench.systems.time_sync.wording import say
 
 _QUANTILE = 5.0  # standard deviations at which a check of a recording speaks

@@ -16,8 +16,8 @@ from threading import Lock
 from typing import Any
 
 from bench.model.errors import BenchError, InputError
-from bench.model.folders import cache_folder
-from bench.model.processes import TREND, own_process
+from bench.model.posix import TREND, own_process
+from bench.model.shipped import cache_folder
 from bench.record import FOLDER, TrendReader, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.run.guard.diary import guard_word

@@ -16,7 +16,7 @@ from waiting import until
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
-from bench.model.processes import GUARD
+from bench.model.posix import GUARD
 from bench.record import SessionReader
 from bench.run.guard.decision import Address, Brief
 from bench.run.guard.diary import read_diary

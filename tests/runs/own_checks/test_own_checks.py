@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from bench.cli import app
 from bench.model.errors import InputErrors
-from bench.model.titles import quantity_title
+from bench.model.texts import quantity_title
 from bench.plan import PlannedCommand, PlannedRecord, PlannedSend, check_plan, compile_sequence
 from bench.record import SessionReader
 from bench.session.makeup import make_up_sequence

@@ -10,8 +10,8 @@ from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 
 from bench.model.clock import VirtualClock
+from bench.model.drivers import manual_of
 from bench.model.errors import InstrumentError
-from bench.model.manual import manual_of
 
 TIMEOUT = object()  # instead of a reply: the read times out
 BUS_ERROR = object()  # instead of a reply: the bus reports an error

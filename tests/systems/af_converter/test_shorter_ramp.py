@@ -26,8 +26,7 @@ from bench.design.shortest import misses
 from bench.model.errors import InputError
 from bench.plan import Plan, PlannedCall, PlannedRecord, check_plan, compile_sequence
 from bench.session.designed import problem_of
-from bench.session.planned import planned_of
-from bench.session.predicted import predicted
+from bench.session.predicted import planned_of, predicted
 from bench.systems.af_converter.bias_ramp.departures import SECOND_LAG, Rows
 from bench.systems.af_converter.bias_ramp.design.campaign import Candidate, Ramps
 from bench.systems.af_converter.constants import read_campaign

@@ -32,11 +32,11 @@ from doubt_classes import (
 from scipy import special
 
 from bench.analysis import Material, Trace, build_results, estimates_of
-from bench.model.assumptions import assumptions_of
+from bench.model.systems import assumptions_of
 from bench.session.coefficients import coefficients_of_session
 from bench.systems.af_converter.bias_ramp.analysis import analyse
 from bench.systems.af_converter.bias_ramp.departures import Rows
-from bench.systems.af_converter.estimators.pulses import count_step
+from bench.systems.af_converter.estimators.readings import count_step
 
 SEEDS = {of_counts: range(1), of_meter: range(3)}  # ten seeds of each, and 500 right worlds: make doubt
 SWITCHES = {worlds: {switch.name: switch for switch in worlds.SWITCHES} for worlds in (of_counts, of_meter, of_ramp)}

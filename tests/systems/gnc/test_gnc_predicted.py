@@ -37,8 +37,7 @@ from bench.frame import load_frame
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.plan import Plan, PlannedCommand
-from bench.session.planned import planned_of
-from bench.session.predicted import predicted
+from bench.session.predicted import planned_of, predicted
 from bench.systems.gnc import bias, magnetometer
 from bench.systems.gnc.predicted import of_magnetometer, of_unit_test
 from bench.systems.gnc.unit_test import analysis as unit_test

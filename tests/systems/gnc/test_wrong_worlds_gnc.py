@@ -12,7 +12,7 @@ import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, codes_of, is_hidden, right_world, sorted_classes
 
 from bench.analysis import build_results
-from bench.model.assumptions import assumptions_of
+from bench.model.systems import assumptions_of
 from bench.session.coefficients import coefficients_of_session
 from bench.systems.gnc.calibration.analysis import analyse
 

@@ -14,7 +14,7 @@ from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, Switch, codes_of, is_hi
 
 from bench.analysis import Evidence
 from bench.analysis.doubt import weigh
-from bench.model.assumptions import assumptions_of
+from bench.model.systems import assumptions_of
 from bench.systems.lock_in.analysis import analyse
 from bench.systems.lock_in.compensation import GLOBAL
 from bench.systems.lock_in.evidence import CONSTANTS, evidence

@@ -8,7 +8,7 @@ import doubt_north as worlds
 import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, is_hidden, right_world, sorted_classes
 
-from bench.model.assumptions import assumptions_of
+from bench.model.systems import assumptions_of
 
 SHORT = range(1)  # ten seeds of each, and 500 right worlds: make doubt
 

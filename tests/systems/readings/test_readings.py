@@ -18,8 +18,7 @@ from bench.analysis import Analysis, Evidence, Limits, Material, Reading, judged
 from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.plan import Plan, compile_sequence
-from bench.session.planned import planned_of
-from bench.session.predicted import predicted
+from bench.session.predicted import planned_of, predicted
 from bench.systems.readings.analysis import analyse
 from bench.systems.readings.estimators.polynomial import Curve, Points, fit_polynomial, function_of
 

@@ -7,7 +7,7 @@ import doubt_time_sync as worlds
 import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, codes_of, right_world, sorted_classes
 
-from bench.model.assumptions import Assumption, assumptions_of
+from bench.model.systems import Assumption, assumptions_of
 from bench.plan import compile_sequence
 
 _AGE, _DELAY = "Age of the solutions", "Least delay, "

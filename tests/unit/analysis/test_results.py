@@ -43,8 +43,8 @@ from bench.analysis import (
     without_check_standard,
 )
 from bench.analysis.doubt import FALSE_DOUBT, LEAST_MOVE, base_quantity, stated, weigh
-from bench.model.assumptions import assumptions_of
 from bench.model.errors import FitError, InputError
+from bench.model.systems import assumptions_of
 from bench.store.contents import contents_of
 
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "1"}

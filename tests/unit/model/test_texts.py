@@ -12,8 +12,17 @@ import pytest
 
 import bench
 from bench.model.errors import InputError
-from bench.model.texts import ENGLISH, Said, Sayings, Texts, check_language, languages, told
-from bench.model.titles import quantity_title, sequence_title
+from bench.model.texts import (
+    ENGLISH,
+    Said,
+    Sayings,
+    Texts,
+    check_language,
+    languages,
+    quantity_title,
+    sequence_title,
+    told,
+)
 
 
 @dataclass(frozen=True)

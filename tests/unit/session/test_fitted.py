@@ -18,7 +18,7 @@ from bench.commands.requests import RunRequest
 from bench.commands.verify import check_certificates
 from bench.model.errors import ExitStatus, FitError
 from bench.model.events import Resume
-from bench.model.folders import cache_folder
+from bench.model.shipped import cache_folder
 from bench.record import resume_session
 from bench.report import certificate_text
 from bench.session import shelf

@@ -31,7 +31,7 @@ from bench.systems.af_converter.estimators.hysteresis.fit import (
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, ModelShape, mean_of_walk
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit, OscillatorWindows, fit_oscillator
-from bench.systems.af_converter.estimators.pulses import PulseConverters, PulseRecords, stack_records
+from bench.systems.af_converter.estimators.readings import PulseConverters, PulseRecords, stack_records
 from bench.systems.af_converter.estimators.record_rate import RecordRates, record_rates
 from bench.systems.af_converter.wording import say
 

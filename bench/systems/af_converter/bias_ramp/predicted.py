@@ -34,7 +34,7 @@ from bench.systems.af_converter.bias_ramp.noise import declared_noise, noise_est
 from bench.systems.af_converter.constants import Campaign, Typical, read_campaign
 from bench.systems.af_converter.estimators.gates import Drive, usable_drive
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape
-from bench.systems.af_converter.estimators.pulses import TIMING
+from bench.systems.af_converter.estimators.readings import TIMING
 from bench.systems.af_converter.nominal import Counted, columns, nominal_row, pulses_in, window_s
 from bench.systems.af_converter.wording import kind_name, say
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.maths.arrays import Flags, Floats, Integers
-from bench.systems.af_converter.estimators.pulses import PulseConverters, PulseRecords, Pulses
+from bench.systems.af_converter.estimators.readings import PulseConverters, PulseRecords, Pulses
 
 _UNSETTLED_PULSES = np.sqrt(6.0)  # u = one pulse in the gate: half of the largest error, see gated
 _SETTLED_PULSES = 2

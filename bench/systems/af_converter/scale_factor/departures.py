@@ -34,12 +34,12 @@ from bench.maths.tests import of_many
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.assumptions import BETWEEN_VISITS_ppm
 from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, expired
-from bench.systems.af_converter.estimators.pulses import count_step
 from bench.systems.af_converter.estimators.readings import (
     QUANTISATION,
     RangeSpecification,
     Readings,
     calibrator_effects,
+    count_step,
     halves_A2,
     noise_parts,
     pulse_currents_A,

@@ -17,8 +17,8 @@ from pyvisa.constants import InterfaceType
 from pyvisa_py.sessions import Session, UnavailableSession
 
 from bench.model.clock import NS, VirtualClock, WallClock
+from bench.model.drivers import Manual
 from bench.model.errors import BenchError, ExitStatus, InputError, InstrumentError
-from bench.model.manual import Manual
 from bench.model.ports import Identity
 from bench.plan import Plan, Station, compile_sequence, load_station
 from bench.run.bench import opener

@@ -19,7 +19,7 @@ from pulse_simulation import (
 )
 
 from bench.model.ports import RecordWindow
-from bench.systems.af_converter.estimators.pulses import PulseConverters, PulseRecords, stack_records
+from bench.systems.af_converter.estimators.readings import PulseConverters, PulseRecords, stack_records
 from bench.systems.af_converter.estimators.record_rate import GATED, OMEGA, RECIPROCAL, RecordRates, record_rates, slope
 from bench.systems.af_converter.nominal import pulses_in
 
