@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # this revision is
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from block_rows import ROOT, add_row, read_rows, revision_of
+from kill_drill import one_temperature
 from loss_bench import possible_kinds
 from loss_judge import Recording, Span, Verdict, judge
 from loss_run import Drill
@@ -39,7 +40,6 @@ from loss_schedule import (
     drawn,
     scale_of,
 )
-from plan_sample import reworded
 
 from bench.plan import compile_sequence, load_station
 
@@ -48,11 +48,6 @@ KEEP = ROOT / "build" / "losses"
 JUDGED = ("bench", "instruments", "sim_instruments", "sequences", "stations", "tests/support/losses")
 STATION = ROOT / "stations" / "af_rack_sim.yaml"
 SEQUENCE = ROOT / "sequences" / "scale_factor_wall_30s.yaml"
-CUT = {
-    "in: [23 degC, 23.3 degC]": "in: [23 degC]",
-    "duration: 31.5 s": "duration: 15.75 s",
-    "records: 10": "records: 5",
-}
 COUNT, BENCHES = 200, 6
 STOPPED = 130
 MISSED = "missed"  # in place of the exit status: the run had ended before the moment of the loss
@@ -84,10 +79,8 @@ class Row:
 
 
 def sequence_in(folder: Path, scale: Scale) -> Path:
-    """Write the sequence of a drill: the shipped one, or cut down to one temperature."""
-    path = folder / SEQUENCE.name
-    path.write_text(reworded(SEQUENCE.read_text(), *(CUT.items() if scale.short else ()), once=True))
-    return path
+    """Return the sequence of a drill: the shipped one, or cut down to one temperature."""
+    return one_temperature(folder) if scale.short else SEQUENCE
 
 
 def steps_of(sequence: Path) -> list[PlanStep]:
