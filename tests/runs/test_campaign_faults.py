@@ -100,7 +100,7 @@ def mute(world: World, role: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("role", ["calibrator", "switch"])
+@pytest.mark.parametrize("role", ["calibrator", pytest.param("switch", marks=pytest.mark.sweep)])
 def test_an_instrument_that_stays_silent_ends_the_run_safely(tmp_path: Path, rehearse: Start, role: str) -> None:
     found = rehearse(tiny_plan(tmp_path), act=at_record(4, lambda world: mute(world, role)))
     error = ended_with(found, "B-RUN-070")  # after half an hour
@@ -110,7 +110,9 @@ def test_an_instrument_that_stays_silent_ends_the_run_safely(tmp_path: Path, reh
     assert (found.run.folder / "journal.jsonl").exists()
 
 
-@pytest.mark.parametrize("role", ["calibrator", "switch", "chamber", "supply"])
+@pytest.mark.parametrize(
+    "role", ["switch", "supply", *(pytest.param(role, marks=pytest.mark.sweep) for role in ("calibrator", "chamber"))]
+)
 def test_an_instrument_that_is_silent_for_a_while_costs_no_record(tmp_path: Path, rehearse: Start, role: str) -> None:
     def for_a_while(world: World) -> None:
         world.switches.switch("mute", role)
