@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from controller import FSYNC_S
-from kill_drill import LONGEST_S, ONE_TEMPERATURE, Process, after_some_records, one_temperature, session_in
+from kill_drill import LONGEST_S, Process, after_some_records, session_in
+from plan_sample import ONE_TEMPERATURE, one_temperature
 from served import SAFE_S, Controller, Served, serving
 from waiting import until
 

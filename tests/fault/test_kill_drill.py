@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from kill_drill import (
-    ONE_TEMPERATURE,
     RUN_S,
     Act,
     Drilled,
@@ -24,10 +23,10 @@ from kill_drill import (
     killed,
     killed_among_records,
     normalised_errors,
-    one_temperature,
     stopped,
     without_guard,
 )
+from plan_sample import ONE_TEMPERATURE, one_temperature
 from rehearsal import Inside
 from served import SAFE_S, Served
 

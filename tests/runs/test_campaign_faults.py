@@ -17,6 +17,7 @@ from bench.model.quality import Quality
 from bench.plan import Step
 from bench.record import RecordError, SessionWriter
 from bench.replay import replay_rows
+from bench.run.hold import standing
 from sim_instruments.worlds.common.world import World
 
 Start = Callable[..., Rehearsal]
@@ -93,9 +94,12 @@ def mute(world: World, role: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("role", ["calibrator", pytest.param("switch", marks=pytest.mark.sweep)])
-def test_an_instrument_that_stays_silent_ends_the_run_safely(tmp_path: Path, rehearse: Start, role: str) -> None:
+def test_an_instrument_that_stays_silent_ends_the_run_safely(
+    tmp_path: Path, rehearse: Start, role: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(standing, "AWAY_LIMIT_S", 60.0)
     found = rehearse(tiny_plan(tmp_path), act=at_record(4, lambda world: mute(world, role)))
-    error = ended_with(found, "B-RUN-070")  # after half an hour
+    error = ended_with(found, "B-RUN-070")
     assert role in error.where
     assert [(failure.where, failure.code) for failure in found.run.outcome.unsafe] == [(role, "B-RUN-060")]
     assert_safe(found.world)  # it hears what it cannot confirm

@@ -36,6 +36,7 @@ from bench.plan import Step
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay.parts import recorded_windows
 from bench.run.context import RunContext
+from bench.run.hold import standing
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import Conducted
 from bench.run.steps.setpoints import expected_of
@@ -231,7 +232,10 @@ def test_a_run_that_was_stopped_twice_goes_on_twice(crashes: Crashes, tmp_path: 
     assert in_order(view)
 
 
-def test_a_run_that_ended_by_a_fault_goes_on(tmp_path: Path, rehearse: Callable[..., Rehearsal]) -> None:
+def test_a_run_that_ended_by_a_fault_goes_on(
+    tmp_path: Path, rehearse: Callable[..., Rehearsal], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(standing, "AWAY_LIMIT_S", 60.0)
     plan = tiny_plan(tmp_path)
     target = kinds(plan)["between points"]
 

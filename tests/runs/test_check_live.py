@@ -21,16 +21,16 @@ pytestmark = pytest.mark.waits
 Row = dict[str, str]
 
 
-def looked(out: Path, sequence: str, *words: str) -> tuple[int, dict[str, Row], str]:
+def looked(inside: Inside, out: Path, sequence: str, *words: str) -> tuple[int, dict[str, Row], str]:
     """Exit status, findings by name, and what went to standard error."""
-    done = bench("check", sequence, "--live", "--json", "--out", str(out / "not-there"), *words)
+    done = inside("check", sequence, "--live", "--json", "--out", str(out / "not-there"), *words)
     document = json.loads(done.stdout)
     assert not (out / "not-there").exists(), "it only looks"
     return done.returncode, {row["name"]: row for row in document["preflight"]["findings"]}, done.stderr
 
 
-def test_a_bench_inside_the_process(tmp_path: Path) -> None:
-    status, found, said = looked(tmp_path, "scale_factor_short")
+def test_a_bench_inside_the_process(tmp_path: Path, inside: Inside) -> None:
+    status, found, said = looked(inside, tmp_path, "scale_factor_short")
     assert (status, said) == (0, "")
     assert {row["status"] for row in found.values()} <= {"ok", "warn", "skipped"}
     assert found["identity of calibrator"]["value"] == "5720A SIM5720"
@@ -38,8 +38,8 @@ def test_a_bench_inside_the_process(tmp_path: Path) -> None:
     assert found["write speed"]["status"] == "ok"
 
 
-def test_the_table_says_how_it_ends(tmp_path: Path) -> None:
-    done = bench("check", "scale_factor_short", "--live", "--out", str(tmp_path))
+def test_the_table_says_how_it_ends(tmp_path: Path, inside: Inside) -> None:
+    done = inside("check", "scale_factor_short", "--live", "--out", str(tmp_path))
     assert done.returncode == 0
     lines = done.stdout.splitlines()
     assert "Pre-flight" in lines
@@ -60,13 +60,15 @@ def outputs(served: Served) -> dict[str, Any]:
     return {role: {key: one[key] for key in one if key != "unchanged_s"} for role, one in state.items()}
 
 
-def looked_at(served: Served, out: Path) -> tuple[int, dict[str, Row], str]:
-    return looked(out, "scale_factor_wall", "--station", str(served.station))
+def looked_at(inside: Inside, served: Served, out: Path) -> tuple[int, dict[str, Row], str]:
+    return looked(inside, out, "scale_factor_wall", "--station", str(served.station))
 
 
-def test_fourteen_instruments_and_two_lines_are_as_they_should_be(served: Served, tmp_path: Path) -> None:
+def test_fourteen_instruments_and_two_lines_are_as_they_should_be(
+    served: Served, tmp_path: Path, inside: Inside
+) -> None:
     before = outputs(served)
-    status, found, said = looked_at(served, tmp_path)
+    status, found, said = looked_at(inside, served, tmp_path)
     assert (status, said) == (0, "")
     assert sum(name.startswith("identity of ") for name in found) == 14
     right = ("second controller", "line of port_a", "line of port_b", "10 MHz at counter", "laboratory air", "guard")
@@ -75,12 +77,14 @@ def test_fourteen_instruments_and_two_lines_are_as_they_should_be(served: Served
     assert outputs(served) == before, "nothing was switched"
 
 
-def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(served: Served, tmp_path: Path) -> None:
+def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(
+    served: Served, tmp_path: Path, inside: Inside
+) -> None:
     before = outputs(served)
     for words in (("mute", "dmm"), ("identity", "supply", "HEWLETT-PACKARD,6632A,1,1"), ("reference_lost",)):
         served.fault(*words)
     try:
-        status, found, said = looked_at(served, tmp_path)
+        status, found, said = looked_at(inside, served, tmp_path)
     finally:
         served.fault("clear")
     assert status == 3
@@ -95,11 +99,11 @@ def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(served: Serve
     assert outputs(served) == before
 
 
-def test_a_bench_in_use_is_left_alone(served: Served, tmp_path: Path) -> None:
+def test_a_bench_in_use_is_left_alone(served: Served, tmp_path: Path, inside: Inside) -> None:
     found_station = load_station(served.station)
     keys = bus_keys(entry.resource for entry in found_station.instruments.values())
     with BenchLock(keys, "run", WallClock()):
-        status, found, said = looked_at(served, tmp_path)
+        status, found, said = looked_at(inside, served, tmp_path)
     assert status == 2
     assert "B-RUN-080" in said
     assert "'run' of" in found["second controller"]["text"]

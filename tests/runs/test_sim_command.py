@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import serial
-from kill_drill import ONE_TEMPERATURE, one_temperature
+from plan_sample import ONE_TEMPERATURE, one_temperature
 from pyvisa.errors import VisaIOError
 from rehearsal import Inside, bench
 from served_bench import CLOCK, SEED, Served, powered_rack
@@ -39,7 +39,7 @@ def served(process: Served) -> Iterator[Served]:
     process.fault("clear")
 
 
-def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served) -> None:
+def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served, inside: Inside) -> None:
     roles = list(load_station(find_shipped("stations", "af_rack_sim")).instruments)
     assert len(roles) == 14
     assert [line.split(":")[0] for line in served.said] == [*roles, "port_a", "port_b", "station", "ready"]
@@ -47,7 +47,7 @@ def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served) ->
     assert (station.simulated, station.in_process, station.file.visa) == (True, False, "@py")
     assert list(station.instruments) == roles
     assert oct((served.folder / "control.sock").stat().st_mode)[-3:] == "600"
-    checked = bench("check", "scale_factor_wall", "--station", str(served.folder / "station.yaml"))
+    checked = inside("check", "scale_factor_wall", "--station", str(served.folder / "station.yaml"))
     assert checked.returncode == 0, checked.stderr
 
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rehearsal import ROOT, shortened
 from served import SAFE_S, Served
 
 from bench.commands.control import ask as ask_run
@@ -29,11 +28,6 @@ from bench.run.guard.diary import read_diary
 
 SEQUENCE = "scale_factor_wall_30s"
 RECORDS = 10
-ONE_TEMPERATURE = 5  # records
-CUT = {
-    "in: [23 degC, 23.3 degC]": "in: [23 degC]",
-    "duration: 31.5 s\nrecords: 10": "duration: 15.75 s\nrecords: 5",
-}
 SOME_RECORDS = 3
 RUN_S = 47.0  # from the start of the process to its results, on an idle machine
 LONGEST_S = 240.0
@@ -219,11 +213,6 @@ def without_guard(process: Process, out: Path) -> float:
 
 
 Act = Callable[[Process, Path], float]
-
-
-def one_temperature(folder: Path) -> Path:
-    """Write the sequence of the drills cut down to one temperature; return its file."""
-    return shortened(ROOT / "sequences" / f"{SEQUENCE}.yaml", folder, SEQUENCE, *CUT.items())
 
 
 def drill(

@@ -22,7 +22,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # this revision is
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from block_rows import ROOT, add_row, read_rows, revision_of
-from kill_drill import one_temperature
 from loss_bench import possible_kinds
 from loss_judge import Recording, Span, Verdict, judge
 from loss_run import Drill
@@ -40,6 +39,7 @@ from loss_schedule import (
     drawn,
     scale_of,
 )
+from plan_sample import WALL_30_s, one_temperature
 
 from bench.plan import compile_sequence, load_station
 
@@ -47,7 +47,6 @@ ROWS = ROOT / "tests" / "fault" / "losses.csv"
 KEEP = ROOT / "build" / "losses"
 JUDGED = ("bench", "instruments", "sim_instruments", "sequences", "stations", "tests/support/losses")
 STATION = ROOT / "stations" / "af_rack_sim.yaml"
-SEQUENCE = ROOT / "sequences" / "scale_factor_wall_30s.yaml"
 COUNT, BENCHES = 200, 6
 STOPPED = 130
 MISSED = "missed"  # in place of the exit status: the run had ended before the moment of the loss
@@ -80,7 +79,7 @@ class Row:
 
 def sequence_in(folder: Path, scale: Scale) -> Path:
     """Return the sequence of a drill: the shipped one, or cut down to one temperature."""
-    return one_temperature(folder) if scale.short else SEQUENCE
+    return one_temperature(folder) if scale.short else WALL_30_s
 
 
 def steps_of(sequence: Path) -> list[PlanStep]:
