@@ -301,7 +301,8 @@ def drilled(bench: Served, tmp_path: Path, sequence: str, number: signal.Signals
     """Yield the instruments while all is on, end the controller by a signal, and yield them when its guard is done."""
     path, station = tmp_path / "sequence.yaml", tmp_path / "station.yaml"
     path.write_text(sequence)
-    station.write_text(bench.station.read_text().replace("bus_time_factor: 1.0", "bus_time_factor: 0.1"))  # as it really is
+    as_it_is = ("bus_time_factor: 1.0", "bus_time_factor: 0.1")
+    station.write_text(bench.station.read_text().replace(*as_it_is))
     controller = Controller(station, path, tmp_path / "out")
     try:
         controller.wait_for(spoken)
