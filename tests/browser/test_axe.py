@@ -21,6 +21,7 @@ RUN = """(only) => axe.run({ resultTypes: ["violations"], ...(only.length ? { ru
     (node) => `${impact}: ${id}: ${node.target}: ${node.failureSummary}`)))"""
 THEME = "() => document.documentElement.dataset.theme"
 CONTRAST = "color-contrast"
+DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 PALE = """() => { document.querySelector("main").insertAdjacentHTML("beforeend",
   "<p style='color: #777; background: #888'>Outputs are on</p>"); }"""
 
@@ -37,7 +38,7 @@ def show(page: Page, size: dict[str, int], theme: str) -> None:
     page.emulate_media(color_scheme=theme)  # type: ignore[arg-type]
     if page.evaluate(THEME) not in (None, theme):
         page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
-    page.wait_for_timeout(500)  # sizes and colours are those of the new look
+    page.evaluate(DRAWN)  # sizes and colours are those of the new look
 
 
 def nothing_is_wrong(page: Page, *, crossed: bool = False) -> None:
@@ -154,7 +155,7 @@ def walk(page: Page) -> list[dict[str, object]]:
         page.keyboard.press("Tab")
         stop = page.evaluate(FOCUSED)
         for _ in range(PATIENCE_MS // POLL_ms):
-            if not stop["hidden"]:
+            if not stop["hidden"] or stop["control"] is None:  # the page itself
                 break
             page.wait_for_timeout(POLL_ms)  # it is not scrolled to yet, or its row was drawn anew at this moment
             stop = page.evaluate(FOCUSED)

@@ -4,7 +4,9 @@
 """
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from browser_rig import PageServer, visiting
@@ -13,6 +15,7 @@ from shown_run import LIVING, OVER, ShownRun, state_of
 
 pytestmark = pytest.mark.waits
 
+IN_THE_SWEEP = ("soak", "port", "instrument", "door", "pass", "fail")  # the first page has them all
 SIZES = {"wide": {"width": 1280, "height": 800}, "phone": {"width": 390, "height": 844}}
 
 # Age of what was heard last in the moment in which the page says that it knows nothing: by the page's own clock.
@@ -57,7 +60,11 @@ def picture(page: Page, path: Path) -> None:
         page.screenshot(path=path, full_page=True)
 
 
-@pytest.mark.parametrize("name", LIVING)
+def each(names: Iterable[str]) -> list[Any]:
+    return [pytest.param(name, marks=[pytest.mark.sweep] if name in IN_THE_SWEEP else []) for name in names]
+
+
+@pytest.mark.parametrize("name", each(LIVING))
 def test_the_page_of_a_run(
     browser: Browser, server: PageServer, living: dict[str, ShownRun], screenshots: Path, name: str
 ) -> None:
@@ -103,7 +110,7 @@ def test_a_first_page_whose_server_is_gone_is_unknown(browser: Browser, tmp_path
     run.close()
 
 
-@pytest.mark.parametrize("what", OVER)
+@pytest.mark.parametrize("what", each(OVER))
 def test_a_session_that_is_over_begins_with_its_outcome(
     browser: Browser, server: PageServer, over: dict[str, str], screenshots: Path, what: str
 ) -> None:

@@ -9,7 +9,7 @@ from documents import compare_folders, named_differences
 from revisions import HERE, ROOT, Bench, compare
 
 GOLDEN_FIT = "fit_0.1.0_golden_GOLDEN"
-FEW = {"gnc_unit_test", GOLDEN_FIT, "check_timeline_example", "check_resistance_thermometer", "plans_own_checks"}
+FEW = {"gnc_unit_test", GOLDEN_FIT, "check_resistance_thermometer", "plans_own_checks"}
 
 
 def few_cases() -> list[Case]:

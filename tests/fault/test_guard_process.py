@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from controller import FSYNC_S
-from kill_drill import LONGEST_S, RECORDS, SEQUENCE, Process, after_some_records, session_in
+from kill_drill import LONGEST_S, Process, after_some_records, session_in
+from plan_sample import ONE_TEMPERATURE, one_temperature
 from served import SAFE_S, Controller, Served, serving
 from waiting import until
 
@@ -245,15 +246,21 @@ SPINNING = """\
 sequence: spinning
 station: gnc_bench_sim
 frame: {rs422: gnc_422}
-timeline:
-  - {at: 0 s, call: {turntable.set_limits: {axis: 1, rate: 300 deg/s, acceleration: 300 deg/s2}}}
-  - {at: 4 s, call: {turntable.set_limits: {axis: 2, rate: 300 deg/s, acceleration: 300 deg/s2}}}
-  - {at: 8 s, call: {turntable.set_limits: {axis: 3, rate: 300 deg/s, acceleration: 300 deg/s2}}}
-  - {at: 12 s, call: turntable.close_interlock}
-  - {at: 23 s, call: {turntable.spin: {axis: 1, rate: -250 deg/s}}}
-  - {at: 26 s, call: {turntable.spin: {axis: 3, rate: 270 deg/s}}}
-  - {at: 29 s, call: {turntable.measure_rate: {axis: 3}}}
-  - {at: 600 s, call: turntable.open_interlock}
+prepare:
+  - turntable.set_limits: {axis: 1, rate: 300 deg/s, acceleration: 300 deg/s2}
+  - turntable.set_limits: {axis: 2, rate: 300 deg/s, acceleration: 300 deg/s2}
+  - turntable.set_limits: {axis: 3, rate: 300 deg/s, acceleration: 300 deg/s2}
+  - turntable.close_interlock
+  - settle: 2.2 s
+steps:
+  - turntable.spin: {axis: 1, rate: -250 deg/s}
+  - settle: 2 s
+  - turntable.spin: {axis: 3, rate: 270 deg/s}
+  - settle: 2 s
+  - turntable.measure_rate: {axis: 3}
+  - settle: 10 min
+finally:
+  - turntable.open_interlock
 """
 STREAMING = """\
 sequence: streaming
@@ -273,7 +280,7 @@ finally:
   - tagger.stop
   - supply.output_off
 """
-ENDS = [signal.SIGKILL, signal.SIGSTOP]
+STOPPED = pytest.param(signal.SIGSTOP, marks=pytest.mark.sweep)
 
 
 @pytest.fixture(scope="module")
@@ -292,9 +299,11 @@ def tagger_of(instruments: dict[str, Any]) -> tuple[object, ...]:
 
 def drilled(bench: Served, tmp_path: Path, sequence: str, number: signal.Signals, spoken: str) -> Iterator[Any]:
     """Yield the instruments while all is on, end the controller by a signal, and yield them when its guard is done."""
-    path = tmp_path / "sequence.yaml"
+    path, station = tmp_path / "sequence.yaml", tmp_path / "station.yaml"
     path.write_text(sequence)
-    controller = Controller(bench.station, path, tmp_path / "out")
+    as_it_is = ("bus_time_factor: 1.0", "bus_time_factor: 0.1")
+    station.write_text(bench.station.read_text().replace(*as_it_is))
+    controller = Controller(station, path, tmp_path / "out")
     try:
         controller.wait_for(spoken)
         time.sleep(0.5)
@@ -312,7 +321,7 @@ def drilled(bench: Served, tmp_path: Path, sequence: str, number: signal.Signals
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", ENDS)
+@pytest.mark.parametrize("number", [signal.SIGKILL, STOPPED])
 def test_a_killed_or_stopped_controller_leaves_a_table_at_rest_with_open_interlocks(
     table: Served, tmp_path: Path, number: signal.Signals
 ) -> None:
@@ -322,7 +331,7 @@ def test_a_killed_or_stopped_controller_leaves_a_table_at_rest_with_open_interlo
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("number", ENDS)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_killed_or_stopped_controller_leaves_no_stream_and_no_supply(tmp_path: Path, number: signal.Signals) -> None:
     with serving(tmp_path / "bench", of="rlg_bench_sim") as bench:
         streaming, rest = drilled(bench, tmp_path, STREAMING, number, "measure_current")
@@ -350,7 +359,8 @@ def stopped_together(served: Served, process: Process, guard: int) -> tuple[floa
 
 @pytest.mark.slow
 def test_the_stimulus_goes_off_and_the_point_is_taken_again(served: Served, out: Path) -> None:
-    words = ["run", SEQUENCE, "--station", str(served.station), "--clock", "wall", "--out", str(out)]
+    sequence = str(one_temperature(out.parent))
+    words = ["run", sequence, "--station", str(served.station), "--clock", "wall", "--out", str(out)]
     out.mkdir()
     process = Process(out / "said", *words)
     try:
@@ -381,7 +391,7 @@ def _judge(folder: Path, stopped_s: float, awake_s: float) -> None:
     assert STOPPED_S <= suspend["seconds"] <= awake_s - stopped_s + 1.0
     assert (hold["by"], hold["step"]) == ("suspend", armed["step"])
     windows = [row.window for row in replay_rows(folder, strict=True).measurement_rows]
-    assert len({window.step for window in windows}) == len(windows) == RECORDS
+    assert len({window.step for window in windows}) == len(windows) == ONE_TEMPERATURE
     for window in windows:
         assert window.t_end_ns < stopped_s * NS or window.t_start_ns > awake_s * NS
     assert [entry["what"] for entry in read_diary(folder / "guard.jsonl")] == ["ready", "asleep", "dismissed"]

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from kill_drill import (
     RUN_S,
-    SEQUENCE,
     Act,
     Drilled,
     compared_of,
@@ -27,6 +26,7 @@ from kill_drill import (
     stopped,
     without_guard,
 )
+from plan_sample import ONE_TEMPERATURE, one_temperature
 from rehearsal import Inside
 from served import SAFE_S, Served
 
@@ -53,7 +53,7 @@ def pool(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[list[Served
         served.close()
 
 
-def all_of(pool: list[Served], out: Path, jobs: Sequence[Job]) -> list[Drilled]:
+def all_of(pool: list[Served], out: Path, jobs: Sequence[Job], **more: Any) -> list[Drilled]:
     """Every job (instants, what is done then) on the next bench that is free, in the order of the jobs."""
     free: SimpleQueue[Served] = SimpleQueue()
     for served in pool:
@@ -63,7 +63,7 @@ def all_of(pool: list[Served], out: Path, jobs: Sequence[Job]) -> list[Drilled]:
         served = free.get()
         try:
             instants_s, *acts = jobs[number]
-            done = drill(served, out / f"run{number}", instants_s, *acts)
+            done = drill(served, out / f"run{number}", instants_s, *acts, **more)
         finally:
             free.put(served)
         print(f"{number}: {[(one.phase, round(one.safe_s, 2)) for one in done.kills]} {done.trouble}", flush=True)
@@ -107,7 +107,9 @@ def troubles(done: Sequence[Drilled]) -> list[str]:
 @pytest.mark.parametrize("pool", [1], indirect=True)
 def test_a_kill_and_a_stop(pool: list[Served], tmp_path: Path, inside: Inside) -> None:
     """A run is killed inside the points and stopped on its way back into them; one of virtual time is undisturbed."""
-    done = all_of(pool, tmp_path / "out", [((18.0, 5.0), killed_among_records, stopped)])
+    sequence = str(one_temperature(tmp_path))
+    jobs = [((18.0, 5.0), killed_among_records, stopped)]
+    done = all_of(pool, tmp_path / "out", jobs, sequence=sequence, records=ONE_TEMPERATURE)
     print(told(done))
     assert troubles(done) == []
     assert done[0].worst_s <= SAFE_S
@@ -115,7 +117,7 @@ def test_a_kill_and_a_stop(pool: list[Served], tmp_path: Path, inside: Inside) -
     assert done[0].acknowledged > 0
     if done[0].estimates:  # a machine without time leaves gaps in the streams, which are flagged
         words = ("--station", "af_rack_sim", "--clock", "virtual", "--seed", str(SEED))
-        assert inside("run", SEQUENCE, *words, "--out", str(tmp_path / "virtual")).returncode == 0
+        assert inside("run", sequence, *words, "--out", str(tmp_path / "virtual")).returncode == 0
         (results,) = (tmp_path / "virtual").glob("*/results.json")
         reference = Drilled(estimates=compared_of(json.loads(results.read_text())))
         assert max(held_against([reference], done)) <= MOST_E_N

@@ -21,7 +21,7 @@ from sim_instruments.worlds.common.world import World
 pytestmark = pytest.mark.waits
 
 CYCLES = 1000
-SHORT = 60
+SHORT = 15
 SERVED = 40
 
 

@@ -36,6 +36,7 @@ from bench.plan import Step
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay.parts import recorded_windows
 from bench.run.context import RunContext
+from bench.run.hold import standing
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import Conducted
 from bench.run.steps.setpoints import expected_of
@@ -46,9 +47,9 @@ from sim_instruments.worlds.af_converter import core as ngu_core
 from sim_instruments.worlds.common.world import World
 
 RECORDS = 15 + 2  # with the wiring check
-QUICK = ("wiring", "behind a record", "finally")
-REST = ("prompt", "power", "soak", "first point", "between points", "last record")
-PLACES = (*QUICK, *(pytest.param(place, marks=pytest.mark.slow) for place in REST))
+FIRST = ("prompt", "wiring", "soak", "behind a record", "between points", "finally")
+REST = ("power", "first point", "last record")
+PLACES = (*FIRST, *(pytest.param(place, marks=pytest.mark.sweep) for place in REST))
 
 
 def records_in(folder: Path) -> dict[int, int]:
@@ -57,9 +58,8 @@ def records_in(folder: Path) -> dict[int, int]:
     return {item.window.number: item.window.step for item in windows}
 
 
-def worst_sigma(view: SessionView, other: SessionView) -> float:
+def worst_sigma(first: dict[str, dict[str, Any]], second: dict[str, dict[str, Any]]) -> float:
     """Largest difference of the scale-factor errors in their combined standard uncertainty."""
-    first, second = (dsf_of(one) for one in (view, other))
     assert first.keys() == second.keys()
     return max(
         abs(entry["value"] - second[name]["value"]) / (2**0.5 * entry["std_uncertainty"])
@@ -105,9 +105,15 @@ def gone_on(crashes: Crashes, tmp_path_factory: pytest.TempPathFactory) -> Calla
     return cache(go)
 
 
+@pytest.fixture(scope="module")
+def undisturbed(crashes: Crashes) -> dict[str, dict[str, Any]]:
+    """Return the scale-factor errors of the run that nobody killed."""
+    return dsf_of(read_view(crashes.whole))
+
+
 @pytest.mark.parametrize("place", PLACES)
 def test_a_killed_run_goes_on_and_gives_the_same_results(
-    crashes: Crashes, gone_on: Callable[[str], GoneOn], place: str
+    crashes: Crashes, undisturbed: dict[str, dict[str, Any]], gone_on: Callable[[str], GoneOn], place: str
 ) -> None:
     done = gone_on(place)
     assert done.run.outcome.error is None
@@ -120,7 +126,7 @@ def test_a_killed_run_goes_on_and_gives_the_same_results(
     view = read_view(done.folder)
     assert len(view.splices) == 1
     assert not view.incomplete
-    sigma = worst_sigma(view, read_view(crashes.whole))
+    sigma = worst_sigma(dsf_of(view), undisturbed)
     print(f"seed {SEED}, killed at {place}: worst difference {sigma:.2f} standard uncertainties")
     assert sigma < 3.0
     assert_safe(done.watched.worlds[-1])
@@ -226,7 +232,10 @@ def test_a_run_that_was_stopped_twice_goes_on_twice(crashes: Crashes, tmp_path: 
     assert in_order(view)
 
 
-def test_a_run_that_ended_by_a_fault_goes_on(tmp_path: Path, rehearse: Callable[..., Rehearsal]) -> None:
+def test_a_run_that_ended_by_a_fault_goes_on(
+    tmp_path: Path, rehearse: Callable[..., Rehearsal], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(standing, "AWAY_LIMIT_S", 60.0)
     plan = tiny_plan(tmp_path)
     target = kinds(plan)["between points"]
 

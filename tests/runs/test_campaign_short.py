@@ -5,7 +5,6 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from subprocess import CompletedProcess
 from types import SimpleNamespace
@@ -13,16 +12,13 @@ from typing import Any
 
 import jsonschema
 import pytest
-from rehearsal import NAME, SEED, Inside, SOAK_s, contents, record_golden, rehearsed, tiny_plan, writable_copy
+from rehearsal import NAME, SEED, Inside, contents, record_golden, rehearsed, tiny_plan, writable_copy
 
 from bench.analysis import results_schema
-from bench.model.events import event_of
-from bench.plan import Plan, steps_of
+from bench.plan import Plan
 from bench.record import SessionReader
 from bench.run.besides import besides
-from bench.run.context import RunContext
 from bench.run.feed.client import FeedClient, FeedGone
-from bench.run.feed.state import RunState
 from bench.run.session import Beside, Conducted
 from bench.tables import watch
 
@@ -107,15 +103,7 @@ def test_a_copy_elsewhere_replays_fits_and_reports_without_the_truth(
     assert (copy / "report.html").read_bytes() == (folder / "report.html").read_bytes()
 
 
-@pytest.mark.parametrize("method", ["paper", "ols"])
-def test_other_methods_read_the_same_session(short: Short, method: str, inside: Inside) -> None:
-    done = inside("fit", str(short[0]), "--method", method)
-    assert done.returncode == 0, done.stderr
-    assert f"method {method}" in done.stdout
-
-
 UTC_S = 946_684_800.0
-LATE = (("slot: 1800 s", "slot: 1200 s"), ("duration: 2250 s", "duration: 1650 s"))  # too short to get warm
 
 
 class Crowd:
@@ -229,63 +217,3 @@ def test_a_watched_run_writes_the_same_bytes_and_tells_the_truth(
 
 def utc_s(t_ns: int) -> float:
     return t_ns / 1e9 + UTC_S
-
-
-def documents_of(folder: Path, look: Callable[[float, RunState], None]) -> RunState:
-    """Feed a recording to a state and look at it before each event."""
-    reader = SessionReader(folder)
-    state = RunState(steps_of(reader.texts["plan.json"]), reader.manifest, source="replay")
-    for message in reader.messages(frozenset({"/event", "/instrument/"})):
-        t_utc_s = utc_s(message.t_ns)
-        if message.topic == "/event":
-            look(t_utc_s, state)
-            state.on_event(event_of(*message.event()), t_utc_s)
-        else:
-            line = message.document()
-            state.on_traffic(message.topic.rpartition("/")[2], line["direction"], line["text"], t_utc_s)
-    return state
-
-
-def held_for_a_while(from_s: float) -> Beside:
-    """The run stands still for 200 s from a time on."""
-
-    def beside(context: RunContext) -> AbstractContextManager[None]:
-        holds = context.stop.holds
-        held: list[object] = []
-
-        def look() -> None:
-            now_s = context.clock.now_ns() / 1e9
-            if now_s >= from_s and not held:
-                held.append(holds.hold("operator", "door"))
-            elif now_s >= from_s + 200.0:
-                holds.release("operator")
-
-        context.clock.every(1.0, look)
-        return nullcontext()
-
-    return beside
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("act", ["pause", "late soak"])
-def test_a_recording_says_the_same_and_when_the_run_will_end(tmp_path: Path, act: str) -> None:
-    plan = tiny_plan(tmp_path, *(LATE if act == "late soak" else ()))
-    beside = [held_for_a_while(plan.prepare_s + SOAK_s + 50.0)] if act == "pause" else []
-    folder = conducted(plan, tmp_path / "out", lambda: None, *beside).folder
-    (end,) = [utc_s(t_ns) for _, t_ns, _ in SessionReader(folder).events("end")]
-    known = [utc_s(t_ns) for _, t_ns, _ in SessionReader(folder).events("release" if act == "pause" else "late")]
-    assert len(known) == 1  # before it nobody can know how much later the run will be over
-    ranges: list[tuple[float, float]] = []
-
-    def look(t_utc_s: float, state: RunState) -> None:
-        document = state.document(t_utc_s)
-        if document["eta"] is not None and document["state"] == "running" and t_utc_s > known[0]:
-            ranges.append((document["eta"]["earliest_utc_s"], document["eta"]["latest_utc_s"]))
-
-    state = documents_of(folder, look)
-    assert ranges
-    for earliest, latest in ranges:
-        assert earliest <= end + 0.5 <= latest + 0.5
-    final = state.document(end)
-    assert (final["state"], final["outcome"]) == ("ended", {"error": None, "text": "done"})
-    assert (final["records"]["done"], final["progress"]) == (15, 1.0)

@@ -273,11 +273,11 @@ FIGURES = {"scale_factor": 7, "bias_ramp": 8}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["scale_factor", "bias_ramp"])
+@pytest.mark.parametrize("name", ["scale_factor", pytest.param("bias_ramp", marks=pytest.mark.sweep)])
 def test_page_and_paper_are_legible_and_name_what_counts(
-    name: str, short: tuple[Path, CompletedProcess[str]], ramp: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = short[0] if name == "scale_factor" else ramp
+    folder = request.getfixturevalue("short")[0] if name == "scale_factor" else request.getfixturevalue("ramp")
     figures = report_sample.recorded_figures(monkeypatch)
     view = read_view(folder)
     report = report_of(view, *analyse_view(view))

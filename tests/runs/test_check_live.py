@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 from older_firmware import OlderFirmware
-from rehearsal import Inside, bench, main_of
+from rehearsal import Inside, bench, rehearsed
 from served import Served, serving
 
 from bench.model.clock import WallClock
-from bench.plan import load_station
+from bench.plan import compile_sequence, load_station
 from bench.run.guard.lock import BenchLock, bus_keys
 from sim_instruments import acutrol_3000
 
@@ -21,16 +21,16 @@ pytestmark = pytest.mark.waits
 Row = dict[str, str]
 
 
-def looked(out: Path, sequence: str, *words: str) -> tuple[int, dict[str, Row], str]:
+def looked(inside: Inside, out: Path, sequence: str, *words: str) -> tuple[int, dict[str, Row], str]:
     """Exit status, findings by name, and what went to standard error."""
-    done = bench("check", sequence, "--live", "--json", "--out", str(out / "not-there"), *words)
+    done = inside("check", sequence, "--live", "--json", "--out", str(out / "not-there"), *words)
     document = json.loads(done.stdout)
     assert not (out / "not-there").exists(), "it only looks"
     return done.returncode, {row["name"]: row for row in document["preflight"]["findings"]}, done.stderr
 
 
-def test_a_bench_inside_the_process(tmp_path: Path) -> None:
-    status, found, said = looked(tmp_path, "scale_factor_short")
+def test_a_bench_inside_the_process(tmp_path: Path, inside: Inside) -> None:
+    status, found, said = looked(inside, tmp_path, "scale_factor_short")
     assert (status, said) == (0, "")
     assert {row["status"] for row in found.values()} <= {"ok", "warn", "skipped"}
     assert found["identity of calibrator"]["value"] == "5720A SIM5720"
@@ -38,8 +38,8 @@ def test_a_bench_inside_the_process(tmp_path: Path) -> None:
     assert found["write speed"]["status"] == "ok"
 
 
-def test_the_table_says_how_it_ends(tmp_path: Path) -> None:
-    done = bench("check", "scale_factor_short", "--live", "--out", str(tmp_path))
+def test_the_table_says_how_it_ends(tmp_path: Path, inside: Inside) -> None:
+    done = inside("check", "scale_factor_short", "--live", "--out", str(tmp_path))
     assert done.returncode == 0
     lines = done.stdout.splitlines()
     assert "Pre-flight" in lines
@@ -60,13 +60,15 @@ def outputs(served: Served) -> dict[str, Any]:
     return {role: {key: one[key] for key in one if key != "unchanged_s"} for role, one in state.items()}
 
 
-def looked_at(served: Served, out: Path) -> tuple[int, dict[str, Row], str]:
-    return looked(out, "scale_factor_wall", "--station", str(served.station))
+def looked_at(inside: Inside, served: Served, out: Path) -> tuple[int, dict[str, Row], str]:
+    return looked(inside, out, "scale_factor_wall", "--station", str(served.station))
 
 
-def test_fourteen_instruments_and_two_lines_are_as_they_should_be(served: Served, tmp_path: Path) -> None:
+def test_fourteen_instruments_and_two_lines_are_as_they_should_be(
+    served: Served, tmp_path: Path, inside: Inside
+) -> None:
     before = outputs(served)
-    status, found, said = looked_at(served, tmp_path)
+    status, found, said = looked_at(inside, served, tmp_path)
     assert (status, said) == (0, "")
     assert sum(name.startswith("identity of ") for name in found) == 14
     right = ("second controller", "line of port_a", "line of port_b", "10 MHz at counter", "laboratory air", "guard")
@@ -75,12 +77,14 @@ def test_fourteen_instruments_and_two_lines_are_as_they_should_be(served: Served
     assert outputs(served) == before, "nothing was switched"
 
 
-def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(served: Served, tmp_path: Path) -> None:
+def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(
+    served: Served, tmp_path: Path, inside: Inside
+) -> None:
     before = outputs(served)
     for words in (("mute", "dmm"), ("identity", "supply", "HEWLETT-PACKARD,6632A,1,1"), ("reference_lost",)):
         served.fault(*words)
     try:
-        status, found, said = looked_at(served, tmp_path)
+        status, found, said = looked_at(inside, served, tmp_path)
     finally:
         served.fault("clear")
     assert status == 3
@@ -95,11 +99,11 @@ def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(served: Serve
     assert outputs(served) == before
 
 
-def test_a_bench_in_use_is_left_alone(served: Served, tmp_path: Path) -> None:
+def test_a_bench_in_use_is_left_alone(served: Served, tmp_path: Path, inside: Inside) -> None:
     found_station = load_station(served.station)
     keys = bus_keys(entry.resource for entry in found_station.instruments.values())
     with BenchLock(keys, "run", WallClock()):
-        status, found, said = looked_at(served, tmp_path)
+        status, found, said = looked_at(inside, served, tmp_path)
     assert status == 2
     assert "B-RUN-080" in said
     assert "'run' of" in found["second controller"]["text"]
@@ -181,23 +185,41 @@ def test_a_driver_without_a_table(table: Served, tmp_path: Path, monkeypatch: py
         commission.commission("turntable", str(as_a_real_one(table, tmp_path)), "somebody", yes=False)
 
 
-def calibrated(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Any:
-    """Return the estimates of a short calibration on the turntable, in virtual time."""
-    words = [f"--set={name}={value}" for name, value in (("position", "10 s"), ("check_position", "10 s"))]
-    line = ("run", "gnc_imu_calibration", "--clock", "virtual", "--seed", "3", "--out", str(folder), *words)
-    assert main_of(monkeypatch, *line, "--set=warm_up=1 min") == 0
-    (results,) = folder.glob("*/results.json")
-    return json.loads(results.read_text())["estimates"]
+MOTION = """\
+sequence: motion
+station: gnc_bench_sim
+frame: {rs422: gnc_422}
+prepare:
+  - turntable.set_limits: {axis: 1, rate: 300 deg/s, acceleration: 300 deg/s2}
+  - turntable.set_limits: {axis: 2, rate: 300 deg/s, acceleration: 300 deg/s2}
+  - turntable.set_limits: {axis: 3, rate: 300 deg/s, acceleration: 300 deg/s2}
+  - turntable.close_interlock
+steps:
+  - turntable.move: {axis: 1, angle: 90 deg, rate: 45 deg/s}
+  - settle: 10 s
+  - turntable.measure_position: {axis: 1}
+  - turntable.spin: {axis: 1, rate: -250 deg/s}
+  - settle: 5 s
+  - turntable.measure_rate: {axis: 1}
+  - turntable.stop: {axis: 1}
+  - settle: 20 s
+finally:
+  - turntable.open_interlock
+"""
 
 
-@pytest.mark.slow
-def test_a_campaign_with_the_differing_firmware_has_the_same_estimates(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    usual = calibrated(monkeypatch, tmp_path / "usual")
+def moved(folder: Path) -> tuple[list[float], str]:
+    """Return what the turntable says while it is moved in virtual time, and its firmware."""
+    folder.mkdir()
+    (folder / "motion.yaml").write_text(MOTION)
+    run = rehearsed(folder / "out", compile_sequence(folder / "motion.yaml")).run
+    assert (run.outcome.error, run.outcome.unsafe) == (None, ())
+    read = [float(fields["value"]) for kind, _, fields in run.events if kind == "reading"]
+    return read, run.manifest["identities"]["turntable"]["firmware"]
+
+
+def test_the_differing_firmware_is_moved_alike(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    usual = moved(tmp_path / "usual")
     monkeypatch.setattr(acutrol_3000, "SIMULATOR", OlderFirmware)
-    older = calibrated(monkeypatch, tmp_path / "older")
-    assert len(usual) > 20
-    assert older == usual
-    (report,) = (tmp_path / "older").glob("*/report.html")
-    assert re.search(r"ACUTROL3000.{,200}\b0\.9\b", report.read_text(), re.DOTALL)
+    assert moved(tmp_path / "older") == (usual[0], "0.9") != usual
+    assert usual[0] == pytest.approx([90.0, -250.0], abs=1e-3)

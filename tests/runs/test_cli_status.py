@@ -281,7 +281,10 @@ def test_a_full_standard_output_is_told_once_and_changes_no_status(golden: Path)
     assert (done.stderr, done.returncode) == (told, ExitStatus.PASS)
 
 
-@pytest.mark.parametrize("closing", ["|& true", ">&- 2>&-", "<&- >&- 2>&-", ">/dev/full 2>&1"])
+IN_THE_SWEEP = [pytest.param(closing, marks=pytest.mark.sweep) for closing in (">&- 2>&-", ">/dev/full 2>&1")]
+
+
+@pytest.mark.parametrize("closing", ["|& true", "<&- >&- 2>&-", *IN_THE_SWEEP])
 def test_results_are_written_when_nobody_listens(closing: str, tmp_path: Path) -> None:
     """Standard output and error are closed pipes, full, or closed altogether: the campaign is done all the same."""
     command = [sys.executable, "-m", "bench", "run", GOLDEN_SEQUENCE, "--out", str(tmp_path)]

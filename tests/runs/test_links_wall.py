@@ -280,7 +280,7 @@ class StallingFiles(OsFiles):
         return StallingFile(super().create(path), self.gate)
 
 
-@pytest.mark.parametrize("seconds", [3.0, pytest.param(10.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", [3.0, pytest.param(10.0, marks=pytest.mark.sweep)])
 def test_a_disk_that_stalls_for_some_seconds_costs_nothing(tmp_path: Path, seconds: float) -> None:
     files = StallingFiles()
     bench = Bench(tmp_path, files)

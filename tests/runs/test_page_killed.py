@@ -40,7 +40,7 @@ def watch(server: ServedPage) -> str:
     raise AssertionError("the run was never seen")
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_killed_page_server_leaves_the_run_as_it_is(
     short: tuple[Path, CompletedProcess[str]], tmp_path: Path
 ) -> None:

@@ -1,5 +1,6 @@
 """bench report --verify: what was altered in a session or in what was computed from it is named; nothing is written."""
 
+import copy
 import hashlib
 import json
 import shutil
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from rehearsal import ROOT
 
+from bench.commands import verify as command
 from bench.commands.certificate import certificate
 from bench.commands.fit import fit, report
 from bench.commands.recover import recover
@@ -33,12 +35,19 @@ Alter = Callable[[Path], object]
 
 
 REPORTS: dict[str, Report] = {}  # by the results they show, which name the hash of the recording
+ANALYSED: dict[bytes, Any] = {}  # by the bytes of the recording
 
 
 @pytest.fixture(autouse=True)
-def drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A report of the same results is drawn for the first test that needs it, and compared by all."""
-    plain = verification.report_of
+def drawn_once(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same bytes are analysed, and their report is drawn, for the first test that needs it, and compared by all."""
+    plain, analysed = verification.report_of, command.analyse_view
+
+    def analyse_view(view: Any) -> Any:
+        raw = (session / SEGMENT).read_bytes()
+        if raw not in ANALYSED:
+            ANALYSED[raw] = analysed(view)
+        return copy.deepcopy(ANALYSED[raw])
 
     def report_of(view: Any, results: Any, analysis: Any, laboratory: Any) -> Report:
         shown = f"{verification.results_json(results)}{laboratory}"
@@ -47,6 +56,7 @@ def drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return REPORTS[shown]
 
     monkeypatch.setattr(verification, "report_of", report_of)
+    monkeypatch.setattr(command, "analyse_view", analyse_view)
 
 
 @pytest.fixture

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 import serial
+from plan_sample import ONE_TEMPERATURE, one_temperature
 from pyvisa.errors import VisaIOError
-from rehearsal import Inside, bench, shortened
+from rehearsal import Inside, bench
 from served_bench import CLOCK, SEED, Served, powered_rack
 from sim_bench import timed_out
 
@@ -38,7 +39,7 @@ def served(process: Served) -> Iterator[Served]:
     process.fault("clear")
 
 
-def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served) -> None:
+def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served, inside: Inside) -> None:
     roles = list(load_station(find_shipped("stations", "af_rack_sim")).instruments)
     assert len(roles) == 14
     assert [line.split(":")[0] for line in served.said] == [*roles, "port_a", "port_b", "station", "ready"]
@@ -46,7 +47,7 @@ def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served) ->
     assert (station.simulated, station.in_process, station.file.visa) == (True, False, "@py")
     assert list(station.instruments) == roles
     assert oct((served.folder / "control.sock").stat().st_mode)[-3:] == "600"
-    checked = bench("check", "scale_factor_wall", "--station", str(served.folder / "station.yaml"))
+    checked = inside("check", "scale_factor_wall", "--station", str(served.folder / "station.yaml"))
     assert checked.returncode == 0, checked.stderr
 
 
@@ -259,14 +260,9 @@ def test_it_ends_clean_and_takes_over_from_one_that_was_killed(tmp_path: Path) -
     assert sorted(path.name for path in folder.iterdir()) == ["ports.json", "sim.lock", "station.yaml"]
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_a_run_in_another_process_loses_nothing_and_is_true(tmp_path: Path) -> None:
-    shipped = find_shipped("sequences", "scale_factor_wall_30s")
-    half = (
-        ("in: [23 degC, 23.3 degC]", "in: [23 degC]"),
-        ("duration: 31.5 s\nrecords: 10", "duration: 15.75 s\nrecords: 5"),
-    )
-    sequence = shortened(shipped, tmp_path, "one_temperature", *half)  # half as long, and true all the same
+    sequence = one_temperature(tmp_path)  # half as long, and true all the same
     served = Served(tmp_path / "sim", "af_rack_sim", "--seed", str(SEED))
     station = str(served.folder / "station.yaml")
     for out in (tmp_path / "out", tmp_path / "again"):
@@ -284,7 +280,7 @@ def test_a_run_in_another_process_loses_nothing_and_is_true(tmp_path: Path) -> N
     (folder,) = (path for path in out.iterdir() if path.is_dir())
     results = json.loads((folder / "results.json").read_text())
     quality = results["quality"]
-    assert (quality["records"], quality["frames_lost"], quality["frames_bad"]) == (5, 0, 0)
+    assert (quality["records"], quality["frames_lost"], quality["frames_bad"]) == (ONE_TEMPERATURE, 0, 0)
     assert quality["frames"] > 1500
     _hold_against_the_truth(results)
 

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.waits
 
 SAFE_S = 5.0
 OFF = {"calibrator": "STBY", "switch": ":OPEN ALL", "supply": "OUTP OFF"}
+EARLY = (0, 3, 11)  # SIGTERM and SIGINT behind it, SIGINT, SIGTERM
 LATEST_S = 9.0  # after the first step: preparation, wiring check, soak, the first points
 
 
@@ -91,7 +92,9 @@ def last_off(reader: SessionReader) -> dict[str, int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(n, marks=pytest.mark.sweep) for n in range(4, 210))])
+@pytest.mark.parametrize(
+    "seed", [*EARLY, *(pytest.param(n, marks=pytest.mark.sweep) for n in set(range(210)) - set(EARLY))]
+)
 def test_signals_at_random_instants(tmp_path: Path, plan: Plan, seed: int) -> None:
     done, signals = stopped(plan, tmp_path, seed)
     run = done.run

@@ -38,8 +38,8 @@ from soak_campaign import (
 from bench.analysis import Estimate
 from bench.run import sequencer
 
-SEEDS = 15
-SHORT_INTERVAL_S = 50.0  # between faults: so short that as many faults are drawn as in 24 campaigns of make soak
+SEEDS = 8
+SHORT_INTERVAL_S = 50.0  # between faults: so short that as many faults are drawn as in 13 campaigns of make soak
 
 
 @pytest.mark.slow

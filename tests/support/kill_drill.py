@@ -215,7 +215,9 @@ def without_guard(process: Process, out: Path) -> float:
 Act = Callable[[Process, Path], float]
 
 
-def drill(served: Served, out: Path, instants_s: Sequence[float], *acts: Act) -> Drilled:
+def drill(
+    served: Served, out: Path, instants_s: Sequence[float], *acts: Act, sequence: str = SEQUENCE, records: int = RECORDS
+) -> Drilled:
     """Start a run, kill it at each instant in turn (the first in the run, the others in what goes on), let it end.
 
     ``acts``: what is done at each instant, the last one at all that follow.
@@ -230,7 +232,7 @@ def drill(served: Served, out: Path, instants_s: Sequence[float], *acts: Act) ->
         if folder is not None and not resumable(folder):
             done.begun_anew += 1
             folder = None
-        begin = ["run", SEQUENCE, "--station", str(served.station), "--clock", "wall", "--out", str(out)]
+        begin = ["run", sequence, "--station", str(served.station), "--clock", "wall", "--out", str(out)]
         process = Process(out / "said.txt", *(begin if folder is None else ["resume", str(folder)]))
         try:
             status = process.ended_by(due[0] if due else LONGEST_S)
@@ -247,7 +249,7 @@ def drill(served: Served, out: Path, instants_s: Sequence[float], *acts: Act) ->
             process.log.rename(out / f"ended_early{done.ended_early}.txt")
             continue
         break
-    _judge(done, out, status, process.said()[-600:])
+    _judge(done, out, status, process.said()[-600:], records)
     return done
 
 
@@ -281,7 +283,7 @@ def sums_of(row: RecordRow) -> dict[str, Any]:
     return {"step": row.window.step, "frames": row.frames, "lost": row.lost, "sums": sums}
 
 
-def _judge(done: Drilled, out: Path, status: int | None, said: str) -> None:
+def _judge(done: Drilled, out: Path, status: int | None, said: str, records: int) -> None:
     """Compare the end with what was there at each kill."""
     folder = session_in(out)
     if folder is None:
@@ -301,7 +303,7 @@ def _judge(done: Drilled, out: Path, status: int | None, said: str) -> None:
         return
     results = json.loads((folder / "results.json").read_text())
     steps = {row["step"] for row in rows.values()}
-    if results["quality"]["records"] != RECORDS or len(steps) != RECORDS:
+    if results["quality"]["records"] != records or len(steps) != records:
         done.trouble.append(f"{results['quality']['records']} records at {len(steps)} steps")
     _splices(done, folder, results)
     with _ONE_AT_A_TIME:

@@ -123,6 +123,21 @@ def reworded(text: str, *changes: tuple[str, str], once: bool = False) -> str:
     return text
 
 
+WALL_30_s = ROOT / "sequences" / "scale_factor_wall_30s.yaml"
+ONE_TEMPERATURE = 5  # records
+CUT = {
+    "in: [23 degC, 23.3 degC]": "in: [23 degC]",
+    "duration: 31.5 s\nrecords: 10": "duration: 15.75 s\nrecords: 5",
+}
+
+
+def one_temperature(folder: Path) -> Path:
+    """Write the half-minute campaign of drills cut down to one temperature; return its file."""
+    path = folder / WALL_30_s.name
+    path.write_text(reworded(WALL_30_s.read_text(), *CUT.items(), once=True))
+    return path
+
+
 def mistakes(path: Path, overrides: dict[str, str] | None = None) -> list[InputError]:
     """Everything that loading, compiling and checking find."""
     try:

@@ -1,7 +1,7 @@
 """The feed of a run: a Unix socket that answers what the run does and its newest points (docs/live-protocol.md).
 
 One thread answers all, out of memory of fixed size. Nobody is waited for: a client has one reply under way at a time
-and is dropped when it does not read it, sends no whole line, or asks for nothing for ``IDLE_S``; one that asks more
+and is dropped when it does not read it, sends no whole line, or asks for nothing for ``idle_s``; one that asks more
 often than each ``GAP_S`` waits. Nothing that goes wrong here reaches the run.
 """
 
@@ -22,7 +22,6 @@ from bench.run.feed.client import LENGTHS
 from bench.run.feed.points import PointBatch
 
 LONGEST_LINE = 4096
-IDLE_S = 10.0
 GAP_S = 0.05
 STATE_S = 0.1  # a state document serves everybody for that long
 
@@ -44,7 +43,7 @@ class FeedServer(LocalServer[_Client]):
     """
 
     client = _Client
-    idle_s = IDLE_S
+    idle_s = 10.0
 
     def __init__(
         self,
@@ -93,7 +92,7 @@ class FeedServer(LocalServer[_Client]):
         else:
             line, _, rest = bytes(client.received).partition(b"\n")
             client.received = bytearray(rest)
-            client.next_ns, client.until_ns = now_ns + to_ns(GAP_S), now_ns + to_ns(IDLE_S)
+            client.next_ns, client.until_ns = now_ns + to_ns(GAP_S), now_ns + to_ns(self.idle_s)
             reply = self._reply(line, now_ns)
             if reply is None:
                 self._drop(client)

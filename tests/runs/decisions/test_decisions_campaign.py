@@ -97,22 +97,17 @@ def test_what_decided_is_not_made_up(crashes: Crashes, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [9, 13, 14, 28, IF, 66, CHOOSE, 72])
 def test_a_killed_run_goes_on_with_what_was_decided(crashes: Crashes, number: int, tmp_path: Path) -> None:
-    """Nothing is decided twice, the ways taken are those of the undisturbed run, and a replay gives the same bytes."""
+    """Nothing is decided twice, and the ways taken are those of the undisturbed run."""
     source = crashes.at(number)
     before = decided(source)
-    folders = [Path(shutil.copytree(source, tmp_path / name / NAME)) for name in ("first", "second")]
-    for folder in folders:
-        assert go_on(folder).outcome.error is None
-    first, second = folders
-    steps = [step for step, _, _ in decided(first)]
+    folder = Path(shutil.copytree(source, tmp_path / NAME))
+    assert go_on(folder).outcome.error is None
+    steps = [step for step, _, _ in decided(folder)]
     assert steps == sorted(set(steps))
-    assert decided(first)[: len(before)] == before
-    assert [one[:2] for one in decided(first)] == [one[:2] for one in decided(crashes.whole)]
-    assert contents(first) == contents(second)
-    results = [analyse_view(read_view(folder))[0] for folder in (first, second, first)]
-    assert results[0] == results[1] == results[2]
-    whole = analyse_view(read_view(crashes.whole))[0]
-    assert [one["conditions"] for one in results[0]["estimates"]] == [one["conditions"] for one in whole["estimates"]]
+    assert decided(folder)[: len(before)] == before
+    assert [one[:2] for one in decided(folder)] == [one[:2] for one in decided(crashes.whole)]
+    results, whole = (analyse_view(read_view(one))[0] for one in (folder, crashes.whole))
+    assert [one["conditions"] for one in results["estimates"]] == [one["conditions"] for one in whole["estimates"]]
 
 
 def test_the_commands_go_on_and_replay_to_the_same_bytes(crashes: Crashes, tmp_path: Path) -> None:
@@ -121,8 +116,7 @@ def test_the_commands_go_on_and_replay_to_the_same_bytes(crashes: Crashes, tmp_p
     for folder in folders:
         assert "going on at step 12 of" in command("resume", folder)
         assert "every number is identical" in command("replay", folder)
-    first, second = ((folder / "results.json").read_bytes() for folder in folders)
-    assert first == second
+    assert contents(folders[0]) == contents(folders[1])
 
 
 def failing(times: int) -> AtMeter:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from kill_drill import LONGEST_S, Process, killed, resumable, safe_after_s, session_in
 from own_lab import DRIVER, copied
-from rehearsal import bench
+from rehearsal import Inside, bench
 from served import SAFE_S, serving
 from waiting import until
 
@@ -63,13 +63,13 @@ def test_no_run_begins_under_a_guard_that_found_other_code(tmp_path: Path, monke
 
 @pytest.mark.slow
 @pytest.mark.limit(SAFE_S)
-def test_killed_moved_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_killed_moved_and_resumed(tmp_path: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
     lab, out = copied(tmp_path / "lab"), tmp_path / "out"
     out.mkdir()
     monkeypatch.chdir(lab)
     with serving(tmp_path / "served", of="t100_bench") as served:
         words = ("--station", str(served.station), "--clock", "wall", "--out", str(out))
-        short = ("--set", "dwell=6 s", "--set", "between=1 s")
+        short = ("--set", "dwell=4 s", "--set", "between=1 s")
         process = Process(out / "said.txt", "run", "air_mean", *words, *short)
         try:
             _first_record(out, process)
@@ -84,19 +84,19 @@ def test_killed_moved_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
         text = (lab / DRIVER).read_text()
         (lab / DRIVER).write_text(text + "\n# changed\n")
-        refused = bench("resume", str(folder), cwd=lab)
+        refused = inside("resume", str(folder), cwd=lab)
         assert (refused.returncode, refused.stderr.count("\n")) == (2, 1), refused.stderr
         assert f"error B-LAB-007: {DRIVER}: " in refused.stderr
         (lab / DRIVER).write_text(text)
         moved = lab.rename(tmp_path / "moved")
-        nowhere = bench("resume", str(folder), cwd=tmp_path)
+        nowhere = inside("resume", str(folder), cwd=tmp_path)
         assert (nowhere.returncode, "there is no lab folder here" in nowhere.stderr) == (2, True)
         resumed = bench("resume", str(folder), cwd=moved)
         assert resumed.returncode in (0, 1), resumed.stderr
         results = json.loads((folder / "results.json").read_text())
         assert {entry["conditions"]["place"] for entry in results["estimates"]} == {1, 2}
         assert results["quality"]["splices"] == 1
-        verified = bench("report", "--verify", str(folder), cwd=moved)
+        verified = inside("report", "--verify", str(folder), cwd=moved)
         assert (verified.returncode, "identical: " in verified.stdout) == (0, True), verified.stdout
 
 

@@ -102,9 +102,9 @@ def test_intervals_hold_the_truth_of_the_simulated_unit(lab: Path) -> None:
     ("check", "option", "failed"),
     [
         ("supply_test", "rail_V=5.2", "rail"),
-        ("supply_test", "idle_A=0.17", "current"),
+        pytest.param("supply_test", "idle_A=0.17", "current", marks=pytest.mark.sweep),
         ("linearity", "monitor_bow_ppm=2000", "monitor_c0 monitor_nonlinearity"),
-        ("linearity", "monitor_gain_ppm=5000", "monitor_c1"),
+        pytest.param("linearity", "monitor_gain_ppm=5000", "monitor_c1", marks=pytest.mark.sweep),
         ("thermistor", "thermistor_ppm=100000", "nominal_temperature"),
     ],
 )

@@ -39,7 +39,7 @@ from loss_schedule import (
     drawn,
     scale_of,
 )
-from plan_sample import reworded
+from plan_sample import WALL_30_s, one_temperature
 
 from bench.plan import compile_sequence, load_station
 
@@ -47,12 +47,6 @@ ROWS = ROOT / "tests" / "fault" / "losses.csv"
 KEEP = ROOT / "build" / "losses"
 JUDGED = ("bench", "instruments", "sim_instruments", "sequences", "stations", "tests/support/losses")
 STATION = ROOT / "stations" / "af_rack_sim.yaml"
-SEQUENCE = ROOT / "sequences" / "scale_factor_wall_30s.yaml"
-CUT = {
-    "in: [23 degC, 23.3 degC]": "in: [23 degC]",
-    "duration: 31.5 s": "duration: 15.75 s",
-    "records: 10": "records: 5",
-}
 COUNT, BENCHES = 200, 6
 STOPPED = 130
 MISSED = "missed"  # in place of the exit status: the run had ended before the moment of the loss
@@ -84,10 +78,8 @@ class Row:
 
 
 def sequence_in(folder: Path, scale: Scale) -> Path:
-    """Write the sequence of a drill: the shipped one, or cut down to one temperature."""
-    path = folder / SEQUENCE.name
-    path.write_text(reworded(SEQUENCE.read_text(), *(CUT.items() if scale.short else ()), once=True))
-    return path
+    """Return the sequence of a drill: the shipped one, or cut down to one temperature."""
+    return one_temperature(folder) if scale.short else WALL_30_s
 
 
 def steps_of(sequence: Path) -> list[PlanStep]:

@@ -24,6 +24,7 @@ from bench.run.control.local_socket import LIVE, socket_path
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
 from bench.run.feed.points import PointBatch
 from bench.run.feed.server import FeedServer
+from bench.web import live
 from bench.web.live import FeedLine, LiveRun
 from bench.web.security.tokens import OPERATOR, VIEWER
 
@@ -129,14 +130,17 @@ def test_many_pages_cost_the_run_one_question(page: Page, feed: FeedStandIn) -> 
         assert sum(request["state"] for request in feed.asked) < len(feed.asked) / 2 + 2
 
 
-def test_a_run_that_does_not_answer_is_lost_and_found_again(page: Page, feed: FeedStandIn) -> None:
+def test_a_run_that_does_not_answer_is_lost_and_found_again(
+    page: Page, feed: FeedStandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "LOST_S", 0.5)
     with watching(page) as connection:
         until(connection, "snapshot")
         feed.close()
         delta = until(connection, "delta")
         lost = delta["patch"]
         assert (lost["state"], lost["attention"], lost["bench"]["state"]) == ("lost", "much", "unknown")
-        assert until(connection, "heartbeat")["age_s"] > 3
+        assert until(connection, "heartbeat")["age_s"] > 0.5
         again = FeedStandIn(page.serving.out / RUN)
         again.made = 1000
         try:

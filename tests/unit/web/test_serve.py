@@ -218,6 +218,13 @@ def is_cut(stream: socket.socket) -> bool:
 @pytest.mark.parametrize("begin", [b"", b"G", b"GET / HTTP/1.1\r\nHost: x\r\n", b"answered", b"body"])
 def test_a_connection_that_asks_nothing_whole_is_cut(page: Page, monkeypatch: pytest.MonkeyPatch, begin: bytes) -> None:
     monkeypatch.setattr(serving, "HEAD_S", 0.3)
+    made = serving.PatientHttp.connection_made
+
+    def hurried(self: serving.PatientHttp, transport: Any) -> None:
+        made(self, transport)
+        self.timeout_keep_alive = 0.3  # 5 s of uvicorn, behind an answer
+
+    monkeypatch.setattr(serving.PatientHttp, "connection_made", hurried)
     host = f"Host: 127.0.0.1:{page.port}\r\n".encode()
     known = {
         b"answered": whole(page) + b"GET / HT",  # the second request of a connection that had an answer

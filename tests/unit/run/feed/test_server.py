@@ -178,7 +178,7 @@ def test_what_is_no_request_ends_the_connection(tmp_path: Path, line: bytes) -> 
 def test_one_that_asks_and_never_reads_is_dropped_and_the_others_are_served(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(served_by, "IDLE_S", 0.5)
+    monkeypatch.setattr(FeedServer, "idle_s", 0.5)
     large = PointBatch(10, 0, 0, b"\0" * 5_000_000)
     with (
         served(tmp_path, points=lambda since: large if since else three_points(0)) as server,
@@ -217,7 +217,7 @@ def test_one_that_asks_wildly_waits_and_one_that_says_nothing_goes(
     assert min(late_ns) >= -1_000_000
     assert min(np.diff(asked)) >= 4_000_000
     assert len(states) < 40  # one document serves for a while
-    monkeypatch.setattr(served_by, "IDLE_S", 0.1)
+    monkeypatch.setattr(FeedServer, "idle_s", 0.1)
     with served(tmp_path) as server, connected(tmp_path) as silent:
         assert silent.recv(10) == b""
         until(lambda: server._clients == [])
