@@ -1,7 +1,7 @@
 """Temperature of the unit in the fit: gaps in the housekeeping, a failing chamber, an inaccurate sensor."""
 
-import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import fit_simulation as sim
@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from fit_simulation import analysed as run
 from one_estimate import every as of
-from trials import without_budgets
 
-from bench.analysis import Analysis
+from bench.analysis import Analysis, Material
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.af_converter import groups
@@ -24,6 +23,7 @@ from bench.systems.af_converter.groups import (
     group_rows,
     unit_temperatures,
 )
+from bench.systems.af_converter.scale_factor.estimates import Determined, determine
 
 SEED = 21
 MISTAKEN = 15  # campaigns that show a mistake by its size
@@ -35,8 +35,8 @@ SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
 
 
 def without_housekeeping(campaign: sim.SimulatedCampaign, lost: Callable[[sim.Row], bool]) -> sim.SimulatedCampaign:
-    rows = [dataclasses.replace(row, context={}, quality=Quality.STALE) if lost(row) else row for row in campaign.rows]
-    return dataclasses.replace(campaign, rows=rows)
+    rows = [replace(row, context={}, quality=Quality.STALE) if lost(row) else row for row in campaign.rows]
+    return replace(campaign, rows=rows)
 
 
 @pytest.fixture
@@ -48,16 +48,15 @@ def worst_score(analysis: Analysis, campaign: sim.SimulatedCampaign, quantities:
     return max(abs(score) for name in quantities for score in scores_of(analysis, campaign, name, channel=1))
 
 
-def scores_of(analysis: Analysis, campaign: sim.SimulatedCampaign, quantity: str, **conditions: Any) -> list[float]:
+def scores_of(analysis: Analysis | Determined, campaign: sim.SimulatedCampaign, quantity: str, **conditions: Any) -> list[float]:
     """Errors over stated standard uncertainties."""
     found = of(analysis, quantity, **conditions)
     return [(one.value - campaign.truth(one)) / one.std_uncertainty for one in found]
 
 
-@pytest.fixture
-def _no_budgets() -> Iterator[None]:
-    with without_budgets():
-        yield
+def determined(campaign: sim.SimulatedCampaign, **changes: Any) -> Determined:
+    """Return what the fit finds, before anything doubts it; ``changes`` are of the manifest."""
+    return determine(Material(campaign.rows, campaign.campaign | changes, campaign.standards), "gls")
 
 
 def test_half_of_the_housekeeping_missing_moves_nothing(
@@ -128,10 +127,10 @@ def test_reach_of_the_interpolation(campaign: sim.SimulatedCampaign, apart_s: fl
     starts_s = [1000.0, 1120.0, 1240.0]
     starts_s[side] = starts_s[1] + (apart_s if side else -apart_s)
     rows = [
-        dataclasses.replace(
+        replace(
             row,
             context={} if index == 1 else {"unit_temperature_degC": -10.0 + index},
-            window=dataclasses.replace(
+            window=replace(
                 row.window, t_start_ns=round(1e9 * starts_s[index]), t_end_ns=round(1e9 * starts_s[index]) + 10**11
             ),
         )
@@ -146,7 +145,7 @@ def test_reach_of_the_interpolation(campaign: sim.SimulatedCampaign, apart_s: fl
         assert known[2].std_degC == pytest.approx(np.hypot(2 / np.sqrt(12), 0.05))
     warmer = rows[2].window.conditions | {"temperature_degC": 5.0}
     for change in ({"link": "port_c"}, {"conditions": warmer}):
-        other = dataclasses.replace(rows[2], window=dataclasses.replace(rows[2].window, **change))
+        other = replace(rows[2], window=replace(rows[2].window, **change))
         assert 2 not in unit_temperatures([*rows[:2], other])
 
 
@@ -170,12 +169,12 @@ def test_a_chamber_that_fails_leaves_no_result_under_its_set_point(campaign: sim
     """Records flagged by the cutter, and one whose interpolated temperature is off, count as not settled."""
     for index, row in enumerate(campaign.rows):
         conditions = row.window.conditions | {"settle_band_degC": 1.0}
-        change: dict[str, Any] = {"window": dataclasses.replace(row.window, conditions=conditions)}
+        change: dict[str, Any] = {"window": replace(row.window, conditions=conditions)}
         if conditions["temperature_degC"] == 50.0 and conditions["channel"] == 2:
             stale = row.window.number % 2
             change["context"] = {} if stale else {"unit_temperature_degC": 40.0}
             change["quality"] = Quality.STALE if stale else Quality.NOT_SETTLED
-        campaign.rows[index] = dataclasses.replace(row, **change)
+        campaign.rows[index] = replace(row, **change)
     analysis = run(campaign)
     (missing,) = analysis.missing
     assert missing.startswith("channel 2 at 50 degC:")
@@ -185,7 +184,6 @@ def test_a_chamber_that_fails_leaves_no_result_under_its_set_point(campaign: sim
 
 
 @TRIALS
-@pytest.mark.usefixtures("_no_budgets")
 def test_sensor_of_the_unit_is_in_the_uncertainty(trials: int, margin: float) -> None:
     """A thermometer off by 1 degC (one sigma), the same in a campaign: scores keep unit size only if it is declared."""
     quantities = (*SCALE_FACTORS, "dsf_n_tc0", "dsf_n_tc1", "dsf_n_tc2", "bias_tc0")
@@ -196,11 +194,11 @@ def test_sensor_of_the_unit_is_in_the_uncertainty(trials: int, margin: float) ->
         campaign = sim.simulate(seed, switches)
         for entry in campaign.standards["calibrator"]["uncertainty"]:
             entry["relative"] = 1e-9
-        analysis = run(campaign, temperature_sensor_u95_degC=2.0)
+        known = determined(campaign, temperature_sensor_u95_degC=2.0)
         for name in quantities:
-            scores[name] += scores_of(analysis, campaign, name)
+            scores[name] += scores_of(known, campaign, name)
         if seed < MISTAKEN:
-            silent += scores_of(run(campaign, temperature_sensor_u95_degC=None), campaign, "dsf_n")
+            silent += scores_of(determined(campaign, temperature_sensor_u95_degC=None), campaign, "dsf_n")
     rms = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in scores.items()}
     print(rms, "not declared:", np.sqrt(np.mean(np.square(silent))))
     assert all(1.0 - margin < value < 1.0 + margin for value in rms.values())
@@ -216,7 +214,6 @@ def test_a_unit_that_still_warms_while_it_is_measured_is_told(campaign: sim.Simu
 
 
 @TRIALS
-@pytest.mark.usefixtures("_no_budgets")
 def test_declared_drift_of_the_calibrator_is_in_the_coefficient(trials: int, margin: float) -> None:
     """2 ppm (one sigma) over the campaign: tc1 scores keep unit size if the register declares it."""
     scores: dict[bool, list[float]] = {True: [], False: []}
@@ -224,8 +221,8 @@ def test_declared_drift_of_the_calibrator_is_in_the_coefficient(trials: int, mar
         campaign = sim.simulate(seed, sim.Switches(gain_drift_sigma=2e-6))
         for declared in scores if seed < MISTAKEN else [True]:
             calibrator = campaign.standards["calibrator"] | ({"drift_relative": 4e-6} if declared else {})
-            analysis = run(campaign, standards={"calibrator": calibrator})
-            scores[declared] += scores_of(analysis, campaign, "dsf_n_tc1") + scores_of(analysis, campaign, "dsf_p_tc1")
+            known = determined(replace(campaign, standards={"calibrator": calibrator}))
+            scores[declared] += [one for name in ("dsf_n_tc1", "dsf_p_tc1") for one in scores_of(known, campaign, name)]
     rms = {declared: float(np.sqrt(np.mean(np.square(values)))) for declared, values in scores.items()}
     print(rms)
     assert rms[True] == pytest.approx(0.95, abs=margin)
