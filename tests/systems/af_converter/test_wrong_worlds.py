@@ -41,13 +41,11 @@ from bench.systems.af_converter.estimators.pulses import count_step
 SEEDS = {of_counts: range(1), of_meter: range(3)}  # ten seeds of each, and 500 right worlds: make doubt
 SWITCHES = {worlds: {switch.name: switch for switch in worlds.SWITCHES} for worlds in (of_counts, of_meter, of_ramp)}
 SIZES = [
-    pytest.param(
-        worlds, switch, size, id=f"{worlds.SYSTEM}-{switch.name}-{size:g}",
-        marks=[pytest.mark.sweep] * (worlds is of_counts and size != switch.sizes[1]),
-    )  # fmt: skip
+    pytest.param(worlds, switch, size, id=f"{worlds.SYSTEM}-{switch.name}-{size:g}", marks=[pytest.mark.sweep] * long)
     for worlds in SEEDS
     for switch in SWITCHES[worlds].values()
     for size in switch.sizes
+    for long in [worlds is of_counts and size != switch.sizes[1]]
 ]
 
 
@@ -87,7 +85,11 @@ def test_what_is_wrong_is_named(worlds: Any, name: str, size: float, left: str, 
 
 @pytest.mark.parametrize(
     ("worlds", "seeds"),
-    [(of_counts, 3), (of_meter, 5), *(pytest.param(*ten, marks=pytest.mark.sweep) for ten in ((of_counts, 10), (of_meter, 20)))],
+    [
+        (of_counts, 3),
+        (of_meter, 5),
+        *(pytest.param(*ten, marks=pytest.mark.sweep) for ten in ((of_counts, 10), (of_meter, 20))),
+    ],
 )
 def test_a_right_world_is_not_doubted(worlds: Any, seeds: int) -> None:
     for seed in range(seeds):

@@ -18,6 +18,8 @@ from bench.run.session import conduct
 from bench.session.service import read_view
 from bench.session.view import analyse_view
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 TRUTH_SEED = 41
 
 

@@ -48,7 +48,9 @@ def worst_score(analysis: Analysis, campaign: sim.SimulatedCampaign, quantities:
     return max(abs(score) for name in quantities for score in scores_of(analysis, campaign, name, channel=1))
 
 
-def scores_of(analysis: Analysis | Determined, campaign: sim.SimulatedCampaign, quantity: str, **conditions: Any) -> list[float]:
+def scores_of(
+    analysis: Analysis | Determined, campaign: sim.SimulatedCampaign, quantity: str, **conditions: Any
+) -> list[float]:
     """Errors over stated standard uncertainties."""
     found = of(analysis, quantity, **conditions)
     return [(one.value - campaign.truth(one)) / one.std_uncertainty for one in found]

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations, compress, product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -248,12 +248,12 @@ class Campaigns:
         asked = [today.get(Key(entry.quantity, "", kind), 0.0) for entry, kind in zip(stated, kinds, strict=True)]
         rows = replace(rows, expanded=np.maximum(rows.expanded, asked))
         wanted = {quantity for quantity, _ in self.wanted}
-        shown = [entry.quantity in wanted and "repeat" not in entry.conditions for entry in stated]
         return weakest(
             (f"{one.family} ({kind})", entry.quantity, float(power))
             for one, of_it in zip(departures, powers(rows, departures, SHARE), strict=True)
             if _is_kept(one)
-            for power, entry, kind in compress(zip(of_it, stated, kinds, strict=True), shown)
+            for power, entry, kind in zip(of_it, stated, kinds, strict=True)
+            if entry.quantity in wanted and "repeat" not in entry.conditions
         )
 
     def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:
