@@ -138,8 +138,8 @@ def test_no_record_is_so_long_that_a_channel_gets_warmer() -> None:
 
 @pytest.mark.slow
 @pytest.mark.validates(
-    "campaign of 26 h: stated intervals hold the truth",
-    against="40 simulated campaigns, in the sweep 100",
+    "campaign of 26 h: intervals hold the truth",
+    against="40 campaigns, sweep 100",
 )
 @pytest.mark.parametrize("campaigns", [40, pytest.param(100, marks=pytest.mark.sweep)])
 def test_stated_intervals_hold_the_truth(record_property: Any, campaigns: int) -> None:
@@ -204,13 +204,16 @@ class FirstOfRange(wrong.Wrong):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("sizes", [slice(1, 2), pytest.param(slice(0, None, 2), marks=pytest.mark.sweep)])
 @pytest.mark.parametrize("switch", wrong.SWITCHES, ids=lambda switch: switch.name)
-def test_no_wrong_world_is_believed_that_the_given_plan_tells(monkeypatch: pytest.MonkeyPatch, switch: Any) -> None:
+def test_no_wrong_world_is_believed_that_the_given_plan_tells(
+    monkeypatch: pytest.MonkeyPatch, switch: Any, sizes: slice
+) -> None:
     """Seeds 0 and 1 of each size. What no data can show, an assumption names: it may put more values off where it puts
     off some already, since the uncertainties are smaller now; nothing else may.
     """
     monkeypatch.setattr(wrong, "WRONG", 7)
-    for size in switch.sizes:
+    for size in switch.sizes[sizes]:
         if switch.name == "clock_misread" and size < CLOCK_STEADY:  # the assumption names it
             continue
         now = believed(SHORTER, switch, size)

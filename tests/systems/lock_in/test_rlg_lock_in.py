@@ -9,12 +9,9 @@ from typing import Any
 
 import pytest
 from one_estimate import value
-from rehearsal import SEED, Crashes, Inside, Watched, bench, crashed_at, go_on, nobody, watch_worlds
+from rehearsal import Crashes, Inside, bench, crashed_at, go_on, nobody, watch_worlds
 
-from bench.model.clock import VirtualClock
 from bench.plan import Plan, compile_sequence
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 from bench.session.service import read_view
 from bench.session.view import analyse_view
 
@@ -160,14 +157,3 @@ def test_a_killed_campaign_is_gone_on_with_and_replays_identically(
         assert found.keys() == whole.keys(), number
         assert not watched.worlds[-1].instruments["supply"].on
     assert found == names_of(folder)
-
-
-def test_same_seed_same_bytes(killed: Crashes, tmp_path: Path) -> None:
-    """The run that was copied on its way, and another one."""
-    run = conduct(
-        killed.plan, clock=VirtualClock(), seed=SEED, out=tmp_path, operator=SimulatedOperator(),
-        listener=Watched(lambda world, step: None, worlds=[None]),  # type: ignore[list-item]
-    )  # fmt: skip
-    assert run.outcome.error is None
-    first, again = ((folder / "session.0001.mcap").read_bytes() for folder in (killed.whole, run.folder))
-    assert first == again
