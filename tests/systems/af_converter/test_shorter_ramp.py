@@ -268,7 +268,7 @@ def test_every_rival_that_the_given_ramp_shows_is_seen() -> None:
 
 @pytest.mark.validates(
     "power against a second lag of a bias ramp",
-    against="the search on 40 draws, sweep 100",
+    against="search on 40 draws, sweep 100",
 )
 @pytest.mark.parametrize("draws", [40, pytest.param(100, marks=pytest.mark.sweep)])
 def test_a_rival_is_seen_as_often_as_its_power_says(record_property: Record, draws: int) -> None:
