@@ -13,12 +13,10 @@ from one_estimate import every as of
 from bench.analysis import Analysis, Material
 from bench.model.errors import FitError
 from bench.model.quality import Quality
-from bench.systems.af_converter import groups
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.group_fit import fit_groups
 from bench.systems.af_converter.groups import (
     LONGEST_REACH_s,
-    UnitTemperature,
     campaign_rows,
     group_rows,
     unit_temperatures,
@@ -26,7 +24,6 @@ from bench.systems.af_converter.groups import (
 from bench.systems.af_converter.scale_factor.estimates import Determined, determine
 
 SEED = 21
-MISTAKEN = 15  # campaigns that show a mistake by its size
 # Campaigns, and how far the size of scores may be from 1: a factor of sqrt 2 is seen by 50, one of 1.2 by 150.
 TRIALS = pytest.mark.parametrize(
     ("trials", "margin"), [(50, 0.25), pytest.param(150, 0.15, marks=pytest.mark.sweep)], ids=["short", "long"]
@@ -61,10 +58,7 @@ def determined(campaign: sim.SimulatedCampaign, **changes: Any) -> Determined:
     return determine(Material(campaign.rows, campaign.campaign | changes, campaign.standards), "gls")
 
 
-def test_half_of_the_housekeeping_missing_moves_nothing(
-    campaign: sim.SimulatedCampaign, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The mutant takes the set-point instead: the asymmetry is then off by more than 10 sigma."""
+def test_half_of_the_housekeeping_missing_moves_nothing(campaign: sim.SimulatedCampaign) -> None:
     holes = without_housekeeping(
         campaign, lambda row: row.window.conditions["channel"] == 1 and row.window.number % 2 == 0
     )
@@ -75,17 +69,6 @@ def test_half_of_the_housekeeping_missing_moves_nothing(
     )
     first = of(analysis, "dsf_n", channel=1, temperature_degC=-10.0)[0]
     assert (first.n, first.dropped) == (14, 0)
-
-    def set_point(rows: Any) -> dict[int, UnitTemperature]:
-        return {
-            row.window.number: UnitTemperature(
-                row.context.get("unit_temperature_degC", row.window.conditions["temperature_degC"])
-            )
-            for row in rows
-        }
-
-    monkeypatch.setattr(groups, "unit_temperatures", set_point)
-    assert worst_score(run(holes), holes, ("dsf_asymmetry",)) > 10.0
 
 
 def test_interpolation_is_close_and_its_uncertainty_covers_the_error(campaign: sim.SimulatedCampaign) -> None:
@@ -187,10 +170,9 @@ def test_a_chamber_that_fails_leaves_no_result_under_its_set_point(campaign: sim
 
 @TRIALS
 def test_sensor_of_the_unit_is_in_the_uncertainty(trials: int, margin: float) -> None:
-    """A thermometer off by 1 degC (one sigma), the same in a campaign: scores keep unit size only if it is declared."""
+    """A thermometer off by 1 degC (one sigma), the same in a campaign: it is declared, and scores keep unit size."""
     quantities = (*SCALE_FACTORS, "dsf_n_tc0", "dsf_n_tc1", "dsf_n_tc2", "bias_tc0")
     scores: dict[str, list[float]] = {name: [] for name in quantities}
-    silent = []
     switches = sim.Switches(gain=False, sensor_sigma_degC=1.0)
     for seed in range(trials):
         campaign = sim.simulate(seed, switches)
@@ -199,12 +181,9 @@ def test_sensor_of_the_unit_is_in_the_uncertainty(trials: int, margin: float) ->
         known = determined(campaign, temperature_sensor_u95_degC=2.0)
         for name in quantities:
             scores[name] += scores_of(known, campaign, name)
-        if seed < MISTAKEN:
-            silent += scores_of(determined(campaign, temperature_sensor_u95_degC=None), campaign, "dsf_n")
     rms = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in scores.items()}
-    print(rms, "not declared:", np.sqrt(np.mean(np.square(silent))))
+    print(rms)
     assert all(1.0 - margin < value < 1.0 + margin for value in rms.values())
-    assert np.sqrt(np.mean(np.square(silent))) > 3.0
 
 
 def test_a_unit_that_still_warms_while_it_is_measured_is_told(campaign: sim.SimulatedCampaign) -> None:
@@ -217,15 +196,13 @@ def test_a_unit_that_still_warms_while_it_is_measured_is_told(campaign: sim.Simu
 
 @TRIALS
 def test_declared_drift_of_the_calibrator_is_in_the_coefficient(trials: int, margin: float) -> None:
-    """2 ppm (one sigma) over the campaign: tc1 scores keep unit size if the register declares it."""
-    scores: dict[bool, list[float]] = {True: [], False: []}
+    """2 ppm (one sigma) over the campaign, which the register declares: tc1 scores keep unit size."""
+    scores: list[float] = []
     for seed in range(trials):
         campaign = sim.simulate(seed, sim.Switches(gain_drift_sigma=2e-6))
-        for declared in scores if seed < MISTAKEN else [True]:
-            calibrator = campaign.standards["calibrator"] | ({"drift_relative": 4e-6} if declared else {})
-            known = determined(replace(campaign, standards={"calibrator": calibrator}))
-            scores[declared] += [one for name in ("dsf_n_tc1", "dsf_p_tc1") for one in scores_of(known, campaign, name)]
-    rms = {declared: float(np.sqrt(np.mean(np.square(values)))) for declared, values in scores.items()}
+        standards = {"calibrator": campaign.standards["calibrator"] | {"drift_relative": 4e-6}}
+        known = determined(replace(campaign, standards=standards))
+        scores += [score for name in ("dsf_n_tc1", "dsf_p_tc1") for score in scores_of(known, campaign, name)]
+    rms = float(np.sqrt(np.mean(np.square(scores))))
     print(rms)
-    assert rms[True] == pytest.approx(0.95, abs=margin)
-    assert rms[False] > 2.0
+    assert rms == pytest.approx(0.95, abs=margin)
