@@ -84,6 +84,14 @@ def probes() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def without_pictures() -> Iterator[None]:
+    """Leave the pictures of reports empty, of which drawing is most of the work, where no test looks at them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.report.plots.style.svg_text", lambda *_: "<svg></svg>")
+        yield
+
+
 @pytest.fixture(scope="session")
 def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     """Return the folder of the short campaign and what the command said; for reading only."""

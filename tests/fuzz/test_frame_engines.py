@@ -148,20 +148,12 @@ def compare(seed: int) -> tuple[int, int]:
     return due[0].frames, due[0].bad
 
 
-def sweep(seeds: range) -> None:
+@pytest.mark.parametrize("seeds", [range(SHORT), pytest.param(range(1000, 1000 + FULL), marks=pytest.mark.sweep)])
+def test_engines_agree_on_damaged_streams(seeds: range) -> None:
     totals = np.array([compare(seed) for seed in seeds])
     print(f"seeds {seeds.start}..{seeds.stop - 1}: {totals[:, 0].sum()} accepted, {totals[:, 1].sum()} rejected")
     assert totals[:, 0].sum() > 10 * len(seeds)
     assert totals[:, 1].sum() > len(seeds)
-
-
-def test_engines_agree_on_damaged_streams() -> None:
-    sweep(range(SHORT))
-
-
-@pytest.mark.sweep
-def test_engines_agree_on_a_thousand_damaged_streams() -> None:
-    sweep(range(1000, 1000 + FULL))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.002, 0.3])

@@ -127,13 +127,9 @@ def check(folder: Path, tails: int, seed: int) -> None:
     assert worst_s <= COMMIT_S
 
 
-def test_power_cut(tmp_path: Path) -> None:
-    check(tmp_path, 60, SEED)
-
-
-@pytest.mark.sweep
-def test_power_cut_3000_tails(tmp_path: Path) -> None:
-    check(tmp_path, 3000, SEED + 1)
+@pytest.mark.parametrize("tails", [60, pytest.param(3000, marks=pytest.mark.sweep)])
+def test_power_cut(tmp_path: Path, tails: int) -> None:
+    check(tmp_path, tails, SEED)
 
 
 def test_after_a_power_cut_the_session_goes_on_in_a_new_segment(tmp_path: Path) -> None:

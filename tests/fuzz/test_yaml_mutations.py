@@ -107,14 +107,8 @@ def sweep(folder: Path, total: int) -> dict[str, int]:
 
 
 @pytest.mark.slow
-def test_one_byte_mutations_short(bench_folder: Path) -> None:
-    outcomes = sweep(bench_folder, 150)
-    assert sum(outcomes.values()) >= 300
-    assert min(outcomes.values()) > 30
-
-
-@pytest.mark.sweep
-def test_one_byte_mutations_full(bench_folder: Path) -> None:
-    outcomes = sweep(bench_folder, 10_000)
-    assert sum(outcomes.values()) >= 10_000
-    assert min(outcomes.values()) > 1_000
+@pytest.mark.parametrize(("total", "least"), [(150, 30), pytest.param(10_000, 1_000, marks=pytest.mark.sweep)])
+def test_one_byte_mutations(bench_folder: Path, total: int, least: int) -> None:
+    outcomes = sweep(bench_folder, total)
+    assert sum(outcomes.values()) >= max(total, 300)
+    assert min(outcomes.values()) > least

@@ -11,6 +11,7 @@ TOP = Path(__file__).resolve().parents[2]
 PRODUCT = ("bench", "instruments", "sim_instruments")
 PACKAGES = (*PRODUCT, "benchmarks")
 TEXT_SUFFIXES = {".py", ".yaml", ".md", ".toml", ".txt", ".in", ".j2", ".css", ".json", ".hex", ""}
+_WITH_BODY = (ast.stmt, ast.excepthandler, ast.match_case)
 _SKIP = {"__pycache__", "build", "dist", "sessions"}
 
 
@@ -57,7 +58,9 @@ def module_of(path: Path) -> str:
 
 def docstrings(tree: ast.Module) -> Iterator[ast.Constant]:
     """Yield the docstring nodes of a module, its classes and functions."""
-    for node in ast.walk(tree):
+    nodes: list[ast.AST] = [tree]
+    for node in nodes:  # which grows; no expression holds one
+        nodes += [one for one in ast.iter_child_nodes(node) if isinstance(one, _WITH_BODY)]
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.body:
             first = node.body[0]
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):

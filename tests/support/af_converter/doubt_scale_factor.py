@@ -10,6 +10,7 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 from doubt_classes import PROVENANCE, Seen, Switch, changed
+from trials import without_budgets
 
 from bench.analysis import Material, build_results, estimates_of
 from bench.systems.af_converter.scale_factor.analysis import analyse
@@ -116,7 +117,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     world = None if switch is None else switch.world(size)
     switches = _NOISE_FREE if noise_free else sim.Switches()
     campaign = sim.simulate(seed, switches, repeat_channel=1, world=world)
-    analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
+    with without_budgets():
+        analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
     document = build_results("doubt", analysis, {"records": len(campaign.rows)}, PROVENANCE)
     wanted = [
         entry for entry in estimates_of(document) if entry.quantity in QUANTITIES and "repeat" not in entry.conditions

@@ -136,9 +136,9 @@ def _name(entry: Any) -> tuple[Any, ...]:
 
 
 @cache
-def right_world(worlds: Any, seed: int) -> Seen:
+def right_world(worlds: Any, seed: int, **changes: bool) -> Seen:
     """Return what the campaign of a seed states in a right world; ``worlds``: a module of wrong ones."""
-    seen: Seen = worlds.seen(seed, None, 0.0)
+    seen: Seen = worlds.seen(seed, None, 0.0, **changes)
     return seen
 
 
@@ -153,7 +153,7 @@ def classes(worlds: Any, switch: Switch, size: float, seeds: range) -> Counter[s
 
 def is_hidden(worlds: Any, switch: Switch, size: float) -> bool:
     """Return whether no analysis could see it: without noise it leaves nothing in residuals and repeats."""
-    return not is_visible(worlds.seen(0, switch, size, noise_free=True), worlds.seen(0, None, 0.0, noise_free=True))
+    return not is_visible(worlds.seen(0, switch, size, noise_free=True), right_world(worlds, 0, noise_free=True))
 
 
 def codes_of(seen: Seen) -> set[str]:

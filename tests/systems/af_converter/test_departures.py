@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from doubt_classes import WRONG, right_world, sorted_classes
 from spoken import english_left
+from trials import without_budgets
 
 from bench.analysis import Departure, Labels, Residuals, departures_of, search
 
@@ -33,7 +34,11 @@ def test_what_departs_is_named_with_its_size(name: str, size: float, words: list
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("switch", worlds.SWITCHES[12:], ids=lambda switch: switch.name)
+@pytest.mark.parametrize(
+    "switch",
+    [pytest.param(switch, marks=[pytest.mark.sweep] * (at % 3 > 0)) for at, switch in enumerate(worlds.SWITCHES[12:])],
+    ids=lambda switch: switch.name,
+)
 def test_no_drawn_world_that_could_be_seen_is_believed(switch: worlds.Switch) -> None:
     size = switch.sizes[1]
     wrong = sorted_classes(worlds.seen(12, switch, size), right_world(worlds, 12))[WRONG]
@@ -83,11 +88,13 @@ class Scattered(sim.World):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seeds", [3, pytest.param(10, marks=pytest.mark.sweep)])
 @pytest.mark.parametrize(("visits", "curve"), [(0.05, 0.0), (0.5, 0.0), (0.0, 1.0), (0.0, 3.0)])
-def test_a_unit_of_its_own_is_not_doubted(visits: float, curve: float) -> None:
-    for seed in range(2000, 2010):
-        campaign = worlds.simulated(seed, Scattered(seed, visits, curve))
-        assert not [seen for seen in sim.analysed(campaign).evidence if seen.code in ("departs", "unexplained")], seed
+def test_a_unit_of_its_own_is_not_doubted(visits: float, curve: float, seeds: int) -> None:
+    for seed in range(2000, 2000 + seeds):
+        with without_budgets():
+            heard = sim.analysed(worlds.simulated(seed, Scattered(seed, visits, curve))).evidence
+        assert not [seen for seen in heard if seen.code in ("departs", "unexplained")], seed
 
 
 def test_the_judge_sees_what_is_there_and_nothing_else() -> None:

@@ -4,12 +4,14 @@ import csv
 import json
 import os
 from collections.abc import Callable
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, bench
+from rehearsal import ROOT, Inside, main_of
 
 from bench.analysis import Table
 
@@ -22,9 +24,9 @@ pytestmark = [pytest.mark.real, pytest.mark.skipif(not FILES, reason=f"no record
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("tckit")
-    done = bench("import", str(MAPPING), str(FILES[0]), "--out", str(out))
-    assert done.returncode == 0, done.stderr
-    assert "6311 rows, 1 with an overload, 0 cannot be read" in done.stdout.replace("\n", " ")
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said := StringIO()):
+        assert main_of(patch, "import", str(MAPPING), str(FILES[0]), "--out", str(out)) == 0
+    assert "6311 rows, 1 with an overload, 0 cannot be read" in said.getvalue().replace("\n", " ")
     return out / "20241020T011845Z_tckit_1v_ramp_unknown"
 
 
@@ -106,13 +108,13 @@ def test_a_lag_behind_the_sensors_leaves_no_hysteresis(results: dict[str, Any]) 
 
 
 @pytest.mark.slow
-def test_replay_fit_and_report_work_from_the_session_alone(session: Path) -> None:
-    assert "every number is identical" in bench("replay", str(session)).stdout.replace("\n", " ")
-    fitted = bench("fit", str(session), "--method", "drift", "--json")
+def test_replay_fit_and_report_work_from_the_session_alone(session: Path, inside: Inside) -> None:
+    assert "every number is identical" in inside("replay", str(session)).stdout.replace("\n", " ")
+    fitted = inside("fit", str(session), "--method", "drift", "--json")
     assert fitted.returncode == 0, fitted.stderr
     assert not values(json.loads(fitted.stdout), "hysteresis_width")
     (session / "report.html").unlink()
-    assert bench("report", str(session)).returncode == 0
+    assert inside("report", str(session)).returncode == 0
     page = (session / "report.html").read_text(encoding="utf-8")
     assert "hp34420a 5 up minus down" in page
     assert "that the mapping calls an overload" in page

@@ -32,6 +32,8 @@ from sim_instruments.worlds.af_converter.slots import SEED_STEP
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 OUT_AT_REPEAT = "SIM-3"
 
 

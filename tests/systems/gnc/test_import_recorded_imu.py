@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, bench
+from rehearsal import ROOT, Inside
 
 from bench.record import SessionReader
 from bench.replay.series import ImportedSeries, replay_series
@@ -22,10 +22,10 @@ pytestmark = [
 ]
 
 
-def imported(out: Path, mapping: str, file: Path, status: int = 0) -> tuple[Path, ImportedSeries]:
+def imported(inside: Inside, out: Path, mapping: str, file: Path, status: int = 0) -> tuple[Path, ImportedSeries]:
     """The session of a recording, with its analysis, and its columns."""
     path = ROOT / "docs" / "mappings" / f"{mapping}.yaml"
-    done = bench("import", str(path), str(file), "--out", str(out))
+    done = inside("import", str(path), str(file), "--out", str(out))
     assert done.returncode == status, done.stderr
     session = next(folder for folder in out.iterdir() if folder.name.endswith(f"_{mapping}_unknown"))
     return session, replay_series(session)
@@ -37,8 +37,10 @@ def estimates(session: Path, quantity: str, **conditions: str) -> list[float]:
     return [one["value"] for one in found if conditions.items() <= one["conditions"].items()]
 
 
-def test_six_positions_and_three_turns(tmp_path: Path) -> None:
-    session, series = imported(tmp_path, "imucal_six_position", TURNED, status=1)  # gyro z stands still in a turn
+def test_six_positions_and_three_turns(inside: Inside, tmp_path: Path) -> None:
+    session, series = imported(
+        inside, tmp_path, "imucal_six_position", TURNED, status=1
+    )  # gyro z stands still in a turn
     table = np.loadtxt(TURNED, delimiter=",", skiprows=1)
     names = [f"{kind}_{axis}_{unit}" for kind, unit in (("gyro", "deg_s"), ("accel", "m_s2")) for axis in "xyz"]
     for place, name in enumerate(names, 1):
@@ -63,8 +65,8 @@ def test_six_positions_and_three_turns(tmp_path: Path) -> None:
             assert abs(diagonal - 1.0) < 0.03
 
 
-def test_many_poses_in_raw_counts(tmp_path: Path) -> None:
-    session, series = imported(tmp_path, "imu_tk_xsens", POSES)
+def test_many_poses_in_raw_counts(inside: Inside, tmp_path: Path) -> None:
+    session, series = imported(inside, tmp_path, "imu_tk_xsens", POSES)
     table = np.loadtxt(POSES)
     for place, axis in enumerate("xyz", 1):
         np.testing.assert_array_equal(series.columns[f"accel_{axis}_counts"], table[:, place])
@@ -74,12 +76,12 @@ def test_many_poses_in_raw_counts(tmp_path: Path) -> None:
     assert SessionReader(session).manifest["campaign"]["site"]["gravity_m_s2"] == 9.81744
 
 
-def test_drift_of_a_decoded_capture_and_of_two_files_side_by_side(tmp_path: Path) -> None:
+def test_drift_of_a_decoded_capture_and_of_two_files_side_by_side(inside: Inside, tmp_path: Path) -> None:
     """As docs/importing.md says: a capture through its frame, counts of two triads pasted, no setting for either."""
     table = tmp_path / "vn100.csv"
-    done = bench("decode", "vn100_binary", str(FOLDER / "vn100" / "F00379"), "--csv", str(table))
+    done = inside("decode", "vn100_binary", str(FOLDER / "vn100" / "F00379"), "--csv", str(table))
     assert done.returncode == 0, done.stderr
-    session, series = imported(tmp_path / "vn100", "vn100_strapdown", table)
+    session, series = imported(inside, tmp_path / "vn100", "vn100_strapdown", table)
     assert (series.counts.rows, series.columns["t_s"][-1]) == (8895, 889.4)
     (walk,) = estimates(session, "angle_random_walk")
     assert abs(walk - 0.21) < 0.03  # the maker: 0.0035 deg/s/sqrt(Hz)
@@ -87,7 +89,7 @@ def test_drift_of_a_decoded_capture_and_of_two_files_side_by_side(tmp_path: Path
     both = tmp_path / "xsens.txt"
     files = [POSES.with_name(name).read_text(encoding="ascii").splitlines() for name in (POSES.name, "xsens_gyro.mat")]
     both.write_text("".join(f"{one} {other}\n" for one, other in zip(*files, strict=True)), encoding="ascii")
-    session, _ = imported(tmp_path / "xsens", "imu_tk_strapdown", both)
+    session, _ = imported(inside, tmp_path / "xsens", "imu_tk_strapdown", both)
     (level,) = estimates(session, "level_error")
     assert level < 1.0
     assert estimates(session, "angle_random_walk", sensor_class="consumer")

@@ -29,6 +29,8 @@ from sim_instruments.worlds.time_sync.flight.imu import exact_increments
 from sim_instruments.worlds.time_sync.unit import SyncUnit
 from sim_instruments.worlds.time_sync.world import SyncWorld
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 SHORT = {"warm_up": "5 s", "straight": "5 s", "manoeuvre": "6 s", "rate": "15 deg/s"}
 TABLE = SHORT | {"warm_up": "30 s", "speed": "0 m/s"}
 EXACT = {"world.drift_ppm": "0", "world.tag_noise_s": "0", "world.imu_clock_ppm": "0"}

@@ -16,6 +16,8 @@ from bench.analysis import Evidence
 from bench.session import view as view_module
 from bench.session.acceptances import new_acceptances
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 Say = Callable[..., tuple[int, str, str]]
 CHANNEL = 1
 WHO = ("--by", "A. Meyer", "--reason", "bench drift known")

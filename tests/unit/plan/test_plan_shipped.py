@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from plan_sample import reworded
+from units_campaign import CUTS, OF_SEVERAL, cut
 
 from bench.model.errors import InputErrors
 from bench.plan import UNIT, Plan, PlannedRecord, Step, check_plan, compile_sequence, plan_json, steps_of, summarise
@@ -240,19 +241,15 @@ def test_each_ramp_fills_its_branch(name: str) -> None:
     assert now_degC == before.temperature_degC
 
 
-ROOT = Path(__file__).resolve().parents[3]
-UNITS = ROOT / "sequences" / "scale_factor_units.yaml"
-
-
 @pytest.fixture(scope="module")
 def units_plan() -> Plan:
-    return compile_sequence(UNITS)
+    return shipped("scale_factor_units")
 
 
 def changed_units(folder: Path, *changes: tuple[str, str]) -> Path:
-    """The shipped sequence with texts replaced."""
-    path = folder / UNITS.name
-    path.write_text(reworded(UNITS.read_text(), *changes))
+    """The shipped sequence, cut down, with texts replaced."""
+    path = folder / "units_tiny.yaml"
+    path.write_text(reworded(cut("scale_factor_units", [*OF_SEVERAL, *CUTS]), *changes))
     return path
 
 
@@ -270,8 +267,7 @@ def test_four_units_take_three_times_as_long_as_one_and_the_ramp_no_longer(units
     def length_s(units_plan: Plan) -> float:
         return units_plan.prepare_s + units_plan.duration_s + units_plan.finally_s
 
-    one, ramp = compile_sequence("scale_factor_38h"), compile_sequence("bias_ramp_25h")
-    ramps = compile_sequence("bias_ramp_units")
+    one, ramp, ramps = (shipped(name) for name in ("scale_factor_38h", "bias_ramp_25h", "bias_ramp_units"))
     assert check_plan(units_plan) == []
     assert check_plan(ramps) == []
     assert units_plan.duration_s == 5 * (9000 + 4 * 150 * 120) + 4 * 15 * 120
@@ -282,7 +278,7 @@ def test_four_units_take_three_times_as_long_as_one_and_the_ramp_no_longer(units
 
 
 def test_an_empty_slot_is_left_alone() -> None:
-    units_plan = compile_sequence(UNITS, None, {"serials": "X1,,X3"})
+    units_plan = compile_sequence("scale_factor_units", None, {"serials": "X1,,X3"})
     assert [(unit.slot, unit.serial) for unit in units_plan.units] == [("A", "X1"), ("C", "X3")]
     assert {rule.of for rule in units_plan.interlocks if rule.signal == "link_age"} == {"a_port_a", "c_port_a"}
     hot = {rule.name: rule.of for rule in units_plan.interlocks if rule.signal == "unit_temperature"}
@@ -291,7 +287,7 @@ def test_an_empty_slot_is_left_alone() -> None:
 
 
 def test_records_outside_the_loop_are_taken_together() -> None:
-    units_plan = compile_sequence("bias_ramp_units")
+    units_plan = shipped("bias_ramp_units")
     records = [step for step in units_plan.phase("campaign") if isinstance(step, PlannedRecord)]
     for first in range(0, 40, 4):
         group = records[first : first + 4]
@@ -324,12 +320,13 @@ def test_what_says_for_no_unit_is_refused(tmp_path: Path) -> None:
 
 
 def test_slots_that_do_not_fit_units_that_nothing_proves_and_foreign_routes_are_refused(tmp_path: Path) -> None:
-    assert codes_of_units(UNITS, "A1,A2,A3,A4,A5") == {"B-PLAN-140"}
-    assert codes_of_units(UNITS, ",,") >= {"B-PLAN-140"}
-    assert "B-PLAN-025" in codes_of_units(UNITS, "A1,A1")
-    assert "B-PLAN-025" in codes_of_units(UNITS, "A 1,A2")
-    assert "B-PLAN-025" in codes_of_units(UNITS, "A/1,A_1")  # one folder
-    assert codes_of_units(UNITS, "A/1,A2") == set()
+    tiny = changed_units(tmp_path)
+    assert codes_of_units(tiny, "A1,A2,A3,A4,A5") == {"B-PLAN-140"}
+    assert codes_of_units(tiny, ",,") >= {"B-PLAN-140"}
+    assert "B-PLAN-025" in codes_of_units(tiny, "A1,A1")
+    assert "B-PLAN-025" in codes_of_units(tiny, "A 1,A2")
+    assert "B-PLAN-025" in codes_of_units(tiny, "A/1,A_1")  # one folder
+    assert codes_of_units(tiny, "A/1,A2") == set()
     assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("port_b: ngu_b}", "port_b: ngu_b, port_c: ngu_b}")))
     assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("\nuut:\n", "\nearly: {after: 1 h}\nuut:\n")))
     asked = "      - unit: {port_b: identify}            # is it the serial number of this slot?\n"

@@ -251,8 +251,9 @@ class Campaigns:
         return weakest(
             (f"{one.family} ({kind})", entry.quantity, float(power))
             for one, of_it in zip(departures, powers(rows, departures, SHARE), strict=True)
+            if _is_kept(one)
             for power, entry, kind in zip(of_it, stated, kinds, strict=True)
-            if _is_kept(one) and entry.quantity in wanted and "repeat" not in entry.conditions
+            if entry.quantity in wanted and "repeat" not in entry.conditions
         )
 
     def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:
