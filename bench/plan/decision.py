@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 from bench.model.events import Decision, Event, UnitLeftOut
 from bench.model.quantities import Values
 from bench.model.units import plain_quantity
-from bench.plan.plan import Step, StepKind, Steps, no_effect, not_again
+from bench.plan.plan import Step, StepKind, Steps, an_event, no_effect, not_again
 from bench.plan.values import UNIT
 
 IF, WHILE, CHOOSE = "if", "while", "choose"
@@ -73,6 +73,7 @@ class PlannedDecision(Step):
 
     effects = no_effect  # it reads an instrument
     again = not_again  # it stands as it was made
+    leaves = an_event
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:

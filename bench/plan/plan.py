@@ -42,8 +42,9 @@ class Step:
     which loop values and set-points the step is done, with unit suffixes. What each kind holds is listed in
     docs/sequences.md. Arguments that have a default are left out of the file of a plan where they have it.
 
-    Raises: TypeError where a kind is declared that does not say what it may do to the bench (``effects``) and whether
-            it is done again once everything was made safe (``again``): no kind is harmless by silence.
+    Raises: TypeError where a kind is declared that does not say what it may do to the bench (``effects``), whether it
+            is done again once everything was made safe (``again``) and what it leaves (``leaves``): no kind is harmless
+            by silence.
     """
 
     kind: ClassVar[StepKind]
@@ -59,7 +60,7 @@ class Step:
     where: str
 
     def __init_subclass__(cls) -> None:
-        for question in ("effects", "again"):
+        for question in ("effects", "again", "leaves"):
             if question not in vars(cls):
                 raise TypeError(f"the kind of step {cls.__name__} has no {question!r}")
 
@@ -71,6 +72,10 @@ class Step:
         """Return order and identity of a step that is done again after everything was made safe, the last of each
         identity; None for one that is not.
         """
+        raise NotImplementedError
+
+    def leaves(self, actions: Actions) -> bool:
+        """Return whether the step leaves an event that results are made of; records are looked for by their number."""
         raise NotImplementedError
 
     @property
@@ -111,6 +116,16 @@ def no_effect(step: Step, actions: Actions) -> frozenset[Effect]:
 
 def not_again(step: Step, actions: Actions) -> None:
     """Answer for a kind of step that is not done again."""
+
+
+def nothing(step: Step, actions: Actions) -> bool:
+    """Answer for a kind of step that leaves no event."""
+    return False
+
+
+def an_event(step: Step, actions: Actions) -> bool:
+    """Answer for a kind of step that always leaves one."""
+    return True
 
 
 # Arguments of which the field is not called as in a plan file.

@@ -16,7 +16,7 @@ from bench.model.errors import SessionDamaged
 from bench.model.ports import ENERGISING, SWITCHES, Actions, Effect
 from bench.model.quantities import QUANTITY, Values
 from bench.plan.decision import PlannedDecision
-from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind, no_effect, not_again
+from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind, an_event, no_effect, not_again, nothing
 
 CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
 MEASUREMENT, WIRING = "measurement", "wiring"  # purposes of a record
@@ -46,6 +46,10 @@ class PlannedCall(Step):
         chosen = tuple(self.arguments.get(parameter.name) for parameter in action.parameters if parameter.choices)
         name = SWITCHES if self.name in SWITCHES else self.name  # what was switched off is not on for a moment
         return (0 if action.parameters else 1), self.role, name, chosen
+
+    def leaves(self, actions: Actions) -> bool:
+        """Return whether the action reads something."""
+        return self.name in actions and bool(actions[self.name].returns)
 
     def confirmed(self, actions: Actions) -> Values:
         """Return the arguments of an action that sets something: its driver reads back what it sets."""
@@ -88,6 +92,7 @@ class PlannedVerify(Step):
 
     effects = no_effect  # it only asks
     again = not_again  # what it asks about is over
+    leaves = nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +119,10 @@ class PlannedSend(Step):
             return None
         return 2, self.role, self.text.split(maxsplit=1)[0]
 
+    def leaves(self, actions: Actions) -> bool:
+        """Return whether something is expected of the reply."""
+        return QUANTITY in self.conditions
+
 
 @dataclass(frozen=True, slots=True)
 class PlannedSettle(Step):
@@ -125,6 +134,7 @@ class PlannedSettle(Step):
 
     effects = no_effect  # it waits
     again = not_again  # it is done behind the step that it stands behind
+    leaves = nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +181,7 @@ class PlannedRecord(Step):
 
     effects = no_effect  # its readings only measure
     again = not_again  # what it took is kept
+    leaves = nothing
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:
@@ -223,6 +234,7 @@ class PlannedSoak(Step):
         return frozenset({Effect.THERMAL})
 
     again = not_again  # the way back sets the chamber
+    leaves = nothing
 
     def confirmed(self, actions: Actions) -> Values:
         """Return the target, as a call of the chamber has it."""
@@ -257,6 +269,7 @@ class PlannedPrompt(Step):
 
     effects = no_effect  # what is done is done by the person, who stands beside it
     again = not_again  # what the person changed stays
+    leaves = an_event
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -290,6 +303,10 @@ class PlannedCommand(Step):
     def again(self, actions: Actions) -> tuple[Any, ...] | None:
         """Return each command once, but no test of the unit."""
         return None if self.item else (3, self.role, self.name)
+
+    def leaves(self, actions: Actions) -> bool:
+        """Return whether it is a test of the unit, or something is expected of the reply."""
+        return bool(self.item) or QUANTITY in self.conditions
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:

@@ -233,7 +233,7 @@ def zoom_to_readings(page: Page, parts: tuple[float, ...]) -> list[float]:
 def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finished: str) -> None:
     with visiting(browser, server, "operator") as visitor:
         page = visitor.open_run(finished)
-        expect(page.locator("#replay-band")).to_contain_text("RECORDING")
+        expect(page.locator("#replay-band")).to_contain_text("REPLAY")
         expect(page.locator("header.bar")).to_contain_text("SIMULATED")
         expect(page.locator("#watermark")).to_be_visible()
         for name in COMMANDS:

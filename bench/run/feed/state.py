@@ -251,7 +251,7 @@ class RunState:
                 "step": self._step_document(step),
                 "wait": self._wait(t_utc_s, step),
                 "progress": self._progress(t_utc_s),
-                "eta": self._eta(t_utc_s),
+                "eta": None if self._holds or self._prompt is not None else self._eta(t_utc_s),
                 "holds": dict(self._holds),
                 "prompt": self._prompt,
                 "records": self._records.document(),

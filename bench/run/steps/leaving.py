@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bench.model.events import Skip
-from bench.model.ports import Drivers, Effect, drivers_of
-from bench.plan import PlannedCall, Step
+from bench.model.ports import Effect, drivers_of
+from bench.plan import Step
 from bench.run.context import RunContext
 from bench.run.steps.dispatch import execute
 
 BY = "check"
-_OFF = (Effect.STIMULUS_OFF, Effect.ROUTES_OPEN)
+_OFF = frozenset({Effect.STIMULUS_OFF, Effect.ROUTES_OPEN})
 
 
 def behind(steps: Sequence[Step], check: Step) -> int:
@@ -36,12 +36,7 @@ def leave_out(context: RunContext, check: Step) -> None:
     steps, drivers = context.plan.steps, drivers_of(context.instruments)
     stop = behind(steps, check)
     for step in steps[check.number + 1 : stop]:
-        if isinstance(step, PlannedCall) and _switches_off(step, drivers):
+        if step.effects(drivers.get(step.role, {})) & _OFF or step.name == "output_off":
             execute(context, step)
     reason = f"a check without which nothing may follow has failed at step {check.number}"
     context.event(Skip(by=BY, reason=reason, first=check.number + 1, stop=stop))
-
-
-def _switches_off(step: PlannedCall, drivers: Drivers) -> bool:
-    declared = drivers.get(step.role, {}).get(step.name)
-    return declared is not None and (declared.effect in _OFF or step.name == "output_off")

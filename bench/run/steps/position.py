@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.events import Decision, End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
-from bench.model.ports import Action, Drivers
+from bench.model.ports import Drivers
 from bench.model.stopping import FIRST, STAGE, STAGE_INDEX, UNTIL
 from bench.plan import (
     Plan,
@@ -130,24 +130,14 @@ def _first_lost(plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequ
     """Return the first step before ``number`` whose note the session lacks, behind the last that is; or it."""
     last = max((step for step in (*taken.values(), *noted) if step < number), default=-1)
     between = [step for step in plan.steps[last + 1 : number] if not any(step.number in stretch for stretch in skipped)]
-    return next((step.number for step in between if _notes(plan, step)), number)
+    drivers = _drivers(plan, between)
+    return next((step.number for step in between if step.leaves(drivers.get(step.role, {}))), number)
 
 
-def _notes(plan: Plan, step: Step) -> bool:
-    """Return whether a step leaves something in the session for the results; records are looked for by number."""
-    if isinstance(step, PlannedCall):
-        return _reads(step, _drivers(plan, [step]))
-    return isinstance(step, PlannedPrompt | PlannedDecision) or (isinstance(step, PlannedCommand) and bool(step.item))
-
-
-def _reads(step: Step, drivers: Drivers) -> bool:
-    declared = drivers.get(step.role, {}).get(step.name)
-    return declared is not None and bool(declared.returns)
-
-
-def _drivers(plan: Plan, steps: Steps) -> dict[str, Mapping[str, Action]]:
-    roles = {step.role for step in steps if isinstance(step, PlannedCall)}
-    return {role: driver_actions(plan.station.instruments[role].driver) for role in roles}
+def _drivers(plan: Plan, steps: Steps) -> Drivers:
+    instruments = plan.station.instruments
+    roles = {step.role for step in steps if step.role in instruments}
+    return {role: driver_actions(instruments[role].driver) for role in roles}
 
 
 def _item_start(steps: Steps, index: int) -> int:
@@ -165,7 +155,8 @@ def _item(step: Step) -> tuple[Any, ...] | None:
 
 def readings_of(steps: Steps, drivers: Drivers) -> frozenset[int]:
     """Return numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
-    return frozenset(step.number for step in steps if isinstance(step, PlannedCall) and _reads(step, drivers))
+    calls = (step for step in steps if isinstance(step, PlannedCall))
+    return frozenset(call.number for call in calls if call.leaves(drivers.get(call.role, {})))
 
 
 def point_start(steps: Steps, index: int, readings: Container[int] = ()) -> int:

@@ -288,6 +288,8 @@ def test_a_kind_of_step_says_what_it_may_do_to_the_bench_and_whether_it_is_done_
         type("Ninth", (Step,), {})
     with pytest.raises(TypeError, match="the kind of step Ninth has no 'again'"):
         type("Ninth", (Step,), {"effects": no_effect})
+    with pytest.raises(TypeError, match="the kind of step Ninth has no 'leaves'"):
+        type("Ninth", (Step,), {"effects": no_effect, "again": lambda step, actions: None})
 
 
 @pytest.mark.parametrize(("text", "may"), [("OUT 1 A", True), ("OUT?", False), ("OUT?;OPER", True), ("*RST", True)])

@@ -123,6 +123,18 @@ def test_what_the_session_has_lost_is_done_again(tmp_path: Path, done: int, in_s
     assert stopped_at(two_units(tmp_path), journal(done), noted(in_session)) == Position(start, 0, ())
 
 
+@pytest.mark.parametrize(
+    "step", [("send", "supply", {"text": "*IDN?"}), ("unit", "port_b", {"command": 1, "payload": ()})]
+)
+def test_a_reply_of_which_something_is_expected_and_that_is_lost_is_asked_for_again(tmp_path: Path, step: Any) -> None:
+    kind, role, arguments = step
+    for expected in (True, False):
+        rig = Rig(tmp_path)
+        rig.step(kind, role, "x", conditions={"quantity": "version"} if expected else {}, **arguments)
+        rig.step("settle", duration_s=1.0)
+        assert stopped_at(plan_of(rig), journal(2), []) == Position(0 if expected else 2, 0, ())
+
+
 def test_a_test_of_a_skipped_stretch_is_not_missed(tmp_path: Path) -> None:
     events = [*noted(4), Skip(first=4, stop=7, reason="x", by="kim")]
     assert stopped_at(two_units(tmp_path), journal(4), events) == Position(7, 0, ())
@@ -132,9 +144,7 @@ def test_windows_without_a_gap_go_on_with_the_interrupted_one(tmp_path: Path) ->
     rig = Rig(tmp_path, "chamber")
     for follows in (False, True, True, True):
         rig.step("record", "port_a", seconds=1.0, retry_step=0, **({"follows": True} if follows else {}))
-    steps = tuple(rig.steps)
-    made: Any = SimpleNamespace(steps=steps, phase=lambda name: steps)
-    assert stopped_at(made, journal(2), taken(0, 1)) == Position(2, 2, ())
+    assert stopped_at(plan_of(rig), journal(2), taken(0, 1)) == Position(2, 2, ())
 
 
 def test_a_recording_with_acts_of_a_person_begins_anew_with_what_was_asked_before_it(tmp_path: Path) -> None:
