@@ -34,8 +34,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from bench.model.clock import NS, WallClock
 from bench.record import SessionWriter
+from bench.run.feed.live import FeedServer
 from bench.run.feed.points import PointBatch
-from bench.run.feed.server import FeedServer
 from bench.web.security.logins import Cookies, Login
 from bench.web.security.tokens import VIEWER, obtain_tokens
 

@@ -43,7 +43,7 @@ from bench.run.steps.setpoints import expected_of
 from bench.session.happenings import splice_tables
 from bench.session.service import read_view
 from bench.session.view import SessionView, analyse_view, report_of
-from sim_instruments.worlds.af_converter import core as ngu_core
+from sim_instruments.worlds.af_converter import ngu as ngu_core
 from sim_instruments.worlds.common.world import World
 
 RECORDS = 15 + 2  # with the wiring check

@@ -32,7 +32,7 @@ from bench.run.links.port import PortLink
 from bench.run.links.reader import SILENCE_S, LinkReader
 from bench.run.observers import Observers
 from bench.run.steps.decided import Decided
-from bench.run.steps.windows import silent
+from bench.run.steps.recording import silent
 from bench.run.stop import StopSwitch
 
 pytestmark = pytest.mark.waits

@@ -3,31 +3,111 @@
 Each is one alarm with what to do, over when the quantity is back. Readings are those that the run takes anyway; on the
 wall clock the chamber, an independent sensor of its air (a rule on the signal ``second_air``), supplies and spinning
 axes are read besides: never while a step talks to them, all but the chamber only while the step under way waits.
+
+Settings of supplies and tables that these measure themselves: voltages of outputs that are on, rates of axes.
+
+Followed step by step; what a step sets counts from its beginning.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
 from bench.model.clock import NS, to_ns
 from bench.model.events import Deviation, Environment, Event, Surroundings
+from bench.model.ports import Effect, Instrument, drivers_of
 from bench.model.units import finite
 from bench.plan import CHAMBER, InterlockRule, PlannedCall, PlannedRecord, SetPoint, Step
 from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR
 from bench.run.observers import Following, Observer, Order
+from bench.run.steps.setpoints import VOLTAGE_WITHIN
 from bench.run.stop import guarded
 from bench.run.watch.air import APART_BACK_K, APART_K, BACK_K, OWN, SECOND, ChamberAir
 from bench.run.watch.interlocks import LOOK_VIRTUAL_S, LOOK_WALL_S, InterlockState
-from bench.run.watch.settings import Setting, Settings
 from bench.run.watch.signals import leaves_the_bus, read_idle, scanned
 from bench.run.watch.temperatures import BLIND_S
+
+LEAST_VOLTAGE_V = 0.1  # what a supply reads back of itself beside its share, and of 0 V
+RATE_WITHIN = 0.01  # of the demand: tables hold 1e-4, so this is no noise
+LEAST_RATE_DEG_S = 0.05
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One set value and how it is measured: ``name`` voltage (V) or rate (deg/s), ``of`` the role with rail or axis."""
+
+    name: str
+    role: str
+    of: str
+    value: float
+    tolerance: float
+    unit: str
+    measure: Callable[[], float]
+
+
+class Settings:
+    """The settings of one run, by role and rail or axis."""
+
+    def __init__(self, instruments: Mapping[str, Instrument]) -> None:
+        self._instruments = instruments
+        self._actions = drivers_of(instruments)
+        self._voltages_V: dict[str, dict[int | None, float]] = {}
+        self._on: set[str] = set()
+        self._rates_deg_s: dict[str, dict[int, float]] = {}
+
+    def called(self, step: PlannedCall) -> None:
+        """Take a step of the plan."""
+        actions = self._actions.get(step.role, {})
+        if "measure_voltage" in actions:
+            self._supply(step)
+        if "measure_rate" in actions and step.name in actions:
+            self._table(step, actions[step.name].effect)
+
+    def set_now(self, *, holding: bool) -> list[Setting]:
+        """Return what is set now; no axis while the run stands still, because tables are brought to rest then."""
+        voltages = [
+            self._setting("voltage", role, rail, volts, max(VOLTAGE_WITHIN * abs(volts), LEAST_VOLTAGE_V), "V")
+            for role in sorted(self._on)
+            for rail, volts in self._voltages_V.get(role, {}).items()
+        ]
+        rates = [
+            self._setting("rate", role, axis, rate, max(RATE_WITHIN * abs(rate), LEAST_RATE_DEG_S), "deg/s")
+            for role, axes in sorted(self._rates_deg_s.items())
+            for axis, rate in axes.items()
+        ]
+        return voltages if holding else [*voltages, *rates]
+
+    def _supply(self, step: PlannedCall) -> None:
+        voltage_V, rail = step.quantity("voltage"), step.arguments.get("rail")
+        if voltage_V is not None:
+            self._voltages_V.setdefault(step.role, {})[rail if isinstance(rail, int) else None] = voltage_V
+        elif step.name == "output_on":
+            self._on.add(step.role)
+        elif step.name == "output_off":
+            self._on.discard(step.role)
+
+    def _table(self, step: PlannedCall, effect: Effect) -> None:
+        rate_deg_s, axes = step.quantity("rate"), self._rates_deg_s.setdefault(step.role, {})
+        if effect is Effect.MOTION_OFF:
+            axes.clear()
+        elif step.axis is not None and step.name == "spin" and rate_deg_s is not None:
+            axes[step.axis] = rate_deg_s
+        elif step.axis is not None and (effect is Effect.MOTION_ON or step.name == "stop"):
+            axes.pop(step.axis, None)
+
+    def _setting(self, name: str, role: str, part: int | None, value: float, tolerance: float, unit: str) -> Setting:
+        measure = getattr(self._instruments[role], f"measure_{name}")
+        of = role if part is None else f"{role} {'rail' if name == 'voltage' else 'axis'} {part}"
+        arguments = () if part is None else (part,)
+        return Setting(name, role, of, value, tolerance, unit, partial(measure, *arguments))
+
 
 DWELL_S = 60.0  # a door that is opened and closed, and an overshoot of a minute, are no deviation
 AIR_S = 5.0  # between two looks at the chamber's air, its own sensor and the other one

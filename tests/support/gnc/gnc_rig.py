@@ -29,7 +29,7 @@ from bench.frame import load_frame
 from bench.model.clock import NS, Clock, VirtualClock
 from bench.model.drivers import driver_class
 from bench.session.view import KEPT_EVENTS, analyse_view
-from sim_instruments.worlds.gnc.board import GncBoard
+from sim_instruments.worlds.gnc.world import GncBoard
 from sim_instruments.worlds.simulation import open_world
 
 SUPPLY, DMM = "GPIB0::5::INSTR", "GPIB0::23::INSTR"

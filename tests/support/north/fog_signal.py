@@ -22,8 +22,17 @@ from pyvisa.resources import MessageBasedResource
 
 from bench.model.clock import VirtualClock
 from sim_instruments.synchronous_detection import SAMPLE_NS, LockIn
-from sim_instruments.worlds.north.sensor import earth_rate_rad_s, sensed_rad_s, tilted
-from sim_instruments.worlds.north.variation import Constant, Linear, Sine, Variation, drawn_slow, drawn_steps
+from sim_instruments.worlds.north.sensor import (
+    Constant,
+    Linear,
+    Sine,
+    Variation,
+    drawn_slow,
+    drawn_steps,
+    earth_rate_rad_s,
+    sensed_rad_s,
+    tilted,
+)
 from sim_instruments.worlds.simulation import open_world
 
 Float = NDArray[np.float64]

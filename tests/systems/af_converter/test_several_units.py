@@ -28,7 +28,7 @@ from bench.session.one_unit import extract, serials_of, session_of_unit
 from bench.session.service import read_view
 from bench.session.units import UnitFinished, finish_units, in_each_unit
 from bench.session.view import analyse_view
-from sim_instruments.worlds.af_converter.slots import SEED_STEP
+from sim_instruments.worlds.af_converter.world import SEED_STEP
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world
 

@@ -26,8 +26,7 @@ from bench.systems.time_sync.image import first_pulse_s
 from bench.systems.time_sync.records import recording
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments
-from sim_instruments.worlds.time_sync.unit import SyncUnit
-from sim_instruments.worlds.time_sync.world import SyncWorld
+from sim_instruments.worlds.time_sync.world import SyncUnit, SyncWorld
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 

@@ -15,7 +15,7 @@ from away_store import Away, NoAnswer
 from rehearsal import writable_copy
 
 from bench.archive.changes import change_in_u, changes_of, is_changed, is_flip
-from bench.archive.examination import Examination, examined
+from bench.archive.index import Examination, examined
 from bench.archive.journal import HEAD, JOURNAL, TrialJournal
 from bench.archive.page import changes_html
 from bench.archive.places import Finding, Kind, Place, StorageError, brought_here, list_places

@@ -20,7 +20,7 @@ from bench.model.errors import InstallationError
 from bench.plan import language_of_mapping
 from bench.plan.language.sequence import language_of_sequence
 from bench.run.preflight import Status
-from sim_instruments.worlds.kinds import kind_options, world_class
+from sim_instruments.worlds.simulation import kind_options, world_class
 
 CACHES = (
     installed.offers,

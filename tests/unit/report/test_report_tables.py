@@ -14,8 +14,7 @@ from bench.report.estimate_tables import channel_table, coverage_table, other_ta
 from bench.report.first import first_page
 from bench.report.first.results import main_rows
 from bench.report.model import ReportModel
-from bench.report.run_tables import prompt_table, summary_table
-from bench.report.sections import sections_of
+from bench.report.sections import prompt_table, sections_of, summary_table
 from bench.report.tables import words_of
 from bench.report.verdict_tables import agreement_parts, verdict_table
 from bench.session.view import SessionView, model_of

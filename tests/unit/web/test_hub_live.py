@@ -22,8 +22,8 @@ from bench.model.clock import WallClock
 from bench.record import OPEN_MARKER
 from bench.run.control.local_socket import LIVE, socket_path
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
+from bench.run.feed.live import FeedServer
 from bench.run.feed.points import PointBatch
-from bench.run.feed.server import FeedServer
 from bench.web import live
 from bench.web.live import FeedLine, LiveRun
 from bench.web.security.tokens import OPERATOR, VIEWER

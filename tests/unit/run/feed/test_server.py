@@ -23,11 +23,10 @@ from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.events import Phase, Reentry
 from bench.run.control.local_socket import LIVE, LONGEST_PATH, MOST_CLIENTS, ControlServer, socket_path
-from bench.run.feed import server as served_by
+from bench.run.feed import live as served_by
 from bench.run.feed.client import FeedClient, FeedGone
-from bench.run.feed.live import links_of, live_feed
+from bench.run.feed.live import LONGEST_LINE, FeedServer, links_of, live_feed
 from bench.run.feed.points import PointBatch
-from bench.run.feed.server import LONGEST_LINE, FeedServer
 
 WAIT_S = 20.0
 HEAD = {"proto": 1, "boot_id": "0123456789abcdef", "signals": 2}

@@ -18,7 +18,7 @@ from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
 from sim_instruments.worlds import simulation
-from sim_instruments.worlds.af_converter import core as ngu_core
+from sim_instruments.worlds.af_converter import ngu as ngu_core
 from sim_instruments.worlds.common.world import World
 
 SEED = 5

@@ -33,7 +33,7 @@ from bench.run.context import RunContext
 from bench.run.links.unit import Unit
 from bench.run.steps.dispatch import execute
 from bench.run.stop import Interruption
-from sim_instruments.worlds.gnc.board import GncBoard
+from sim_instruments.worlds.gnc.world import GncBoard
 
 
 def echo(number: int, payload: bytes = b"hello", item: str = "sci") -> Step:

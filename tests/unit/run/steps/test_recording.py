@@ -15,9 +15,8 @@ from bench.model.ports import RecordWindow
 from bench.model.quantities import Quality
 from bench.model.shipped import find_shipped
 from bench.record import RecordCutter, RecordRow
-from bench.run.steps.recording import measurement_rows
+from bench.run.steps.recording import AHEAD_S, measurement_rows
 from bench.run.steps.soak import POLL_S
-from bench.run.steps.windows import AHEAD_S
 
 SEED = 7
 FIRST_BYTE_NS = 11_000

@@ -11,8 +11,14 @@ from bench.model.errors import InputError
 from bench.model.installed import offers
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.world import World
-from sim_instruments.worlds.kinds import checked_options, kind_options, world_class
-from sim_instruments.worlds.simulation import check_operation, open_world, options_of
+from sim_instruments.worlds.simulation import (
+    check_operation,
+    checked_options,
+    kind_options,
+    open_world,
+    options_of,
+    world_class,
+)
 
 WORLDS = {offer.name: offer.package for offer in offers("worlds")}
 ALONE = {"instruments": {}}  # a station without instruments

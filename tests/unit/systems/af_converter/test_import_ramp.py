@@ -15,8 +15,14 @@ from bench.analysis import Analysis, Material, build_results
 from bench.model.errors import FitError
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
-from bench.systems.af_converter.estimators.correlated_noise import fit_noise, whitening
-from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift, fit_ramp_hysteresis
+from bench.systems.af_converter.estimators.drift_ramp import (
+    block_means,
+    drift_columns,
+    fit_drift,
+    fit_noise,
+    fit_ramp_hysteresis,
+    whitening,
+)
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape
 from bench.systems.af_converter.estimators.segments import branches, find_segments

@@ -12,8 +12,16 @@ from scipy.spatial.transform import Rotation
 from bench.model.clock import NS, VirtualClock
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.north.options import PARAMETERS
-from sim_instruments.worlds.north.sensor import earth_rate_rad_s, sensed_rad_s, tilted
-from sim_instruments.worlds.north.variation import Constant, Linear, Sine, drawn_slow, drawn_steps
+from sim_instruments.worlds.north.sensor import (
+    Constant,
+    Linear,
+    Sine,
+    drawn_slow,
+    drawn_steps,
+    earth_rate_rad_s,
+    sensed_rad_s,
+    tilted,
+)
 from sim_instruments.worlds.north.world import SITE
 from sim_instruments.worlds.simulation import open_world
 

@@ -9,8 +9,16 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.time_sync.flight.egi import EgiErrors, EgiErrorStepper, EgiRuns, clock_noise, egi_error_runs
-from sim_instruments.worlds.time_sync.flight.egi_filter import EgiClass, EgiErrorFilter, _ErrorModel
+from sim_instruments.worlds.time_sync.flight.egi import (
+    EgiClass,
+    EgiErrorFilter,
+    EgiErrors,
+    EgiErrorStepper,
+    EgiRuns,
+    _ErrorModel,
+    clock_noise,
+    egi_error_runs,
+)
 from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES, FlightPath
 
 Array = np.ndarray

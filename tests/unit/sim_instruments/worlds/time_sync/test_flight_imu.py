@@ -20,7 +20,7 @@ from sim_instruments.worlds.time_sync.flight.path import (
     gravity_m_s2,
     normal_gravity_m_s2,
 )
-from sim_instruments.worlds.time_sync.geodesy import TangentPlane, euler_rad, level_axes, to_earth, to_geodetic
+from sim_instruments.worlds.time_sync.samples import TangentPlane, euler_rad, level_axes, to_earth, to_geodetic
 
 Array = np.ndarray
 
