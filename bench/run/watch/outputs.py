@@ -102,7 +102,10 @@ class Contact(Observer):
 
 
 class Declared(Observer):
-    """Knows what the steps up to now may have switched on; holds the run once for anything else that answers it is."""
+    """Knows what the steps up to now may have switched on; holds the run once for anything else that goes on.
+
+    What has not answered that it is off was on before, and is none of the run's.
+    """
 
     order = Order.SAFETY
     loss = "nobody watches any more whether something is on that no step switches on"
@@ -113,6 +116,7 @@ class Declared(Observer):
             role for role, actions in self._drivers.items() if any(one.effect in ENERGISING for one in actions.values())
         }
         self._outputs = _outputs(context, self._unasked)
+        self._off: set[str] = set()
         self._begun = 0  # steps
 
     def step(self, step: Step, at_s: float) -> None:
@@ -126,7 +130,9 @@ class Declared(Observer):
         if role not in self._unasked:
             return
         self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
-        if direction == "rx" and self._begun and stop.interruptible and self._outputs.answers_on(role):
+        if self._outputs.off_since(role, -math.inf):
+            self._off.add(role)
+        elif role in self._off and self._begun and stop.interruptible and self._outputs.answers_on(role):
             self._unasked.discard(role)
             stop.holds.hold(UNDECLARED, f"{role} answers that it is on, and no step up to now switches it on")
 

@@ -301,9 +301,10 @@ def test_what_is_on_and_no_step_switches_on_holds_the_run_once(
         instruments={"calibrator": SimpleNamespace(driver="fluke_5720a", resource="TCPIP0::a::hislip0::INSTR")}
     )
     declared = Declared(context)
-    on(declared, "4097")  # as the last user left it, before the first step
-    assert context.stop.holds.reasons == {}
-    declared.step(step, 0.0)
+    for asked in (lambda: None, lambda: declared.step(step, 0.0)):
+        asked()
+        on(declared, "4097")  # as the last user left it
+        assert context.stop.holds.reasons == {}
     on(declared, "4096")
     assert context.stop.holds.reasons == {}
     for _ in range(2):
