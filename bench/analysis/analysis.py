@@ -50,6 +50,7 @@ class Analysis:
     components: Documents = field(default_factory=list)  # uncertainty budget
     groups: Documents = field(default_factory=list)  # reduced chi-square per channel and temperature
     notes: list[str] = field(default_factory=list)
+    seen: list[str] = field(default_factory=list)  # of the notes: what the survey of a log saw
     missing: list[str] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
@@ -59,7 +60,7 @@ class Analysis:
     def leaving_out(self, rows: int) -> Analysis:
         """Return the analysis of a log of which so many rows were left out beforehand, each estimate counting them."""
         entries = [entry.model_copy(update={"dropped": entry.dropped + rows}) for entry in self.estimates]
-        return replace(self, estimates=entries) if rows else self
+        return replace(self, estimates=entries)
 
 
 def no_result(missing: Iterable[str]) -> list[str]:
@@ -120,7 +121,8 @@ def analyse(material: Material, method: str | None = None) -> Analysis:
     survey = surveyed(material)
     analysis = _analysed(declared.name, module, survey.material, chosen).leaving_out(survey.left_out)
     analysis = with_expected(analysis, material)
-    return replace(analysis, notes=[*survey.notes, *analysis.notes], evidence=[*survey.evidence, *analysis.evidence])
+    evidence = [*survey.evidence, *analysis.evidence]
+    return replace(analysis, notes=[*survey.notes, *analysis.notes], seen=survey.notes, evidence=evidence)
 
 
 def _analysed(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:

@@ -44,7 +44,7 @@ class Surveyed:
     material: Material
     notes: list[str]
     evidence: list[Evidence]
-    left_out: int = 0
+    left_out: int
 
 
 def surveyed(material: Material) -> Surveyed:
@@ -56,7 +56,7 @@ def surveyed(material: Material) -> Surveyed:
     columns = [column for column in material.campaign.get("columns", ()) if column.get("name") in material.series]
     t_s = material.series.get("t_s", np.empty(0))
     if t_s.size < _FEWEST or not t_s[-1] > t_s[0]:
-        return Surveyed(material, [], [])
+        return Surveyed(material, [], [], 0)
     left_out, coded, notes, evidence = _no_readings(columns, material)
     series = _rows(material.series, ~left_out)
     again = _repeated(columns, series)
@@ -150,13 +150,14 @@ def _no_readings(
     for column in columns:
         for value, there, sure in _codes(column, material.series[str(column["name"])]):
             coded.append(column)
-            about = {"value": value, "count": int(there.sum()), "row": int(there.argmax()) + 1}
+            count, row = int(there.sum()), int(there.argmax()) + 1
+            about = {"name": column["header"], "value": value, "count": count, "row": row}
             if sure and not material.campaign.get("segments"):
-                notes.append(say("survey.no_reading", name=column["header"], **about))
+                notes.append(say("survey.no_reading", **about))
                 left_out |= there
             else:
-                sentence = say("survey.sentinel", name=column["header"], **about)
-                evidence.append(Evidence("no_reading", sentence, float(there.sum()), 0.0, conditions=_place(column)))
+                sentence = say("survey.sentinel", **about)
+                evidence.append(Evidence("no_reading", sentence, float(count), 0.0, conditions=_place(column)))
     if left_out.size - left_out.sum() < _FEWEST:
         raise _still(f"of {left_out.size} rows {left_out.sum()} hold codes for no reading")
     return left_out, coded, notes, evidence
@@ -169,11 +170,12 @@ def _codes(column: Document, values: Floats) -> Iterator[tuple[float, Flags, boo
         yield float(values[no_number][0]), no_number, True
     code = None if column["role"] == "set_point" else sentinel(np.where(no_number, np.nan, values))
     if code:
-        yield code[0], values == code[0], code[1]
+        value, outside = code
+        yield value, values == value, outside
 
 
 def _rows(series: Mapping[str, Floats], kept: Flags) -> Mapping[str, Floats]:
-    return series if kept.all() else {name: values[kept] for name, values in series.items()}
+    return {name: values[kept] for name, values in series.items()}
 
 
 def _still(why: str) -> FitError:

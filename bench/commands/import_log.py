@@ -53,6 +53,8 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
         say(f"session  {folder}")
         return ExitStatus.PASS
     finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
+    for sentence in finished.analysis.seen:
+        say(sentence)
     return print_finished(finished, console())
 
 

@@ -36,7 +36,7 @@ class PlannedCall(Step):
 
     def effects(self, actions: Actions) -> frozenset[Effect]:
         """Return the effect that the action declares."""
-        return frozenset({actions[self.name].effect} - {Effect.NONE}) if self.name in actions else frozenset()
+        return frozenset(action.effect for name, action in actions.items() if name == self.name) - {Effect.NONE}
 
     def again(self, actions: Actions) -> tuple[Any, ...] | None:
         """Return settings before switches; neither stimulus, relays nor motion: the point itself sets them."""

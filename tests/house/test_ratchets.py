@@ -12,7 +12,7 @@ CEILINGS = {
     "tokens a line": 10.57,
     "files": 774,
     "dict[str, Any]": 488,
-    "lines of tests": 95_670,
+    "lines of tests": 95_680,
     "tests of several deep modules": 144,
     "words of docs": 155_350,
 }

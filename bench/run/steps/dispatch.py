@@ -154,7 +154,7 @@ _DO: Mapping[type[Step], Callable[[RunContext, Any], object]] = {
     PlannedDecision: decide,
 }
 if undone := set(KINDS.values()) - set(_DO):
-    raise TypeError(f"nobody does the kinds of step {sorted(kind.__name__ for kind in undone)}")
+    raise TypeError(f"nobody does the kinds of step {undone}")
 
 
 def execute(context: RunContext, step: Step) -> None:

@@ -22,7 +22,7 @@ from typing import Any
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.events import UNDECLARED
-from bench.model.ports import ENERGISING, Instrument, drivers_of
+from bench.model.ports import ENERGISING, Instrument, drivers_of, effects_of
 from bench.plan import Step
 from bench.run.bench.safety import QUICK_S, hurried
 from bench.run.context import RunContext
@@ -112,9 +112,7 @@ class Declared(Observer):
 
     def __init__(self, context: RunContext) -> None:
         self._context, self._drivers = context, drivers_of(context.instruments)
-        self._unasked = {
-            role for role, actions in self._drivers.items() if any(one.effect in ENERGISING for one in actions.values())
-        }
+        self._unasked = {role for role, one in context.instruments.items() if effects_of(type(one)) & ENERGISING}
         self._outputs = _outputs(context, self._unasked)
         self._off: set[str] = set()
         self._begun = 0  # steps

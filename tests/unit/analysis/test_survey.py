@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
+from imported_logs import RAMP, imported, ramp_rows, write_ramp
 from spoiled_logs import LOGS, SIZES, SPOILT, Log, at_rest, held, outcome, ramp, twice, wrong
 
 from bench.analysis import Material
@@ -66,6 +68,14 @@ def test_rows_with_a_code_for_no_reading_are_left_out_and_told(code: float) -> N
     assert {entry.dropped for entry in outcome(log, log.columns | {"sensor": sensor})[1].values()} == {60}
     six = LOGS["imu_six_position"](np.random.default_rng(1))
     assert "State it in the mapping" in told(six, ax=np.where(np.arange(4500) % 50, six.columns["ax"], code))[1][0]
+
+
+def test_an_import_tells_at_the_terminal_what_was_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = ramp_rows(1)
+    rows["s1"][700:720] = 85.0
+    imported(tmp_path, RAMP, write_ramp(tmp_path / "ramp.csv", rows).read_bytes())
+    said = " ".join(capsys.readouterr().out.split())
+    assert "s1 is 85 in 20 rows, far from all others, first in row 701: a code for no reading." in said
 
 
 def test_rows_off_the_surface_of_a_magnetometer_are_counted_as_dropped() -> None:
