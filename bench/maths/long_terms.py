@@ -42,7 +42,7 @@ _AHEAD = 40  # parts of a further mean
 _DRAWS = 2000
 _RATIOS = np.concatenate(([0.0], np.geomspace(0.03, 3e6, 56)))  # long-term over white variance of the mean of the log
 # Sizes over which a mean is averaged, and how their weights before the log is seen rise with the size: with these it
-# lies in its interval in 94 to 100 % of logs of each kind and size, those among them with terms that are just too small
+# lies in its interval in 92 to 100 % of logs of each kind and size, those among them with terms that are just too small
 # to be seen. A walk is the worst of the three for a further mean and looks like a drift or flicker as long as it is
 # weak: its larger sizes weigh more (test_long_terms).
 _SIZES = np.concatenate(([0.0], np.geomspace(1.0, 3e6, 45)))
