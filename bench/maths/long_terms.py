@@ -44,7 +44,7 @@ _RATIOS = np.concatenate(([0.0], np.geomspace(0.03, 3e6, 56)))  # long-term over
 # Sizes over which a mean is averaged, and how their weights before the log is seen rise with the size: with these it
 # lies in its interval in 92 to 100 % of logs of each kind and size, those among them with terms that are just too small
 # to be seen. A walk is the worst of the three for a further mean and looks like a drift or flicker as long as it is
-# weak: its larger sizes weigh more (test_long_terms).
+# weak: its larger sizes weigh more (test_long_terms holds a size or two of each kind).
 _SIZES = np.concatenate(([0.0], np.geomspace(1.0, 3e6, 45)))
 _RISE = {"bias_instability": 0.25, "random_walk": 0.7, "rate_ramp": 0.25}
 _WEIGHTS = {name: np.concatenate(([0.36], _SIZES[1:] ** rise)) for name, rise in _RISE.items()}
