@@ -11,6 +11,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta, timezone
 from decimal import Decimal, InvalidOperation
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from bench.model.declaration import LogColumn
@@ -28,6 +32,9 @@ ENOUGH = 100  # rows that show how short the text in the last column may be
 _TICKS = {"ns": 1, "us": 1000, "0.1 ms": 100_000, "ms": 1_000_000}  # of counters of 32 bits, ns
 FEW, RARE = 5, 100  # usual steps from a counter's last value to its first one, and of its range at least
 _BLANK = "whitespace"
+_LINES = 1000  # read at once
+_PLAIN = bytes({*range(0x20, 0x7F), *b"\t\r\n"} - {*b'"'})  # bytes of a row without text in quotes
+_EXACT_DIGITS, _EXACT_NS = 15, 2**50  # of a decimal that its nearest float tells from every whole ns
 
 
 class TimeReader:
@@ -35,7 +42,7 @@ class TimeReader:
 
     def __init__(self, column: TimeColumn, decimal: str) -> None:
         self._format = column.format
-        self._numeric = column.format in (ELAPSED, UNIX, SAMPLES)
+        self.numeric = column.format in (ELAPSED, UNIX, SAMPLES)
         self._row = -1
         self._zone = timezone(timedelta(seconds=column.offset_s))
         self._comma = decimal == ","
@@ -50,13 +57,28 @@ class TimeReader:
         if self._format == ROWS:
             self._row += 1
             return self._start_ns + math.floor(self._row * self._unit_ns)
-        if self._numeric:
+        if self.numeric:
             return self._start_ns + self._number_ns(text)
         try:
             moment = datetime.fromisoformat(text) if self._format == ISO else datetime.strptime(text, self._format)
         except ValueError:
             raise ValueError(say("bad.no_time", text=text, format=self._format)) from None
         return _utc_ns(moment if moment.tzinfo is not None else moment.replace(tzinfo=self._zone))
+
+    def many_ns(self, numbers: NDArray[np.float64], digits: int, texts: Iterable[str]) -> NDArray[np.int64]:
+        """Return `utc_ns` of some rows; ``numbers``: (n,), what texts of at most so many digits are if not words."""
+        unit_ns = int(self._unit_ns)
+        ns = numbers * unit_ns
+        whole = np.rint(ns)
+        if (
+            self.numeric
+            and unit_ns == self._unit_ns
+            and digits <= _EXACT_DIGITS
+            and np.abs(ns).max() <= _EXACT_NS
+            and np.all(np.abs(ns - whole) <= 2 * np.spacing(np.abs(whole)))
+        ):
+            return self._start_ns + whole.astype(np.int64)
+        return np.array([self.utc_ns(text) for text in texts], np.int64)
 
     def _number_ns(self, text: str) -> int:
         try:
@@ -145,6 +167,64 @@ class LogParser:
         self._ahead_ns = 0  # of a counter that began anew
         if self._form.names is not None:
             self._take_header(self._form.names)
+
+    def read(self, lines: Iterable[bytes]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """Yield what stands in the next lines, some at a time.
+
+        Yields: of each line the time of the newest row, ns from the first one on; of each row that time in s and its
+                values as `row` returns them, (n, 1 + columns).
+        Raises: as `row`.
+        """
+        left = iter(lines)
+        while part := list(islice(left, _LINES if self._width and self._line >= (self._form.header or 0) else 1)):
+            yield self._plain(part) or self._each(part)
+
+    def _each(self, lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        lines_ns, rows = [], []
+        for line in lines:
+            values = self.row(line)
+            lines_ns.append(self.last_ns - self.first_ns)
+            if values is not None:
+                rows.append((lines_ns[-1] / NS, *values))
+        return np.array(lines_ns, np.int64), np.array(rows, float).reshape(-1, 1 + len(self._columns))
+
+    def _plain(self, lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+        """Return what `_each` would, if every line is a row of numbers in which nothing is to be told apart."""
+        whole = b"".join(lines)
+        lengths = self._lengths(whole, len(lines))
+        if lengths is None:
+            return None
+        places = [self._time_at] * self._time.numeric + [place for place, _ in self._readers]
+        texts = (self._fields(line.decode("ascii"))[self._time_at].strip() for line in lines)
+        try:
+            cells = np.loadtxt(lines, delimiter=self._form.delimiter, comments=None, usecols=places, ndmin=2)
+            values = self._sentinels.without(cells[:, -len(self._readers) :])
+            t_ns = self._ahead_ns + self._time.many_ns(cells[:, 0], int(lengths[:, self._time_at].max()), texts)
+        except ValueError:
+            return None
+        first_ns, last_ns = (self.first_ns, self.last_ns) if self._last_line else (int(t_ns[0]), int(t_ns[0]))
+        if np.any(np.diff(t_ns, prepend=last_ns) < 0):
+            return None
+        self.size += len(whole)
+        self.digest.update(whole)
+        self._line += len(lines)
+        self.first_ns, self.last_ns, self._last_line = first_ns, int(t_ns[-1]), self._line
+        self.counts.rows += len(lines)
+        self._shortest = min(self._shortest, int(lengths[:, -1].min()) - whole.endswith(b"\r\n"))
+        return t_ns - first_ns, np.column_stack(((t_ns - first_ns) / NS, values * self._factors))
+
+    def _lengths(self, whole: bytes, lines: int) -> NDArray[np.intp] | None:
+        """Return the length of each field, (lines, width), if the text holds that many rows of plain characters."""
+        comment, mark = self._form.comment, self._form.delimiter
+        odd = whole.translate(None, _PLAIN) or (comment is not None and comment.encode() in whole)
+        if odd or self._open or self._width < 2 or mark == _BLANK or whole.count(b"\n") != lines:
+            return None
+        cut = np.frombuffer(whole, np.uint8)
+        ends = np.flatnonzero((cut == ord(mark)) | (cut == ord("\n")))
+        if len(ends) != lines * self._width or np.any(cut[ends[self._width - 1 :: self._width]] != ord("\n")):
+            return None
+        lengths = np.diff(ends, prepend=-1).reshape(lines, self._width) - 1
+        return lengths if lengths.max() <= MAX_LINE_BYTES // self._width else None
 
     def row(self, raw: bytes) -> list[float] | None:
         """Return the values of the next line, base units in the order of the mapping, NaN where overloaded.
@@ -287,18 +367,16 @@ class LogParser:
         if self._open and self.counts.rows >= ENOUGH and last < self._shortest:
             raise ValueError
         over = []
-        values = self._sentinels.plain([fields[place] for place, _ in self._readers])
-        if values is None:
-            values = []
-            for place, column in self._readers:
-                text = fields[place].strip()
-                number = self._sentinels.number(text)
-                if number is None:
-                    over.append(column.quantity)
-                    number = math.nan
-                elif not math.isfinite(number):
-                    raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
-                values.append(number)
+        values = []
+        for place, column in self._readers:
+            text = fields[place].strip()
+            number = self._sentinels.number(text)
+            if number is None:
+                over.append(column.quantity)
+                number = math.nan
+            elif not math.isfinite(number):
+                raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
+            values.append(number)
         t_ns += self._ahead_ns
         if self._last_line == 0:
             self.first_ns = t_ns
@@ -340,16 +418,18 @@ class _Sentinels:
         self._numbers = {float(number) for number in overload.values if not isinstance(number, str)}
         self._comma = form.decimal == ","
 
-    def plain(self, texts: list[str]) -> list[float] | None:
-        """Return the numbers of a row in which nothing is to be told apart; None if each is to be looked at."""
-        if self._comma or self._texts or "_" in "".join(texts):
-            return None
-        try:
-            numbers = [float(text) for text in texts]
-        except ValueError:
-            return None
-        usual = math.isfinite(sum(numbers)) and self._numbers.isdisjoint(numbers)
-        return numbers if usual and (self._limit is None or max(map(abs, numbers)) < self._limit) else None
+    def without(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return numbers of texts. Raises ValueError if one of them may be a sentinel, or is infinite."""
+        beyond = np.abs(numbers).max() >= (np.inf if self._limit is None else self._limit)
+        if (
+            not np.isfinite(numbers).all()
+            or beyond
+            or self._comma
+            or self._texts
+            or np.isin(numbers, [*self._numbers]).any()
+        ):
+            raise ValueError
+        return numbers
 
     def number(self, text: str) -> float | None:
         """Return the number that a text is, or None for a sentinel. Raises ValueError if it is neither."""

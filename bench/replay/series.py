@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.model.clock import NS
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.yamlio import parse_yaml
 from bench.plan import LogMapping, language_of_mapping
@@ -42,9 +41,8 @@ def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> tuple[LogP
     Raises: InputError B-IMP-001 to B-IMP-006, as bench.replay.delimited.LogParser.
     """
     parser, lines_ns = LogParser(mapping, name), array("q")
-    for line in lines:
-        parser.row(line)
-        lines_ns.append(parser.last_ns - parser.first_ns)
+    for times_ns, _ in parser.read(lines):
+        lines_ns.frombytes(times_ns.tobytes())
     parser.finish()
     return parser, lines_ns
 
@@ -135,11 +133,8 @@ def replay_series(folder: Path) -> ImportedSeries:
     log = manifest.get("log", {})
     parser = LogParser(mapping, str(log.get("file", folder)))
     held = array("d")
-    for line in lines_of(message.payload for message in reader.messages(frozenset({_TOPIC}))):
-        values = parser.row(line)
-        if values is not None:
-            held.append((parser.last_ns - parser.first_ns) / NS)
-            held.extend(values)
+    for _, rows in parser.read(lines_of(message.payload for message in reader.messages(frozenset({_TOPIC})))):
+        held.frombytes(rows.tobytes())
     parser.finish()
     held_columns = np.frombuffer(held).reshape(-1, 1 + len(names)).T
     columns = {name: column.copy() for name, column in zip(("t_s", *names), held_columns, strict=True)}

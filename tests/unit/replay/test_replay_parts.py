@@ -1,7 +1,11 @@
 """Records as events tell them, parts on one axis, rows as in the run; and delimited text as loggers write it."""
 
 import math
+import operator
+import random
+import re
 from dataclasses import replace
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -313,14 +317,70 @@ def mapped(*changes: tuple[str, str]) -> LogMapping:
 
 def read(content: bytes, mapping: LogMapping, cut: int = 1 << 30) -> tuple[list[Any], LogParser]:
     parser = LogParser(mapping, "log.csv")
-    chunks = (content[at : at + cut] for at in range(0, len(content), cut))
-    return [(parser.last_ns, row) for line in lines_of(chunks) if (row := parser.row(line)) is not None], parser
+    lines = list(lines_of(content[at : at + cut] for at in range(0, len(content), cut)))
+    rows = [(parser.last_ns, row) for line in lines if (row := parser.row(line)) is not None]
+    at_once = LogParser(mapping, "log.csv")
+    blocks = np.concatenate([block for _, block in at_once.read(lines)])
+    np.testing.assert_array_equal(blocks, [((t_ns - parser.first_ns) / NS, *row) for t_ns, row in rows] or blocks)
+    assert len(blocks) == len(rows)
+    told = operator.attrgetter("counts", "size", "first_ns", "last_ns")
+    assert told(at_once) == told(parser)
+    assert at_once.digest.digest() == parser.digest.digest()
+    return rows, parser
 
 
 def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> LogParser:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     return survey(file_lines(path), mapping or mapped(), str(path))[0]
+
+
+NUMBERS = [
+    "format: elapsed, unit: s, start: 2024-01-01T00:00:00Z",
+    "format: elapsed, unit: min, start: 2024-01-01T00:00:00Z",
+    "format: unix, unit: ms",
+    "format: samples, rate: 300 Hz, start: 2024-01-01T00:00:00Z",
+]
+_ODD = [
+    "",
+    "# x",
+    '"5",1,2',
+    "5,1",
+    "5,1,2,",
+    "5,1_0,2",
+    "5,nan,2",
+    "5,OL,2",
+    "5,9.9e37,2",
+    "5,0x10,2",
+    "5,1e400,2",
+    "\0",
+]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_log_that_is_read_at_once_holds_what_its_lines_do(seed: int) -> None:
+    draw = random.Random(seed)
+    step = draw.choice(["0.01", "0.001", "1e-9", "0.0000000004", "0.1234567890123456", "86400.25", "4294.967"])
+    start = draw.choice([0, 0, 1_714_636_800])
+    times = [start + number * Decimal(step) for number in range(300)]
+    lines = [f"{t},{draw.gauss(20, 1):.{draw.randint(0, 17)}f}, {draw.gauss(0, 9):g} " for t in times]
+    for _ in range(draw.choice([0, 0, 1, 5])):
+        lines.insert(draw.randrange(1, len(lines)), draw.choice(_ODD))
+    if draw.random() < 0.2:
+        at = draw.randrange(1, len(lines) - 1)
+        lines[at], lines[at + 1] = lines[at + 1], lines[at]
+    end = draw.choice(["\n", "\r\n"])
+    content = end.join(["time,T,U", *lines, lines[-1][: draw.choice([0, 3, 9, 99])]])
+    mapping = mapped(
+        (BY_NUMBER[0], draw.choice(NUMBERS)), ("uut:", draw.choice(["uut:", 'file: {comment: "#"}\nuut:']))
+    )
+    try:
+        rows, _ = read(content.encode(), mapping)
+    except InputError as error:
+        with pytest.raises(InputError, match=re.escape(str(error))):
+            list(LogParser(mapping, "log.csv").read(lines_of([content.encode()])))
+    else:
+        assert len(rows) >= 290 or start
 
 
 def test_a_plain_log_in_base_units() -> None:
