@@ -6,20 +6,20 @@ import contextlib
 import ipaddress
 import json
 import os
+import select
 import signal
 import socket
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS, WallClock
-from bench.model.errors import InputError
-from bench.model.posix import ALONE, lock_file
+from bench.model.errors import BenchError, InputError
+from bench.model.posix import ALONE, lock_file, make_raw, unix_socket
 from sim_instruments.faults.named import listing
-from sim_instruments.served.control_socket import ControlSocket
 from sim_instruments.served.hislip_exchange import ServedInstrument
 from sim_instruments.served.hislip_server import HislipServer
-from sim_instruments.served.pty_links import PUMP_S, PtyLink
 from sim_instruments.served.socket_server import SocketServer
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world, possible_faults
@@ -269,3 +269,135 @@ def _locked(folder: Path) -> int:
     os.ftruncate(lock, 0)
     os.write(lock, f"{os.getpid()}\n".encode())
     return lock
+
+
+MOST_BYTES = 65_536
+PATIENCE_S = 5.0  # for a client that connects and says nothing
+
+Answer = Callable[[Sequence[str]], dict[str, Any]]
+
+
+class ControlSocket:
+    """Answers requests on a thread of its own until it is closed.
+
+    Args: path: of the socket.   answer: from the words of a request to the reply; its BenchErrors become error replies.
+    Raises: InputError B-SIM-014 if the socket cannot be made.
+    """
+
+    def __init__(self, path: Path, answer: Answer) -> None:
+        self._path, self._answer = path, answer
+        self._socket = unix_socket()
+        before = os.umask(0o177)
+        try:
+            path.unlink(missing_ok=True)
+            self._socket.bind(str(path))
+        except OSError as error:
+            self._socket.close()
+            message = f"the control socket cannot be made: {error}"
+            raise InputError("B-SIM-014", message, where=str(path), next_step="give a shorter --dir") from error
+        finally:
+            os.umask(before)
+        self._socket.listen()
+        self._thread = threading.Thread(target=self._serve, name="control socket", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Answer nothing more and remove the socket; idempotent."""
+        if self._socket.fileno() >= 0:
+            self._socket.shutdown(socket.SHUT_RDWR)
+            self._thread.join()
+            self._socket.close()
+            self._path.unlink(missing_ok=True)
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                client, _ = self._socket.accept()
+            except OSError:  # closed
+                return
+            with client:
+                client.settimeout(PATIENCE_S)
+                try:
+                    client.sendall(json.dumps(self._reply(client)).encode() + b"\n")
+                except OSError:  # it went away, or says nothing
+                    continue
+
+    def _reply(self, client: socket.socket) -> dict[str, Any]:
+        with client.makefile("rb") as stream:
+            line = stream.readline(MOST_BYTES)
+        try:
+            return self._answer([str(word) for word in json.loads(line)["words"]])
+        except BenchError as error:
+            fields = {"code": error.code, "message": error.message, "where": error.where, "next_step": error.next_step}
+            return {"error": fields}
+        except (ValueError, KeyError, TypeError) as error:
+            return {"error": {"code": "B-SIM-014", "message": f"not understood: {error}", "where": "", "next_step": ""}}
+
+
+PUMP_S = 0.004  # real time between two looks at the line
+READ_BYTES = 65_536
+
+
+class PtyLink:
+    """One port of the unit behind the name ``path``; ``pump`` moves what has arrived, in both directions.
+
+    Args: world: its unit has the port ``name``.   path: symbolic link to the terminal, replaced if it exists.
+    """
+
+    def __init__(self, world: World, name: str, path: Path, baud: int) -> None:
+        self.name, self.path = name, path
+        self.sent_bytes = self.lost_bytes = 0
+        self._unit, self._port = world.unit.port_at(name)  # type: ignore[attr-defined]
+        self._faults = world.faults.link(name)
+        self._master: int | None = None
+        self._unit.connect(self._port, baud, self._faults)
+        self._plug()
+
+    def pump(self) -> None:
+        """Move bytes both ways, and follow the fault switches of the port."""
+        if self._faults.unplugged != (self._master is None):
+            self._unplug() if self._faults.unplugged else self._plug()
+        arrived = self._unit.read(self._port, READ_BYTES)
+        if self._master is None:
+            self.lost_bytes += len(arrived)
+            return
+        if arrived:
+            self._send(self._master, arrived)
+        with contextlib.suppress(OSError):  # nothing written, or nobody there
+            self._unit.write(self._port, os.read(self._master, READ_BYTES))
+
+    def close(self) -> None:
+        """Take the terminal and its name away; idempotent."""
+        self._unplug()
+
+    def _send(self, master: int, arrived: bytes) -> None:
+        sent = 0
+        if not self._nobody_listens(master):
+            with contextlib.suppress(OSError):  # the terminal's buffer is full, or it was closed just now
+                sent = os.write(master, arrived)
+        self.sent_bytes += sent
+        self.lost_bytes += len(arrived) - sent
+
+    @staticmethod
+    def _nobody_listens(master: int) -> bool:
+        poll = select.poll()
+        poll.register(master, 0)
+        return any(event & select.POLLHUP for _, event in poll.poll(0))
+
+    def _plug(self) -> None:
+        """A new terminal in raw mode behind the name; its slave side was open once, so that POLLHUP tells."""
+        self._master, slave = os.openpty()
+        os.set_blocking(self._master, False)
+        make_raw(slave)
+        target = os.ttyname(slave)
+        os.close(slave)
+        new = self.path.with_name(self.path.name + ".new")
+        new.unlink(missing_ok=True)
+        new.symlink_to(target)
+        new.replace(self.path)
+
+    def _unplug(self) -> None:
+        if self._master is not None:
+            self.path.unlink(missing_ok=True)
+            os.close(self._master)
+            self._master = None

@@ -24,7 +24,7 @@ from bench.model.errors import InputError
 from bench.record import SessionReader
 from bench.replay import replay_series
 from bench.replay.series import ImportedSeries
-from bench.tables import FORMATS, Session, export_session, kind_of, mcap_file
+from bench.tables import FORMATS, Session, export, export_session, kind_of
 from bench.tables.plain import arrays_of, flat, words_of
 
 Tables = dict[str, pd.DataFrame]
@@ -142,7 +142,7 @@ def test_what_matlab_cannot_hold(sessions: list[Session], tmp_path: Path, monkey
 
 
 def test_mcap_reads_back_and_holds_its_schemas(exported: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mcap_file, "CHUNK_BYTES", 50_000)
+    monkeypatch.setattr(export, "CHUNK_BYTES", 50_000)
     for folder, tables in exported("mcap"):
         (path,) = folder.iterdir()
         with path.open("rb") as stream:

@@ -30,7 +30,7 @@ from bench.run.bench.side_by_side import asked, bus_of
 from bench.run.control.operator import SimulatedOperator
 from bench.run.observers import HeldTranscript, Observers, Recorder, new_folder
 from bench.run.session import conduct
-from sim_instruments.served.control_socket import ControlSocket
+from sim_instruments.served.process import ControlSocket
 
 ROOT = Path(__file__).resolve().parents[4]
 SIMULATED = (ROOT / "stations" / "af_bench_sim.yaml").read_text()

@@ -19,9 +19,7 @@ from bench.plan.check.stations import check_station
 from bench.plan.findings import Findings
 from bench.plan.served import served_station
 from sim_instruments.faults.switchboard import LinkFaults
-from sim_instruments.served.control_socket import ControlSocket
-from sim_instruments.served.process import OutputWatch
-from sim_instruments.served.pty_links import PtyLink
+from sim_instruments.served.process import ControlSocket, OutputWatch, PtyLink
 from sim_instruments.worlds.common.thermal import UNIT_LAG_S, Thermal
 
 TODAY = date(2031, 5, 7)
