@@ -52,7 +52,7 @@ def test_a_clock_that_is_set_forward_is_refused_and_a_pause_is_not() -> None:
     kept = np.delete(np.arange(2520), slice(600, 700))
     (note,) = told(replace(log, columns={name: values[kept] for name, values in log.columns.items()}))[0]
     assert note == (
-        "The log pauses 1 times, 1010 s in all; the longest, 1010 s, is behind row 600. Nothing is filled in."
+        "Pauses in the log: 1, 1010 s in all; the longest, 1010 s, is behind row 600. Nothing is filled in."
     )
 
 
