@@ -46,11 +46,14 @@ from bench.analysis.doubt import (
 )
 from bench.analysis.estimates import (
     UNIT,
+    Closed,
     Common,
+    Document,
     Estimate,
     Estimates,
     EvidenceInterval,
     Limits,
+    check_form,
     covariance_by_standards,
     documents,
     estimate,
@@ -59,6 +62,7 @@ from bench.analysis.estimates import (
     limit_range,
     limits_of,
     rule_of,
+    schema_of,
     sharing,
     stated_limits,
     use_of,
@@ -86,7 +90,6 @@ from bench.analysis.figures import (
     worded_figure,
     worded_table,
 )
-from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.material import (
     CONTINUES,
     Check,

@@ -14,10 +14,9 @@ from typing import Any, Protocol
 from numpy.linalg import LinAlgError
 
 from bench.analysis.doubt import Evidence
-from bench.analysis.estimates import Estimates
+from bench.analysis.estimates import Document, Estimates
 from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Table
-from bench.analysis.form import Document
 from bench.analysis.material import Material
 from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from bench.analysis.analysis import Analysis
-from bench.analysis.form import Document
+from bench.analysis.estimates import Document
 
 OF_UNIT = ":"  # between the name of a session and the serial number of one of its units
 

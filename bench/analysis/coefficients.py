@@ -11,8 +11,7 @@ from pydantic import Field
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import DOUBTFUL, base_quantity, is_sound
-from bench.analysis.estimates import Estimate, estimates_of
-from bench.analysis.form import Closed, Document, check_form
+from bench.analysis.estimates import Closed, Document, Estimate, check_form, estimates_of
 from bench.maths.verdict import Verdict, worst
 from bench.model.errors import InputError
 

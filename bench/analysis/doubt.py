@@ -15,9 +15,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from bench.analysis.estimates import Estimate, EvidenceInterval, Reason
+from bench.analysis.estimates import Document, Estimate, EvidenceInterval, Reason
 from bench.analysis.figures import with_uncertainty
-from bench.analysis.form import Document
 from bench.analysis.wording import say
 from bench.maths.verdict import INDETERMINATE
 

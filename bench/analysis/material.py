@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis.form import Document
+from bench.analysis.estimates import Document
 from bench.analysis.wording import say
 from bench.maths.arrays import Floats
 from bench.model.clock import NS

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from bench.analysis.estimates import Estimates
-from bench.analysis.form import Document
+from bench.analysis.estimates import Document, Estimates
 from bench.analysis.material import Exchange, Reading, Trace
 from bench.model.ports import RecordWindow
 

@@ -18,8 +18,19 @@ from pydantic import ConfigDict, Field, StringConstraints
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import DOUBTFUL, REFUSED, base_quantity, stated, weigh
-from bench.analysis.estimates import FIT_AGAIN, Acceptance, Estimate, Estimates, documents, judged, rule_of
-from bench.analysis.form import Closed, Document, check_form, schema_of
+from bench.analysis.estimates import (
+    FIT_AGAIN,
+    Acceptance,
+    Closed,
+    Document,
+    Estimate,
+    Estimates,
+    check_form,
+    documents,
+    judged,
+    rule_of,
+    schema_of,
+)
 from bench.analysis.wording import say
 from bench.maths.verdict import Rule
 from bench.model.errors import InputError

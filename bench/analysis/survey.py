@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.analysis.doubt import Evidence
-from bench.analysis.form import Document
+from bench.analysis.estimates import Document
 from bench.analysis.material import Material
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.form import Document
+from bench.analysis.estimates import Document
 from bench.analysis.material import (
     GivenValue,
     Material,

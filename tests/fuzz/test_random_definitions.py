@@ -16,7 +16,7 @@ from bench.frame import FrameDefinition, FrameSpec, parse_frame
 from bench.frame.catalogue import find_model
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import CHECKSUMS, Crc
-from bench.frame.encode import encode_frame
+from bench.frame.definition import encode_frame
 from bench.frame.packets import ESCAPES
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml

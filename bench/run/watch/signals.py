@@ -28,8 +28,7 @@ from bench.run.bench.safety import hurried
 from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR
 from bench.run.links.acquisition import STALE_S
-from bench.run.links.reader import LinkReader, age_s
-from bench.run.links.thermometer import TEMPERATURE, of_unit
+from bench.run.links.reader import TEMPERATURE, LinkReader, age_s, of_unit
 from bench.run.observers import Following
 
 KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has

@@ -30,7 +30,7 @@ from bench.model.errors import InputError
 from bench.plan import Plan, PlannedRecord, PlannedSoak, check_plan, compile_sequence
 from bench.session.designed import Asked, Proposal, problem_of, proposed
 from bench.session.predicted import predicted
-from bench.systems.af_converter.assumptions import CLOCK_STEADY
+from bench.systems.af_converter.constants import CLOCK_STEADY
 from bench.systems.af_converter.scale_factor.analysis import analyse
 from bench.systems.af_converter.scale_factor.design.campaign import Campaigns, Candidate
 from bench.systems.af_converter.scale_factor.design.template import template_of

@@ -22,7 +22,7 @@ from bench.systems.af_converter.estimators.readings import (
     noise_parts,
     open_input_bias,
 )
-from bench.systems.af_converter.estimators.temperature import fit_temperature
+from bench.systems.af_converter.group_fit import fit_temperature
 
 RNG = np.random.default_rng(21)  # by seed 20 the differences of scipy.optimize put a covariance off by 2e-5
 NAMES = ("a", "b", "c")

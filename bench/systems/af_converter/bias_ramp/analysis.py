@@ -56,12 +56,12 @@ from bench.systems.af_converter.bias_ramp.fit import (
 )
 from bench.systems.af_converter.bias_ramp.fit import METHODS as FIT_METHODS
 from bench.systems.af_converter.bias_ramp.noise import channel_noise, noise_estimates, noise_figures, noise_table
-from bench.systems.af_converter.budget_tables import budget_table, correlation_table
 from bench.systems.af_converter.constants import Campaign, read_campaign
 from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, branch_curves, width_at
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit
+from bench.systems.af_converter.scale_factor.budgets import budget_table, correlation_table
 from bench.systems.af_converter.wording import kind_name, say
 
 _nA, _PPM = 1e9, 1e6

@@ -17,7 +17,7 @@ from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import TERMS, UNITS, NoiseTerm, NoiseTerms, expected_deviation, fit_noise_terms
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit, RampRecords
-from bench.systems.af_converter.budget_tables import figures
+from bench.systems.af_converter.scale_factor.budgets import figures
 from bench.systems.af_converter.wording import say
 
 _nA = 1e9

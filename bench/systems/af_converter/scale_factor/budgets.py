@@ -1,5 +1,5 @@
 """Uncertainty budgets of the scale-factor errors, and their check by Monte Carlo: the whole model of a group is drawn
-and fitted again.
+and fitted again; budgets as tables of the report.
 
 The components are those of which ``estimates`` makes the totals of results.json; their sensitivities come from the
 fit. What channels share carries one label in all budgets (docs/decisions/0008-uncertainty-and-decision.md).
@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Table, number, worded_table
+from bench.analysis import Table, number, significant, with_uncertainty, worded_table
+from bench.maths.arrays import Floats
 from bench.maths.budget import (
     TYPE_A,
     Budget,
@@ -25,7 +26,6 @@ from bench.maths.budget import (
     effective_dof,
     propagate,
 )
-from bench.systems.af_converter.budget_tables import budget_table, correlation_table, figures, summary_table
 from bench.systems.af_converter.constants import REGISTER, Campaign, Standards
 from bench.systems.af_converter.estimators.readings import (
     GAIN,
@@ -337,3 +337,85 @@ def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list
         for (kind, name), value in largest.items()
         if name in stated
     ]
+
+
+_BUDGET_HEADERS = (
+    "component",
+    "u",
+    "unit",
+    "sensitivity",
+    "contribution",
+    "share",
+    "dof",
+    "type",
+    "distribution",
+    "source",
+)
+
+
+def budget_table(title: str, unit: str, value: float, budget: Budget) -> Table:
+    """Return one budget: a row per component that contributes, then the combined uncertainty; ``value`` in ``unit``."""
+    rows = [
+        [
+            component.name,
+            figures(component.std_uncertainty),
+            component.unit or unit,
+            figures(component.sensitivity),
+            figures(component.contribution),
+            f"{100.0 * budget.share(component):.2f} %",
+            dof_text(component.dof),
+            component.evaluation,
+            say(f"budget.{component.distribution}"),
+            component.source,
+        ]
+        for component in budget.components
+        if component.contribution
+    ]
+    rows.append(
+        [say("component.combined"), "", unit, "", figures(budget.std_uncertainty), "", dof_text(budget.dof), "", "", ""]
+    )
+    stated = with_uncertainty(value, budget.expanded_uncertainty)
+    caption = say("budget.caption", value=stated, unit=unit, k=f"{budget.coverage_factor:.2f}")
+    return Table(title, caption, say.heads("budget", *_BUDGET_HEADERS), rows)
+
+
+def correlation_table(title: str, caption: str, names: Sequence[str], matrix: Floats) -> Table:
+    """Correlation between results, both ways by name; three decimals, but 1 for a result with itself alone."""
+    rows = [
+        [name, *(_correlation(float(matrix[row, column]), row == column) for column in range(len(names)))]
+        for row, name in enumerate(names)
+    ]
+    return Table(title, caption, ["", *names], rows)
+
+
+def summary_table(title: str, unit: str, budgets: Mapping[str, Budget], kinds: Mapping[str, str]) -> Table:
+    """Contributions of the budgets of all channels side by side, components summed by kind.
+
+    ``kinds``: kind of component by its name, in the order of the columns; all others are left to the combined value.
+    """
+    columns = list(dict.fromkeys(kinds.values()))
+    rows = []
+    for name, budget in budgets.items():
+        sums = dict.fromkeys(columns, 0.0)
+        for component in budget.components:
+            if component.name in kinds:
+                sums[kinds[component.name]] += component.contribution**2
+        ends = [significant(budget.std_uncertainty), dof_text(budget.dof), f"{budget.coverage_factor:.2f}"]
+        parts = [significant(math.sqrt(sums[column])) for column in columns]
+        rows.append([name, *parts, *ends, significant(budget.expanded_uncertainty)])
+    headers = [say("budget.head.channel"), *columns, "u", say("budget.head.dof"), "k", "U"]
+    return Table(title, say("summary.caption", unit=unit), headers, rows)
+
+
+def figures(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits: one more than a result has, so that sums can be checked."""
+    return number(float(f"{value:.{digits}g}"))
+
+
+def dof_text(dof: float) -> str:
+    """Degrees of freedom: rounded down, as a coverage factor may only become larger by it; the sign for infinity."""
+    return "∞" if math.isinf(dof) or dof >= 1e6 else f"{math.floor(dof)}"
+
+
+def _correlation(value: float, own: bool) -> str:
+    return "1" if own else f"{math.copysign(min(abs(value), 0.999), value):.3f}".replace("-", "−")

@@ -32,8 +32,7 @@ from bench.analysis import (
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import of_many
 from bench.maths.verdict import coverage_factor
-from bench.systems.af_converter.assumptions import BETWEEN_VISITS_ppm
-from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, expired
+from bench.systems.af_converter.constants import CALIBRATOR, BETWEEN_VISITS_ppm, Campaign, Standards, expired
 from bench.systems.af_converter.estimators.readings import (
     QUANTISATION,
     RangeSpecification,

@@ -42,11 +42,11 @@ from bench.systems.af_converter.constants import (
     read_standards,
 )
 from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise, master_clock_error, scatter_A2
-from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial
 from bench.systems.af_converter.group_fit import (
     QUANTITIES,
     Fitted,
     GroupFit,
+    TemperaturePolynomial,
     conditions_of,
     fit_groups,
     shared_ppm,
