@@ -56,10 +56,13 @@ class Analysis:
     compensation: Documents = field(default_factory=list)
     attachments: Mapping[str, str] = field(default_factory=dict)
 
-    def leaving_out(self, rows: int) -> Analysis:
-        """Return the analysis of a log of which so many rows were left out beforehand, each estimate counting them."""
+    def leaving_out(self, rows: int, seen: Sequence[str]) -> Analysis:
+        """Return the analysis of a log of which so many rows were left out beforehand, each estimate counting them.
+
+        ``seen``: sentences on what was seen of the log.
+        """
         entries = [entry.model_copy(update={"dropped": entry.dropped + rows}) for entry in self.estimates]
-        return replace(self, estimates=entries)
+        return replace(self, estimates=entries, notes=[*seen, *self.notes], seen=[*seen, *self.seen])
 
 
 def no_result(missing: Iterable[str]) -> list[str]:
@@ -118,10 +121,9 @@ def analyse(material: Material, method: str | None = None) -> Analysis:
     from bench.analysis.survey import surveyed  # of logs alone
 
     survey = surveyed(material)
-    analysis = _analysed(declared.name, module, survey.material, chosen).leaving_out(survey.left_out)
+    analysis = _analysed(declared.name, module, survey.material, chosen).leaving_out(survey.left_out, survey.notes)
     analysis = with_expected(analysis, material)
-    evidence = [*survey.evidence, *analysis.evidence]
-    return replace(analysis, notes=[*survey.notes, *analysis.notes], seen=survey.notes, evidence=evidence)
+    return replace(analysis, evidence=[*survey.evidence, *analysis.evidence])
 
 
 def _analysed(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:

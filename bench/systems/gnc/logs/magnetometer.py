@@ -52,10 +52,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         field, time_s = field[~off], time_s[~off]
     rows = material.series["t_s"].size
     sphere = sphere_of([field], unit) if method == METHODS[0] else Sphere()
-    sphere.notes.extend(left_out)
     if sphere.fit is None:
         try:
-            return _turn(material, field, time_s, unit, sphere).leaving_out(rows - len(field))
+            return _turn(material, field, time_s, unit, sphere).leaving_out(rows - len(field), left_out)
         except FitError as error:
             raise _seen(material, every, off, unit) or error from None
     searches = searches_of([], sphere.cloud([1], [time_s]), shown_unit(unit))
@@ -69,7 +68,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         tables=[_table(sphere, unit), *unseen_tables(searches)],
         figures=sphere.figures,
     )
-    return analysis.leaving_out(rows - len(field))
+    return analysis.leaving_out(rows - len(field), left_out)
 
 
 def _readings(material: Material) -> tuple[Floats, Floats, str]:

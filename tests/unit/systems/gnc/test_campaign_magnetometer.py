@@ -231,7 +231,7 @@ def test_rows_off_the_surface_are_left_out_if_few_and_told() -> None:
     field[[100, 101, 700]] = -40.96, 3.2767, 0.0
     analysis = magnetometer.analyse(material(field))
     told = "Rows 101 to 102, 701 of 1500 lie off the surface of all others and were left out."
-    assert (analysis.notes[0], english_left(analysis)) == (told, set())
+    assert (analysis.notes[0], analysis.seen, english_left(analysis)) == (told, [told], set())
     for quantity in ("mag_hard_iron", "mag_soft_iron"):
         for entry, other in zip(every(analysis, quantity), every(clean, quantity), strict=True):
             assert entry.value == pytest.approx(other.value, abs=0.1 * other.expanded_uncertainty)
