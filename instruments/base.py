@@ -158,10 +158,10 @@ class BaseInstrument(Commands):
         message = f"the error queue does not end; {len(problems)} read, last {problems[-1]!r}"
         raise self.error("B-INST-006", message, "switch the instrument off and on, then check its cable")
 
-    def raw(self, command: str) -> str | None:
-        """Control by hand: send a command as it is; a query (with "?") returns its reply."""
+    def raw(self, command: str, *, answers: bool = False) -> str | None:
+        """Control by hand: send a command as it is; a query (with "?"), or what ``answers``, returns its reply."""
         self._ready()
-        if "?" in command:
+        if answers or "?" in command:
             return self.bus.query(command, str, self.timeout_s, repeatable=False)
         self.bus.write(command, self.timeout_s)
         return None

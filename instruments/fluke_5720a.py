@@ -164,12 +164,12 @@ class Fluke5720A(BaseInstrument):
         """Get all queued faults with their explanation, oldest first."""
         return [f"{number} {self._explain(number)}" for number in super().drain_errors()]
 
-    def raw(self, command: str) -> str | None:
+    def raw(self, command: str, *, answers: bool = False) -> str | None:
         """Control by hand. Raises: InstrumentError B-INST-014 if the command overruns the input buffer."""
         if len(command) >= _INPUT_BUFFER_BYTES:
             message = f"a command of {len(command)} bytes overruns the input buffer of {_INPUT_BUFFER_BYTES} bytes"
             raise self.error("B-INST-014", message, "send it in parts")
-        return super().raw(command)
+        return super().raw(command, answers=answers)
 
     def _prepare(self) -> None:
         """The current comes out of OUTPUT HI, the guard is inside: asked first, a run may be going on."""

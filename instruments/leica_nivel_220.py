@@ -55,6 +55,11 @@ class LeicaNivel220(BaseInstrument):
         x_mrad, y_mrad, temperature_degC = self.ask(telegram("G A"), read_tilt)
         return {"x_mrad": x_mrad, "y_mrad": y_mrad, "temperature_degC": temperature_degC}
 
+    def raw(self, command: str, *, answers: bool = False) -> str | None:
+        """Control by hand; what the sensor is asked, ``N1C1 G A``, is put into its frame."""
+        asked = command.removeprefix("N1C1 ")
+        return super().raw(command if asked == command else telegram(asked), answers=answers)
+
     def drain_errors(self) -> list[str]:
         """Get nothing: it keeps no errors."""
         return []

@@ -120,12 +120,13 @@ class Thermotron3800(BaseInstrument):
         standing = self.bus.query("ALRM1?", read_integer, self.timeout_s, repeatable=False)
         return [f"{name} alarm" for bit, name in _ALARMS if standing >> bit & 1]
 
-    def raw(self, command: str) -> str | None:
-        """Control by hand; an operation of the 8800 returns its completion number."""
-        if "?" not in command and self.options["dialect"] == "8800":
-            self._ready()
-            return self.bus.query(command, str, self.timeout_s, repeatable=False)
-        return super().raw(command)
+    def raw(self, command: str, *, answers: bool = False) -> str | None:
+        """Control by hand; an operation returns its completion number, 0 of a 3800 where one is due."""
+        if "?" in command:
+            return super().raw(command)
+        self._ready()
+        completion = str(self._operate(command))
+        return completion if answers or self.options["dialect"] == "8800" else None
 
     def _operate(self, command: str) -> int:
         if self.options["dialect"] == "8800":

@@ -37,10 +37,13 @@ class Command(StrictModel):
     reply: str = Field("", description="regular expression of the whole reply; NUMBER stands for one in figures")
     touch: Touch = Field("asks", description="what sending it does to the bench")
     example: str = Field("", alias="try", description="as it may be sent at a first contact; empty: never alone")
+    after: str = Field("", description="sent before it, where the command is refused otherwise")
+    shown: dict[str, str] = Field({}, description="questions that show what it did: forms of their replies")
 
-    def replies_so(self, reply: str) -> bool:
-        """Return whether a reply has the documented form; frames and terminators aside."""
-        return re.fullmatch(self.reply.replace("NUMBER", _NUMBER), reply.strip(_CONTROLS)) is not None
+
+def replies_so(form: str, reply: str) -> bool:
+    """Return whether a reply has the documented form; frames and terminators aside."""
+    return re.fullmatch(form.replace("NUMBER", _NUMBER), reply.strip(_CONTROLS)) is not None
 
 
 class Manual(StrictModel):
@@ -69,16 +72,17 @@ def _says(form: str, sent: str) -> bool:
     return re.fullmatch(".+?".join(re.escape(part) for part in _ARGUMENT.split(form)), sent) is not None
 
 
-@cache
 def manual_of(driver: str) -> Manual | None:
     """Return the table of a driver, None if it has none. Raises: InputErrors for a file that is not right."""
-    package = package_of_driver(driver)
-    if package is None:
-        return None
-    path = package.folder / f"{driver}.yaml"
-    if not path.is_file():
-        return None
-    return parse_yaml(path.read_bytes(), f"{driver}.yaml", Manual).model
+    own, package = lab.own_code("instruments", driver), package_of_driver(driver)
+    folders = [*(() if own is None else (own.parent,)), *(() if package is None else (package.folder,))]
+    paths = [folder / f"{driver}.yaml" for folder in folders]
+    return next((_manual(path) for path in paths if path.is_file()), None)
+
+
+@cache
+def _manual(path: Path) -> Manual:
+    return parse_yaml(path.read_bytes(), path.name, Manual).model
 
 
 def page(driver: str, manual: Manual) -> str:

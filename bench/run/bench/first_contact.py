@@ -12,11 +12,12 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.model.drivers import Command, Manual
+from bench.model.drivers import Command, Manual, replies_so
 from bench.model.errors import BenchError
 from bench.model.ports import Identity
 from bench.model.quantities import Values
@@ -38,7 +39,7 @@ class Tried:
 
 
 def walk(instrument: Any, manual: Manual, ask: Ask, tell: Callable[[Tried], None]) -> list[Tried]:
-    """Try every command that may be sent alone; at the end again what had no answer, and questions that differed.
+    """Try every command that may be sent alone; at the end again what had no answer, and questions that went wrong.
 
     Args: instrument: a driver that was introduced.   ask: somebody at the bench, before what energises or moves.
           tell: gets each command as soon as it was tried.
@@ -48,8 +49,8 @@ def walk(instrument: Any, manual: Manual, ask: Ask, tell: Callable[[Tried], None
         tried[form] = _tried(instrument, form, command, ask)
         tell(tried[form])
     for form, seen in list(tried.items()):
-        differed = seen.outcome == DIFFERS and manual.commands[form].touch == "asks"
-        if differed or seen.outcome == SILENT:
+        asked = seen.outcome in (DIFFERS, REFUSED) and manual.commands[form].touch == "asks"
+        if asked or seen.outcome == SILENT:
             tried[form] = _tried(instrument, form, manual.commands[form], ask)
             tell(tried[form])
     return list(tried.values())
@@ -61,20 +62,32 @@ def _tried(instrument: Any, form: str, command: Command, ask: Ask) -> Tried:
     dangerous = command.touch in ("energises", "moves")
     if dangerous and not ask(f"{command.example!r} {command.touch}: is nobody and nothing in danger, may it be sent?"):
         return Tried(form, "", "", command.reply, NOT_TRIED)
-    said, outcome = "", AS_DOCUMENTED
+    said: list[str] = []
+    outcome, problems = AS_DOCUMENTED, []
     try:
-        said = instrument.raw(command.example) or ""
+        if command.after:
+            instrument.raw(command.after)
+        reply = instrument.raw(command.example, answers=bool(command.reply)) or ""
+        said += filter(None, [reply])
         problems = instrument.drain_errors()
+        shown = {question: instrument.raw(question, answers=True) or "" for question in command.shown}
+        said += [f"{question} {answer}" for question, answer in shown.items()]
+        forms = [(command.reply, reply), *((command.shown[question], answer) for question, answer in shown.items())]
+        if any(form and not replies_so(form, answer) for form, answer in forms):
+            outcome = DIFFERS
     except BenchError as error:
-        return Tried(form, command.example, error.message, command.reply, SILENT)
+        said.append(error.message)
+        outcome = SILENT
+        with suppress(BenchError):  # the next command is not blamed for it
+            problems = instrument.drain_errors()
     finally:
         if dangerous:
             instrument.make_safe()
     if problems:
-        said, outcome = "; ".join([*filter(None, [said]), told_once(problems)]), REFUSED
-    elif command.reply and "?" in command.example and not command.replies_so(said):
-        outcome = DIFFERS
-    return Tried(form, command.example, said, command.reply, outcome)
+        said.append(told_once(problems))
+        outcome = SILENT if outcome == SILENT else REFUSED
+    documented = "; ".join([command.reply, *(f"{asked} {answer}" for asked, answer in command.shown.items())])
+    return Tried(form, command.example, "; ".join(said), documented.removeprefix("; "), outcome)
 
 
 def told_once(problems: Sequence[str]) -> str:
@@ -138,8 +151,7 @@ def unproved(station: Path, driver: str, manual: Manual, identity: Identity) -> 
         who = record["identity"]
         if (record["driver"], who["model"], who["firmware"]) == (driver, identity.model, identity.firmware):
             seen |= {one["form"]: one["outcome"] for one in record["commands"] if one["outcome"] != NOT_TRIED}
-    tried = [form for form in manual.unconfirmed if manual.commands[form].example]
-    return [form for form in tried if seen.get(form) != AS_DOCUMENTED]
+    return [form for form in manual.unconfirmed if seen.get(form) != AS_DOCUMENTED]
 
 
 def _records(station: Path) -> Iterator[dict[str, Any]]:

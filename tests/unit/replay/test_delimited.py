@@ -208,7 +208,9 @@ def test_blocks_of_zero_bytes_are_passed_over_and_counted(length: int) -> None:
     for cut in (len(content), 70_000):
         rows, parser = read(content, mapped(), cut)
         assert [values[0] for _, values in rows] == [20.5, 20.6, 21.0]
-        assert parser.counts.sentences()[0].startswith("Lines with blocks of zero bytes, as a loss of power leaves them: 2.")
+        assert parser.counts.sentences()[0].startswith(
+            "Lines with blocks of zero bytes, as a loss of power leaves them: 2."
+        )
     _, parser = read(content, mapped(BY_NUMBER))
     assert parser.counts.bad == [(4, "a block of zero bytes"), (6, "a block of zero bytes")]
     with pytest.raises(InputError, match=r"B-IMP-005.*Next: correct those lines, or cut the file in front of them: .*"):
