@@ -86,6 +86,11 @@ class Sayings:
         text = _catalogue(self._folder / "texts" / f"{ENGLISH}.json")[key]
         return Said(_filled(text, values) if values else text, str(self._folder), key, values)
 
+    def word(self, kind: str, name: str) -> str:
+        """Return the word for a name of its kind; one that the catalogue does not have stands as it is."""
+        key = f"{kind}.{name}"
+        return self(key) if key in _catalogue(self._folder / "texts" / f"{ENGLISH}.json") else name
+
     def heads(self, table: str, *names: str, **values: object) -> list[str]:
         """Return the heads of the columns of a table; ``table``: "" for heads that are of no table in particular."""
         prefix = f"{table}.head" if table else "head"

@@ -7,8 +7,6 @@ from pathlib import Path
 from bench.model.texts import Said, Sayings
 
 _FOLDER = Path(__file__).parent
-_KINDS = ("gyro", "accelerometer", "accel", "magnetometer")
-_RECORDS = ("attitudes", "bias", "flip", "magnetometer", "position", "repeatability", "rotation", "stability")
 _ENDINGS = ("beyond_limits", "deviation")
 
 say = Sayings(_FOLDER)
@@ -16,12 +14,12 @@ say = Sayings(_FOLDER)
 
 def kind_name(kind: str) -> str:
     """Return the word for a kind of sensor; one that the catalogue does not have stands as it is."""
-    return say(f"kind.{kind}") if kind in _KINDS else kind
+    return say.word("kind", kind)
 
 
 def record_name(item: str) -> str:
     """Return the word for what a record is of; one that the catalogue does not have stands as it is."""
-    return say(f"record.{item}") if item in _RECORDS else item
+    return say.word("record", item)
 
 
 def channel_name(name: str) -> str:

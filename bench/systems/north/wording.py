@@ -6,8 +6,6 @@ from pathlib import Path
 
 from bench.model.texts import Sayings
 
-_ITEMS = ("calibration", "test", "search")
-_PLACES = ("mark", "field")
 _SENSES = {1: "counter_clockwise", -1: "clockwise"}
 
 say = Sayings(Path(__file__).parent)
@@ -15,7 +13,7 @@ say = Sayings(Path(__file__).parent)
 
 def item_name(item: str) -> str:
     """Return the word for what a set is of; one that the catalogue does not have stands as it is."""
-    return say(f"item.{item}") if item in _ITEMS else item
+    return say.word("item", item)
 
 
 def method_name(method: str) -> str:
@@ -25,7 +23,7 @@ def method_name(method: str) -> str:
 
 def place_name(place: str) -> str:
     """Return the word for a place; a dash for none, one that the catalogue does not have as it is."""
-    return say(f"place.{place}") if place in _PLACES else place or "–"
+    return say.word("place", place) or "–"
 
 
 def sense_name(sense: int) -> str:

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from bench.model.texts import Sayings
 
-_MANOEUVRES = ("acceleration", "linear", "sar", "stationary", "turn")
-
 say = Sayings(Path(__file__).parent)
 
 
@@ -18,4 +16,4 @@ def filter_name(name: str) -> str:
 
 def manoeuvre_name(name: str) -> str:
     """Return the word for a manoeuvre; one that the catalogue does not have stands as it is."""
-    return say(f"manoeuvre.{name}") if name in _MANOEUVRES else name or say("received.not_stated")
+    return say.word("manoeuvre", name) or say("received.not_stated")
