@@ -13,12 +13,10 @@ import numpy as np
 
 from bench.analysis import Analysis, Floats, Material
 from bench.model.errors import FitError
-from bench.systems.lock_in.analysis import METHODS as _METHODS
-from bench.systems.lock_in.analysis import analysis_of
+from bench.systems.lock_in.analysis import METHODS, analysis_of
 from bench.systems.lock_in.records import Events, LaserRecord, Stretch, step_ticks
 from bench.systems.lock_in.result import laser_result, requirement_of
 
-METHODS: tuple[str, ...] = _METHODS
 _STAMP_Hz = 1_000_000_000  # times of rows are whole nanoseconds
 
 

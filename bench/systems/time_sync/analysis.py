@@ -10,16 +10,13 @@ from bench.model.errors import FitError
 from bench.systems.time_sync.departures import chi2_of, implausible, rows_of, searched_rows
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
 from bench.systems.time_sync.estimators.kalman.innovation import observability
-from bench.systems.time_sync.filtering import METHODS as _METHODS
-from bench.systems.time_sync.filtering import Filtered, filtered, trajectory_figures
+from bench.systems.time_sync.filtering import METHODS, Filtered, filtered, trajectory_figures
 from bench.systems.time_sync.image import Image, first_pulse_s, image_of
 from bench.systems.time_sync.limits import demands_of, densities_of, latency_of, spread_of
 from bench.systems.time_sync.records import Recording, clocks_of, recording
 from bench.systems.time_sync.report import figures, notes, tables
 from bench.systems.time_sync.samples import prepared
 from bench.systems.time_sync.wording import say
-
-METHODS: tuple[str, ...] = _METHODS
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:

@@ -14,12 +14,11 @@ import numpy as np
 from bench.analysis import Analysis, Material
 from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
-from bench.systems.time_sync.analysis import METHODS as _METHODS
 from bench.systems.time_sync.analysis import analysis_of
+from bench.systems.time_sync.filtering import METHODS
 from bench.systems.time_sync.records import EGI, NS, Recording, Stream, check_clock
 from bench.systems.time_sync.wording import say
 
-METHODS: tuple[str, ...] = _METHODS
 _FEWEST = 200  # rows of either unit
 _NAVIGATING = 3.0
 _IMU = ("delta_angle", "delta_velocity")

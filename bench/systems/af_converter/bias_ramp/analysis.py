@@ -45,6 +45,7 @@ from bench.systems.af_converter.bias_ramp.estimates import (
 from bench.systems.af_converter.bias_ramp.fit import (
     FALLING,
     JOINT,
+    METHODS,
     RISING,
     ChannelFit,
     RampRecords,
@@ -54,7 +55,6 @@ from bench.systems.af_converter.bias_ramp.fit import (
     fit_master_clock,
     ramp_records,
 )
-from bench.systems.af_converter.bias_ramp.fit import METHODS as FIT_METHODS
 from bench.systems.af_converter.bias_ramp.noise import channel_noise, noise_estimates, noise_figures, noise_table
 from bench.systems.af_converter.constants import Campaign, read_campaign
 from bench.systems.af_converter.estimators.gates import Drive
@@ -276,9 +276,6 @@ def _points(label: str, x: Floats, y_A: Floats) -> Series:
 def _line(label: str, x: Floats, y_A: Floats) -> Series:
     known = np.isfinite(y_A)
     return series(label, x[known], y_A[known] * _nA)
-
-
-METHODS: tuple[str, ...] = FIT_METHODS
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
