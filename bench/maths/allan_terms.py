@@ -22,6 +22,7 @@ from bench.maths.arrays import Floats, Integers
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
 
+FILTERING = "filtering"  # what averages of samples lack that were filtered or interpolated
 TERMS = ("quantisation_noise", "white_noise", "bias_instability", "random_walk", "rate_ramp")
 UNITS = {
     "quantisation_noise": "*s",
@@ -90,15 +91,16 @@ def allan_variance_of(name: str, tau_s: Floats) -> Floats:
     """Return Allan variance that the unit coefficient of a term gives.
 
     quantisation Q: 3 Q^2 / tau^2; white noise N (angle random walk, two-sided density): N^2 / tau; bias instability B:
-    (2 ln 2 / pi) B^2; random walk K: K^2 tau / 3; rate ramp R: R^2 tau^2 / 2.
+    (2 ln 2 / pi) B^2; random walk K: K^2 tau / 3; rate ramp R: R^2 tau^2 / 2. Samples that hang together over a time
+    that is short against tau lack -3 F^2 / tau^2 of what their white noise makes, whatever hangs them together.
 
-    Args:    name: one of TERMS.   tau_s: averaging times, (k,), second.
+    Args:    name: one of TERMS, or FILTERING.   tau_s: averaging times, (k,), second.
     Returns: (k,), squared unit of the rate per squared unit of the coefficient.
     Source:  IEEE Std 952-1997 annex C, equations C.7 to C.17.
     """
     tau_s = np.asarray(tau_s, np.float64)
-    if name == "quantisation_noise":
-        return np.asarray(3.0 / tau_s**2)
+    if name in ("quantisation_noise", FILTERING):
+        return np.asarray((-3.0 if name == FILTERING else 3.0) / tau_s**2)
     if name == "white_noise":
         return np.asarray(1.0 / tau_s)
     if name == "bias_instability":
@@ -277,6 +279,7 @@ class VarianceCovariance:
     def matrix(self, squares: Mapping[str, float]) -> Floats:
         """(k, k), fourth power of the rate's unit; names as in ``bench.maths.allan_terms.TERMS``, 0 if not there."""
         noise = np.array([squares.get(name, 0.0) for name in SCATTERING])
+        noise[0] -= squares.get(FILTERING, 0.0)
         return np.asarray(self.products @ noise @ noise + squares.get("rate_ramp", 0.0) * (self.ramp @ noise))
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import optimize, special
 
 from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import TERMS, NoiseTerm, NoiseTerms, fit_noise_terms
+from bench.maths.allan_terms import FILTERING, TERMS, NoiseTerm, NoiseTerms, fit_noise_terms
 from bench.maths.arrays import Floats, Integers
 from bench.maths.tests import chi2_tail
 
@@ -32,6 +32,7 @@ LONG_TERMS = ("bias_instability", "random_walk", "rate_ramp")
 _SHORT = ("quantisation_noise", "white_noise")
 _GAIN = 5.412  # chi squared that a term at its boundary 0 gains by chance in 1 % of all logs
 _MISFIT, _FEWEST_DOF = 1e-4, 100.0  # chance of a worse fit; of averages that show that samples are filtered
+_FILTERED_MISFIT = 0.01  # twice in a row: at shorter times filtered samples are not yet like those that are averaged
 _SEED = 20100101  # of the null of long terms: the same log, the same terms
 FALSE_TERM, WRONG_NAME = 0.01, 0.004  # of logs without a long term; of those with another one
 _BLOCKS = 200  # of the whole time; halved in length until half as many hold samples
@@ -105,7 +106,8 @@ class NoiseAtRest:
     @property
     def stated(self) -> list[NoiseTerm]:
         """Return the terms that are there."""
-        known = (term for term in self.terms.terms if term.coefficient > 0.0 and term.name not in self.long.possible)
+        known = (term for term in self.terms.terms if term.coefficient > 0.0 and term.name in TERMS)
+        known = (term for term in known if term.name not in self.long.possible)
         return [term for term in known if term.name in LONG_TERMS or term.gain > _GAIN]
 
     @property
@@ -136,19 +138,30 @@ def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, 
 
     Where no times are described the chance says so.
     """
-    names = [*_SHORT, *long]
-    fits = []
+    fits, well = [], False
     for first in range(len(deviation.tau_s)):
         curve_left = deviation.behind(first)
-        if first and (len(curve_left.tau_s) < len(names) + 1 or curve_left.dof[0] < _FEWEST_DOF):
+        if first and (len(curve_left.tau_s) < len(_SHORT) + len(long) + 1 or curve_left.dof[0] < _FEWEST_DOF):
             break
-        fit = fit_noise_terms(curve_left, names)
-        if not fit[_SHORT[0]].gain > _GAIN:
-            fit = fit_noise_terms(curve_left, names[1:])
+        fit = _with_short_terms(curve_left, long, bool(first))
         fits.append((fit, first, float(chi2_tail(fit.chi2, fit.dof))))
-        if fits[-1][2] > _MISFIT:
+        filtered = any(term.name == FILTERING for term in fit.terms)
+        if fits[-1][2] > _MISFIT and (well or not filtered):
             return fits[-1]
-    return fits[0]
+        well = fits[-1][2] > _FILTERED_MISFIT
+    return fits[-1 if well else 0]
+
+
+def _with_short_terms(curve: AllanDeviation, long: Sequence[str], filtered: bool) -> NoiseTerms:
+    """Return the fit of white noise and long terms, and of what is to be seen beside them at short times.
+
+    ``filtered``: whether the samples are known to hang together; what that takes away must not lower the white noise.
+    """
+    for short in (_SHORT[0], FILTERING):
+        fit = fit_noise_terms(curve, (short, _SHORT[1], *long))
+        if fit[short].gain > (0.0 if filtered and short == FILTERING else _GAIN):
+            return fit
+    return fit_noise_terms(curve, (_SHORT[1], *long))
 
 
 def blocks_of(counter: Integers, values: Floats, interval_s: float) -> Blocks:
