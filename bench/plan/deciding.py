@@ -14,7 +14,7 @@ from bench.plan.expected import unit_of_action
 from bench.plan.findings import suggestion
 from bench.plan.language.expect import Comparison
 from bench.plan.language.steps import CallStep, ChooseStep, IfStep, WhileStep
-from bench.plan.readings import is_read_by, reading_calls
+from bench.plan.readings import is_read_by
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt
 from bench.plan.values import Quantity, plain
 
@@ -132,7 +132,7 @@ def _decision(node: Node, word: str, reading: str | CallStep) -> PlannedDecision
         given = {key: plain(value) for key, value in values.items()}
     number = len(plan.steps)
     more = {"word": word, "arguments": given, "unit": "", "branches": (), "missing": HOLD, "retry_step": number}
-    plan.add(node, "decide", role, str(name), more)
+    plan.add(node, PlannedDecision, role, str(name), more)
     decision = plan.steps[number]
     assert isinstance(decision, PlannedDecision)
     before = (plan.steps[at] for at in range(number - 1, -1, -1))
@@ -149,9 +149,9 @@ def _decision(node: Node, word: str, reading: str | CallStep) -> PlannedDecision
 
 
 def _readings(plan: Expander, step: Any) -> Iterable[str]:
-    if isinstance(step, PlannedPrompt) and step.quantity:
-        yield step.quantity
-    for call in (step, *reading_calls(step)):
+    if isinstance(step, PlannedPrompt):
+        yield from step.quantities
+    for call in (step, *step.calls):
         if isinstance(call, PlannedCall) and unit_of_action(plan, call.role, call.name):
             yield f"{call.role}.{call.name}"
 

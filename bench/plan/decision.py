@@ -13,9 +13,10 @@ from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 from bench.model.events import Decision, Event, UnitLeftOut
+from bench.model.ports import Drivers
 from bench.model.quantities import Values
 from bench.model.units import plain_quantity
-from bench.plan.plan import Step, StepKind, Steps, an_event, no_effect, not_again
+from bench.plan.plan import Step, Steps, an_event, cannot_be_taken_again, no_effect, not_again
 from bench.plan.values import UNIT
 
 IF, WHILE, CHOOSE = "if", "while", "choose"
@@ -62,7 +63,9 @@ class PlannedDecision(Step):
     reading.
     """
 
-    kind: ClassVar[StepKind] = "decide"
+    kind: ClassVar[str] = "decide"
+    on_the_bus: ClassVar[bool] = False
+    proof: ClassVar[type[Event] | None] = Decision
 
     word: str
     arguments: Values
@@ -74,6 +77,11 @@ class PlannedDecision(Step):
     effects = no_effect  # it reads an instrument
     again = not_again  # it stands as it was made
     leaves = an_event
+
+    def written(self, drivers: Drivers) -> dict[str, Any]:
+        """Refuse: what is behind it depends on what was read before."""
+        why = "the sequence decides by what it reads, so its records cannot be taken again one by one"
+        raise cannot_be_taken_again(self, why, "run")
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import PurePath
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
-from bench.model.ports import Action, actions_of
+from bench.model.ports import Action, Drivers, actions_of
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Step
 from bench.plan.station import Station
@@ -61,6 +62,15 @@ def declared_action(station: Station, role: str, name: str) -> Action | None:
         return None if entry is None else _declared(entry.driver, name)
     except InputError:
         return None
+
+
+def station_drivers(station: Station) -> Drivers:
+    """Return the declared actions of each role; none of a driver that cannot be had."""
+    drivers: dict[str, Mapping[str, Action]] = {}
+    for role, entry in station.instruments.items():
+        with suppress(InputError):
+            drivers[role] = driver_actions(entry.driver)
+    return drivers
 
 
 @lru_cache(maxsize=1024)

@@ -19,23 +19,9 @@ from bench.plan.values import Quantity, plain
 READINGS, EVERY = "readings", "every"
 
 
-def reading_calls(step: Step) -> tuple[PlannedCall, ...]:
-    """Return what a record reads as call steps, in order; none if it is made of frames."""
-    return step.calls if isinstance(step, PlannedRecord) else ()
-
-
 def roles_of(steps: Iterable[Step]) -> set[str]:
     """Return the roles and links that steps use, those that records read among them."""
-    return {call.role for step in steps for call in (step, *reading_calls(step))}
-
-
-def quantities_of(step: Step) -> list[str]:
-    """Return the quantities that a step reads or asks for."""
-    if isinstance(step, PlannedRecord):
-        names = [reading.quantity for reading in step.readings] + [quantity for quantity, _ in step.signals]
-    else:
-        names = [step.quantity if isinstance(step, PlannedPrompt) else step.conditions.get(QUANTITY, "")]
-    return [name for name in names if name]
+    return {call.role for step in steps for call in (step, *step.calls)}
 
 
 def values_not_due(steps: Sequence[Step], events: Iterable[Event]) -> frozenset[str]:
@@ -49,7 +35,7 @@ def values_not_due(steps: Sequence[Step], events: Iterable[Event]) -> frozenset[
 
 def _keys_of(step: Step) -> list[str]:
     conditions = conditions_of_value(step.conditions)
-    return [key_of_value(quantity, conditions) for quantity in quantities_of(step)]
+    return [key_of_value(quantity, conditions) for quantity in step.quantities]
 
 
 def is_read_by(decision: PlannedDecision, step: Step) -> bool:
@@ -58,7 +44,7 @@ def is_read_by(decision: PlannedDecision, step: Step) -> bool:
         return not decision.role and step.quantity == decision.name
     return any(
         (call.role, call.name) == (decision.role, decision.name) and is_answered(decision, call.arguments)
-        for call in (step, *reading_calls(step))
+        for call in (step, *step.calls)
         if isinstance(call, PlannedCall)
     )
 

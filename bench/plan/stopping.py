@@ -144,7 +144,7 @@ def _stages(node: Node, rule: _Rule, seconds: Quantity, take: Take) -> None:
     asked = {"first": list(range(begin, number)), "target": rule.target, "least": rule.least}
     retry_step = begin if plan.retry_step is None else plan.retry_step
     more = {"word": UNTIL, "arguments": asked, "unit": "1", "branches": (), "missing": _outcome(lengths[-1])}
-    plan.add(node, "decide", "", NEEDED, {**more, "retry_step": retry_step})
+    plan.add(node, PlannedDecision, "", NEEDED, {**more, "retry_step": retry_step})
     before, branches = Known.of(plan), [Branch(_outcome(0), number + 1, number + 1, "within", (0.0, 0.0))]
     ways = [before]
     for length in lengths:

@@ -16,7 +16,7 @@ from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import argument_dimensions, is_reading
 from bench.plan.station import InstrumentEntry, Station
-from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak, PlannedVerify
+from bench.plan.step_kinds import PlannedCall, PlannedSend, PlannedSoak, PlannedVerify
 
 SOAK_ACTIONS = ("set_temperature", "run")
 _ALIKE = 1e-9  # of two numbers that went through different roundings
@@ -185,5 +185,5 @@ class ActionCheck:
 
 def _called(plan: Plan, role: str) -> set[str]:
     """Return the names of all actions that are called of a role."""
-    calls = [call for step in plan.steps for call in (step.calls if isinstance(step, PlannedRecord) else (step,))]
+    calls = [call for step in plan.steps for call in (step.calls or (step,))]
     return {call.name for call in calls if isinstance(call, PlannedCall | PlannedVerify) and call.role == role}

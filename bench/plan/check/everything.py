@@ -45,7 +45,6 @@ from bench.plan.step_kinds import (
     WIRING,
     PlannedCall,
     PlannedCommand,
-    PlannedPrompt,
     PlannedRecord,
     PlannedSettle,
     PlannedSoak,
@@ -173,13 +172,8 @@ class _Chain(Followed):
             self.breaks(f"the record before it belongs to '{self.before.phase}'")
         if step.on_the_bus:
             self.calls = () if self.before is None else (*self.calls, step)
-        elif not isinstance(step, PlannedRecord) and not _act(step):
+        elif not isinstance(step, PlannedRecord) and not step.sets:  # the records go on while a person does that
             self.breaks(f"a {step.kind} step stands between it and the record before")
-
-
-def _act(step: Step) -> bool:
-    """Return whether the act of a prompt is part of what is measured: the records go on while the person does it."""
-    return isinstance(step, PlannedPrompt) and bool(step.sets)
 
 
 def _follows(step: PlannedRecord, before: PlannedRecord | None, gap: str, findings: Findings) -> None:
@@ -355,7 +349,7 @@ def _ages(role: str, standard: Standard, where: str, end: datetime, findings: Fi
 def check_sets(plan: Plan, station: Station, findings: Findings) -> None:
     """Note units without a serial number (B-PLAN-025) and what nobody can do at a simulated bench (B-PLAN-094)."""
     for step in plan.steps:
-        for name, value in step.sets.items() if isinstance(step, PlannedPrompt) else ():
+        for name, value in step.sets.items():
             if value is None:
                 continue  # its mistake is noted already
             if name == UNIT and not SERIAL.fullmatch(str(value)):

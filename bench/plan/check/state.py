@@ -20,7 +20,7 @@ from bench.model.ports import ENERGISING, Action, Drivers, Effect, can_move
 from bench.model.quantities import Values
 from bench.model.systems import declared_by
 from bench.plan.check.actions import Judged
-from bench.plan.drivers import declared_action, driver_actions, driver_ladder_A, range_after
+from bench.plan.drivers import declared_action, driver_ladder_A, range_after, station_drivers
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step, no_effect
 from bench.plan.station import Station
@@ -119,9 +119,8 @@ def check_poses(plan: Plan, station: Station, findings: Findings) -> None:
     """Note records whose conditions differ from where the table was sent, and from what prompts set (B-PLAN-076)."""
 
     def take(pose: _Pose, step: Step) -> None:
-        if isinstance(step, PlannedPrompt):
-            pose.was_set |= step.sets
-        elif isinstance(step, PlannedCall) and _moves(step, station):
+        pose.was_set |= step.sets
+        if isinstance(step, PlannedCall) and _moves(step, station):
             _follow(step, pose.angles)
         elif isinstance(step, PlannedRecord | PlannedCommand):
             wrong = [*_poses(step, pose.angles), *_sets(step.conditions, pose.was_set)]
@@ -210,7 +209,7 @@ class BenchState(Followed):
         channels = plan.campaign.get("channels", [])
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in channels}
         self._levels_A = {int(c["number"]): frozenset(c.get("levels_A", ())) for c in channels}
-        self._actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
+        self._actions = station_drivers(station)
         self._effects = {
             role: frozenset(action.effect for action in known.values()) for role, known in self._actions.items()
         }
@@ -264,7 +263,7 @@ class BenchState(Followed):
 
     def _forget(self, role: str) -> None:
         """A call that names nothing may have been meant for the source or the switch: their order is not judged."""
-        if role not in self._station.instruments or not self._effects[role]:
+        if role not in self._station.instruments or not self._effects.get(role):
             self.untrusted |= self.switches | self.sources
         self.untrusted |= {role} & (self.switches | self.sources)
 
@@ -402,10 +401,3 @@ def _told(value: Values | set[str]) -> Hashable:
 
 def _with(effect: Effect, effects: Mapping[str, frozenset[Effect]]) -> frozenset[str]:
     return frozenset(role for role, known in effects.items() if effect in known)
-
-
-def _actions(driver: str) -> Mapping[str, Action]:
-    try:
-        return driver_actions(driver)
-    except InputError:
-        return {}

@@ -9,7 +9,7 @@ from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.errors import InputError
-from bench.model.ports import Actions, Effect
+from bench.model.ports import Effect
 from bench.plan import PlannedSend, Step, check_plan, compile_sequence, driver_actions, summarise
 
 CALLS = {
@@ -281,15 +281,10 @@ def test_only_calls_and_a_soak_may_end_a_campaign_b_plan_037(tmp_path: Path, ste
 
 
 def test_a_kind_of_step_says_what_it_may_do_to_the_bench_and_whether_it_is_done_again() -> None:
-    def no_effect(step: Step, actions: Actions) -> frozenset[Effect]:
-        return frozenset()
-
-    with pytest.raises(TypeError, match="the kind of step Ninth has no 'effects'"):
-        type("Ninth", (Step,), {})
-    with pytest.raises(TypeError, match="the kind of step Ninth has no 'again'"):
-        type("Ninth", (Step,), {"effects": no_effect})
-    with pytest.raises(TypeError, match="the kind of step Ninth has no 'leaves'"):
-        type("Ninth", (Step,), {"effects": no_effect, "again": lambda step, actions: None})
+    questions = ("kind", "on_the_bus", "proof", "effects", "again", "leaves", "written")
+    for at, question in enumerate(questions):
+        with pytest.raises(TypeError, match=f"the kind of step Ninth has no '{question}'"):
+            type("Ninth", (Step,), {answered: vars(PlannedVerify)[answered] for answered in questions[:at]})
 
 
 @pytest.mark.parametrize(("text", "may"), [("OUT 1 A", True), ("OUT?", False), ("OUT?;OPER", True), ("*RST", True)])
