@@ -10,7 +10,7 @@ from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.errors import InputError
 from bench.model.ports import Effect
-from bench.plan import PlannedSend, Step, check_plan, compile_sequence, driver_actions, summarise
+from bench.plan import PlannedSend, PlannedVerify, Step, check_plan, compile_sequence, driver_actions, summarise
 
 CALLS = {
     "standby": "calibrator.standby",
