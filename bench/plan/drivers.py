@@ -11,11 +11,11 @@ from pathlib import PurePath
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Drivers, actions_of
+from bench.plan.decision import Followed, walk
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
-from bench.plan.ways import Followed, walk
 
 DEFAULT_BUS_S = 0.1
 

@@ -22,9 +22,10 @@ from bench.model.errors import InputError
 from bench.model.ports import Effect
 from bench.model.quantities import Values
 from bench.model.units import parse_quantity, plain_quantity
+from bench.plan.deciding import expand_until
 from bench.plan.drivers import declared_action, no_instrument
 from bench.plan.expand import NO_TIME, TIMED, Node, check_whole
-from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
+from bench.plan.expected import expand_readings, keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.findings import suggestion
 from bench.plan.language.expect import ReadingExpect, ReplyExpect
 from bench.plan.language.steps import (
@@ -43,7 +44,6 @@ from bench.plan.language.steps import (
     UnitStep,
     VerifyStep,
 )
-from bench.plan.readings import expand_readings
 from bench.plan.step_kinds import (
     WIRING,
     PlannedCall,
@@ -55,7 +55,6 @@ from bench.plan.step_kinds import (
     PlannedSoak,
     PlannedVerify,
 )
-from bench.plan.stopping import expand_until
 from bench.plan.values import REFERENCE, UNIT, Quantity, named, plain
 
 

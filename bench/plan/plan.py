@@ -212,7 +212,7 @@ class Plan:
     the plan was made of, by "folder/name.yaml". ``campaign`` holds the constants the analysis needs (JSON values).
     ``frames`` maps each link to the name of its frame definition; records count the frames of ``measurement_link``, or
     are made of readings where there is no link (""); ``link_bytes_s`` is what all links together send, byte per second.
-    ``dimensions`` holds, per step, the base unit of each argument that was written with a unit (``bench.plan.readings``
+    ``dimensions`` holds, per step, the base unit of each argument that was written with a unit (``bench.plan.expected``
     names those of a record's readings); ``origins`` where the argument (or the "duration") was written, if not at the
     step itself; ``declared`` the place of the channel that an argument is. ``remarks`` are mistakes that did not keep
     the plan from being made; the static check reports them with its own. ``interlocks`` are those of the station and

@@ -11,13 +11,13 @@ from bench.model.ports import Effect
 from bench.model.units import format_quantity
 from bench.plan.check.actions import NOT_JUDGED, Judged
 from bench.plan.check.state import BenchState
+from bench.plan.deciding import stop_lines
+from bench.plan.decision import walk
 from bench.plan.drivers import declared_action
+from bench.plan.expected import round_count
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
-from bench.plan.readings import round_count
 from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak
-from bench.plan.stopping import stop_lines
-from bench.plan.ways import walk
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
 SECOND_BYTES = 150  # chunk and message indexes of a second

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from bench.plan import leaves
-from bench.plan.channels import channel_numbers
+from bench.plan.channels import UNITS, channel_numbers, in_slot
 from bench.plan.deciding import expand_choose, expand_if, expand_while
 from bench.plan.expand import MAX_STEPS, Expander, Node
 from bench.plan.findings import suggestion
@@ -23,7 +23,6 @@ from bench.plan.language.steps import (
     TimelineEntry,
     WhileStep,
 )
-from bench.plan.slots import UNITS, in_slot
 from bench.plan.step_kinds import PlannedSettle
 from bench.plan.values import UNIT, Channel, Quantity, UnitInSlot, named, plain, traced
 

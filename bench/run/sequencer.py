@@ -1,4 +1,8 @@
-"""The timer-driven sequencer: executes the flat plan step by step and always leaves the bench safe."""
+"""The timer-driven sequencer: executes the flat plan step by step and always leaves the bench safe.
+
+Behind a check that failed every step under its conditions is left out, such as the rest of one unit: what takes energy
+away is still done and confirmed; a step that could bring it is not.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
 from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip
-from bench.model.ports import drivers_of
+from bench.model.ports import Effect, drivers_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
@@ -20,12 +24,40 @@ from bench.run.hold.leaving_out import leave_unit_out, to_blame
 from bench.run.hold.standing import stand_still, wish_to_wait
 from bench.run.observers import patient
 from bench.run.steps.dispatch import execute
-from bench.run.steps.leaving import behind, leave_out
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
 from bench.run.stop import Interruption, Wish, unforeseen
 from bench.run.watch.outputs import look
+
+BY = "check"
+_OFF = frozenset({Effect.STIMULUS_OFF, Effect.ROUTES_OPEN})
+
+
+def behind(steps: Sequence[Step], check: Step) -> int:
+    """Return number of the first step behind a check that is not done under its conditions, in the phase of the check.
+
+    ``steps``: those of the whole plan, so that a number is an index.
+    """
+    number, about = check.number + 1, check.conditions.items()
+    while number < len(steps) and steps[number].phase == check.phase and about <= steps[number].conditions.items():
+        number += 1
+    return number
+
+
+def leave_out(context: RunContext, check: Step) -> None:
+    """Switch off what the steps behind a failed check switch off, then note that they are left out.
+
+    Raises: InstrumentError of an instrument that does not confirm it.
+    """
+    steps, drivers = context.plan.steps, drivers_of(context.instruments)
+    stop = behind(steps, check)
+    for step in steps[check.number + 1 : stop]:
+        if step.effects(drivers.get(step.role, {})) & _OFF or step.name == "output_off":
+            execute(context, step)
+    reason = f"a check without which nothing may follow has failed at step {check.number}"
+    context.event(Skip(by=BY, reason=reason, first=check.number + 1, stop=stop))
+
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")

@@ -12,9 +12,9 @@ from bench.model.errors import InputError
 from bench.model.ports import Action, Effect, Parameter
 from bench.model.units import likely, read_quantity
 from bench.plan.drivers import declared_at, driver_actions, no_instrument
+from bench.plan.expected import argument_dimensions, is_reading
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
-from bench.plan.readings import argument_dimensions, is_reading
 from bench.plan.station import InstrumentEntry, Station
 from bench.plan.step_kinds import PlannedCall, PlannedSend, PlannedSoak, PlannedVerify
 

@@ -32,13 +32,13 @@ from bench.plan.check.actions import ActionCheck
 from bench.plan.check.analysis import check_asked
 from bench.plan.check.state import BenchState, check_poses
 from bench.plan.check.stations import SIMULATION, check_station, check_used_ranges
-from bench.plan.decision import decisions_of
+from bench.plan.decision import Followed, decisions_of, walk
 from bench.plan.drivers import bus_s, declared_action
 from bench.plan.expand import DURATION
+from bench.plan.expected import roles_of
 from bench.plan.findings import Findings
 from bench.plan.language.standards import Standard
 from bench.plan.plan import Plan, PlannedUnit, Step
-from bench.plan.readings import roles_of
 from bench.plan.station import Station
 from bench.plan.step_kinds import (
     MEASUREMENT,
@@ -51,7 +51,6 @@ from bench.plan.step_kinds import (
     PlannedVerify,
 )  # fmt: skip
 from bench.plan.values import UNIT
-from bench.plan.ways import Followed, walk
 
 
 def check_record(plan: Plan, step: Step, state: BenchState, findings: Findings) -> None:
