@@ -12,10 +12,10 @@ with two or three states, and what follows a branch is met by every state that t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Self
 
 from bench.model.events import Decision, Event, UnitLeftOut
 from bench.model.ports import Drivers
@@ -181,6 +181,13 @@ MOST_WAYS = 64
 class Followed:
     """What is followed on a way."""
 
+    def take(self, step: Step) -> None:
+        """Apply one step; what it notes among the findings of the walk gets the decisions that led there."""
+        raise NotImplementedError
+
+    def meet(self) -> None:
+        """Note that the branches of a decision end here."""
+
     def copy(self) -> Self:
         """Return one that goes on by itself: what can be changed in place is copied by the class that has it."""
         return copy(self)
@@ -193,14 +200,11 @@ class Followed:
         """Take over what another one of the same key has, if anything differs."""
 
 
-S = TypeVar("S", bound=Followed)
-
-
 @dataclass
-class _Way(Generic[S]):
+class _Way:
     """A state, the steps ahead that it leaves out, and what was decided on the way, by place of the decision."""
 
-    state: S
+    state: Followed
     left_out: tuple[range, ...] = ()
     decided: Mapping[str, str] = field(default_factory=dict)
 
@@ -210,7 +214,7 @@ class _Way(Generic[S]):
     def ahead(self, number: int) -> tuple[range, ...]:
         return tuple(range(max(s.start, number), s.stop) for s in self.left_out if s.stop > number)
 
-    def taken(self, decision: PlannedDecision, outcome: str) -> _Way[S]:
+    def taken(self, decision: PlannedDecision, outcome: str) -> _Way:
         left_out = (*self.ahead(decision.number + 1), *decision.left_out(outcome))
         return _Way(self.state.copy(), left_out, {**self.decided, _place(decision): outcome})
 
@@ -219,45 +223,52 @@ def _place(decision: PlannedDecision) -> str:
     return f"'{decision.word}' in line {decision.where.split(':')[-2]}"
 
 
-def walk(steps: Iterable[Step], state: S, take: Callable[[S, Step], None], findings: Findings) -> list[S]:
-    """Take every step on every way, and return the states at the end.
+def walk(steps: Iterable[Step], findings: Findings, *states: Followed) -> list[list[Followed]]:
+    """Take every step on every way; each of ``states`` is followed by itself. Returns those at the end, of each.
 
-    Args: take: applies one step to a state; what it notes in ``findings`` gets the decisions that led there.
-    Findings: B-PLAN-112 if more than ``MOST_WAYS`` states are possible at a step.
+    Findings: B-PLAN-112 if more than ``MOST_WAYS`` states are possible at a step; that one is followed no further.
     """
     steps = tuple(steps)
     joins = {branch.stop for decision in decisions_of(steps) for branch in decision.branches}
-    ways = [_Way(state)]
+    followed = [[_Way(state)] for state in states]
     for step in steps:
-        if step.number in joins:
-            ways = _merged(ways, step.number)
-        for way in ways:
-            if not way.passes(step.number):
-                findings.way = ", ".join(f"{place} takes '{outcome}'" for place, outcome in way.decided.items())
-                take(way.state, step)
-        if isinstance(step, PlannedDecision):
-            ways = _merged([next_way for way in ways for next_way in _after(way, step)], step.number + 1)
-        if len(ways) > MOST_WAYS:
-            findings.way = ""
-            message = f"more than {MOST_WAYS} states of the bench are possible behind this decision"
-            advice = "let the branches leave the bench in the same state, for example by the same calls at their end"
-            findings.add("B-PLAN-112", step.where, message, advice)
-            break
-    findings.way = ""
-    return [way.state for way in ways]
+        for at, ways in enumerate(followed):
+            if len(ways) > MOST_WAYS:
+                continue
+            joined = _merged(ways, step.number) if step.number in joins else ways
+            for way in joined:
+                if way.left_out and way.passes(step.number):
+                    continue
+                findings.way = way.decided
+                if step.number in joins:
+                    way.state.meet()
+                way.state.take(step)
+            findings.way = {}
+            followed[at] = _behind(joined, step, findings) if isinstance(step, PlannedDecision) else joined
+    return [[way.state for way in ways] for ways in followed]
 
 
-def _after(way: _Way[S], decision: PlannedDecision) -> list[_Way[S]]:
+def _behind(ways: list[_Way], decision: PlannedDecision, findings: Findings) -> list[_Way]:
+    """Return the ways behind a decision."""
+    ways = _merged([next_way for way in ways for next_way in _after(way, decision)], decision.number + 1)
+    if len(ways) > MOST_WAYS:
+        message = f"more than {MOST_WAYS} states of the bench are possible behind this decision"
+        advice = "let the branches leave the bench in the same state, for example by the same calls at their end"
+        findings.add("B-PLAN-112", decision.where, message, advice)
+    return ways
+
+
+def _after(way: _Way, decision: PlannedDecision) -> list[_Way]:
     if way.passes(decision.number):
         return [way]
     return [way.taken(decision, outcome) for outcome in decision.outcomes()]
 
 
-def _merged(ways: list[_Way[S]], number: int) -> list[_Way[S]]:
+def _merged(ways: list[_Way], number: int) -> list[_Way]:
     """Return the ways that differ, from a step on; of two that are one now only what both decided alike led there."""
     if len(ways) == 1:
         return ways
-    merged: dict[Any, _Way[S]] = {}
+    merged: dict[Any, _Way] = {}
     for way in ways:
         key = way.ahead(number), way.state.key()
         same = merged.get(key)

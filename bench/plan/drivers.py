@@ -95,15 +95,7 @@ def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
     """
     steps = tuple(steps)
     longest_s: dict[int, float] = {}
-
-    def take(shared: _Shared, step: Step) -> None:
-        if step.on_the_bus:
-            shared.bus_s += bus_s(step, station)
-        elif isinstance(step, PlannedSettle | PlannedSoak | PlannedRecord):
-            longest_s[step.number] = max(round(shared.bus_s, 9), longest_s.get(step.number, 0.0))
-            shared.bus_s = 0.0
-
-    walk(steps, _Shared(), take, Findings())
+    walk(steps, Findings(), _Shared(station, longest_s))
     return tuple(
         replace(step, bus_s=longest_s.get(step.number, 0.0)) if isinstance(step, PlannedSettle) else step
         for step in steps
@@ -112,9 +104,21 @@ def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
 
 @dataclass
 class _Shared(Followed):
-    """Bus time of the calls since the last step that waits, second; of several ways the longest."""
+    """Bus time of the calls since the last step that waits, second; of several ways the longest.
 
+    ``longest_s``: what was shared with each step that waits, by its number.
+    """
+
+    station: Station
+    longest_s: dict[int, float]
     bus_s: float = 0.0
+
+    def take(self, step: Step) -> None:
+        if step.on_the_bus:
+            self.bus_s += bus_s(step, self.station)
+        elif isinstance(step, PlannedSettle | PlannedSoak | PlannedRecord):
+            self.longest_s[step.number] = max(round(self.bus_s, 9), self.longest_s.get(step.number, 0.0))
+            self.bus_s = 0.0
 
     def key(self) -> int:
         return 0

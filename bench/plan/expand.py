@@ -88,11 +88,6 @@ class Expander(Draft[language.Sequence]):
             self.doubtful.add(len(self.steps))
         duration_s = 0.0 if duration is None else duration.value
         numbers = {key: kind.unread if value is None else plain(value) for key, value in arguments.items()}
-        where = self._short + self.document.where(node.path).removeprefix(self.document.name)
-        known = node.scope.context if conditions is None else conditions
-        role = self.place(role, node)
-        place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
-        self.steps.append(kind.read(place, numbers))
         quantities = {k: v for k, v in arguments.items() if isinstance(v, Quantity)}
         self.dimensions.append({k: v.dimension for k, v in quantities.items()})
         origins = {k: v.origin for k, v in quantities.items() if v.origin}
@@ -101,6 +96,11 @@ class Expander(Draft[language.Sequence]):
         )
         channels = {k: v for k, v in arguments.items() if isinstance(v, Channel)}
         self.declared.append({k: self.document.where(("channels", v.group, "numbers")) for k, v in channels.items()})
+        known = node.scope.context if conditions is None else conditions
+        role = self.place(role, node)
+        where = self._short + self.document.where(node.path).removeprefix(self.document.name)
+        place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
+        self.steps.append(kind.read(place, numbers))
         self.at_s = round(self.at_s + duration_s, 9)
 
     def place(self, name: str, node: Node) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -211,7 +212,7 @@ class Station:
     world_options: Mapping[str, str]
     path: Path = field(default_factory=Path, compare=False)
 
-    @property
+    @cached_property
     def file(self) -> StationFile:
         """The station file as a model."""
         return self.document.model
@@ -237,7 +238,7 @@ class Station:
         """True when this process opens its simulated world; only then the virtual clock may drive it."""
         return self.file.world is not None
 
-    @property
+    @cached_property
     def instruments(self) -> Mapping[str, InstrumentEntry]:
         """Instruments by role."""
         return self.file.instruments

@@ -56,8 +56,7 @@ class ActionCheck:
         """Return declared action of a call or verify step; if it names none a mistake was noted."""
         if not isinstance(step, PlannedCall | PlannedVerify | PlannedSend | PlannedSoak):
             return NOT_JUDGED
-        given = ((name, tuple(value) if isinstance(value, list) else value) for name, value in step.told().items())
-        key = step.where, step.role, step.name, tuple(given)
+        key = step.where, step.role, step.name, repr(step.told())
         if key not in self._seen:
             self._seen[key] = self._fresh(step, self._plan.dimensions[step.number])
         return self._seen[key]

@@ -9,9 +9,9 @@ Earth's rate from these conditions, and a wrong one becomes a wrong number witho
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from bench.model.drivers import driver_class
@@ -20,7 +20,7 @@ from bench.model.ports import ENERGISING, Action, Drivers, Effect, can_move
 from bench.model.quantities import Values
 from bench.model.systems import declared_by
 from bench.plan.check.actions import Judged
-from bench.plan.decision import Followed, walk
+from bench.plan.decision import Followed
 from bench.plan.drivers import declared_action, driver_ladder_A, range_after, station_drivers
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step, no_effect
@@ -115,32 +115,33 @@ def _axes_of(actions: Mapping[str, Action]) -> tuple[Any, ...]:
     return next((parameter.choices for parameter in parameters if parameter.name == "axis"), ())
 
 
-def check_poses(plan: Plan, station: Station, findings: Findings) -> None:
-    """Note records whose conditions differ from where the table was sent, and from what prompts set (B-PLAN-076)."""
-
-    def take(pose: _Pose, step: Step) -> None:
-        pose.was_set |= step.sets
-        if isinstance(step, PlannedCall) and _moves(step, station):
-            _follow(step, pose.angles)
-        elif isinstance(step, PlannedRecord | PlannedCommand):
-            wrong = [*_poses(step, pose.angles), *_sets(step.conditions, pose.was_set)]
-            if wrong:
-                what = "record" if isinstance(step, PlannedRecord) else "command"
-                message = f"the {what} says what the bench does not do: " + "; ".join(wrong)
-                findings.add("B-PLAN-076", step.where, message, "correct the conditions, or the steps before it")
-
-    walk(plan.steps, _Pose(), take, findings)
-
-
 @dataclass
-class _Pose(Followed):
-    """Where the axes were sent, None if nobody knows, and what prompts have set, by name."""
+class Pose(Followed):
+    """Where the axes were sent, None if nobody knows, and what prompts have set, by name.
 
+    Findings: B-PLAN-076 (a record whose conditions differ from that).
+    """
+
+    station: Station
+    findings: Findings
     angles: dict[str, float | None] = field(default_factory=dict)
     was_set: dict[str, Any] = field(default_factory=dict)
 
-    def copy(self) -> _Pose:
-        return _Pose(dict(self.angles), dict(self.was_set))
+    def take(self, step: Step) -> None:
+        if isinstance(step, PlannedCall):
+            if _moves(step, self.station):
+                _follow(step, self.angles)
+        elif isinstance(step, PlannedRecord | PlannedCommand):
+            wrong = [*_poses(step, self.angles), *_sets(step.conditions, self.was_set)]
+            if wrong:
+                what = "record" if isinstance(step, PlannedRecord) else "command"
+                message = f"the {what} says what the bench does not do: " + "; ".join(wrong)
+                self.findings.add("B-PLAN-076", step.where, message, "correct the conditions, or the steps before it")
+        else:
+            self.was_set |= step.sets
+
+    def copy(self) -> Pose:
+        return replace(self, angles=dict(self.angles), was_set=dict(self.was_set))
 
     def key(self) -> Hashable:
         return repr((sorted(self.angles.items()), sorted(self.was_set.items())))
@@ -200,9 +201,10 @@ class BenchState(Followed):
     ``target_degC`` is where the temperature was last sent; ``motion`` follows the tables that move.
     """
 
-    def __init__(self, plan: Plan, station: Station, findings: Findings) -> None:
+    def __init__(self, plan: Plan, station: Station, findings: Findings, judge: Callable[[Step], Judged]) -> None:
         self._findings = findings
         self._station = station
+        self._judge = judge
         self._origins = plan.origins
         asked = declared_by(plan.campaign)
         self._metered = asked is not None and bool(asked.reading)
@@ -240,8 +242,12 @@ class BenchState(Followed):
         followed = (getattr(self, name) for name in _FOLLOWED)
         return tuple(_told(value) for value in followed), self.target_degC, self.motion.key()
 
-    def take(self, step: Step, judged: Judged) -> None:
+    def take(self, step: Step) -> None:
         """Apply one step; note what it breaks."""
+        self.apply(step, self._judge(step))
+
+    def apply(self, step: Step, judged: Judged) -> None:
+        """Apply one step, or one of a record's readings, of which this action is declared."""
         if isinstance(step, PlannedSoak):
             self.target_degC = None if math.isnan(step.temperature_degC) else step.temperature_degC
             self._energise(step, step.role)
@@ -301,8 +307,9 @@ class BenchState(Followed):
     def _measure(self, role: str, usable: Values) -> None:
         """Range of a meter that is a standard: the register gives it uncertainties, or the analysis asks for them."""
         wanted_A = usable.get("range")
-        standard = self._metered or bool(self._station.ranges_A(role))
-        if role in self.sources or not isinstance(wanted_A, float) or not standard:
+        if role in self.sources or not isinstance(wanted_A, float):
+            return
+        if not self._metered and not self._station.ranges_A(role):
             return
         held_A = range_after(driver_ladder_A(self._station.instruments[role].driver), wanted_A, False, None)
         if held_A is not None:

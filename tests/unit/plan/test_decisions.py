@@ -1,6 +1,7 @@
 """Decisions in a plan: how they are unrolled, what can be compared, and what every way through them must keep."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -212,20 +213,23 @@ def test_a_record_does_not_follow_one_across_a_decision(tmp_path: Path) -> None:
 class Sum(Followed):
     """A state that two branches may or may not leave the same."""
 
-    def __init__(self, total: int = 0) -> None:
-        self.total = total
+    def __init__(self, take: Callable[["Sum", Step], None], total: int = 0) -> None:
+        self.taken, self.total = take, total
+
+    def take(self, step: Step) -> None:
+        self.taken(self, step)
 
     def copy(self) -> "Sum":
-        return Sum(self.total)
+        return Sum(self.taken, self.total)
 
     def key(self) -> int:
         return self.total
 
 
-def ways_of(plan_steps: tuple[Step, ...], take: object) -> tuple[set[int], Findings]:
+def ways_of(plan_steps: tuple[Step, ...], take: Callable[[Sum, Step], None]) -> tuple[set[int], Findings]:
     findings = Findings()
-    states = walk(plan_steps, Sum(), take, findings)  # type: ignore[arg-type]
-    return {state.total for state in states}, findings
+    (states,) = walk(plan_steps, findings, Sum(take))
+    return {state.total for state in states if isinstance(state, Sum)}, findings
 
 
 def test_ways_are_joined_where_nothing_differs(tmp_path: Path) -> None:
