@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, assert_never
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
@@ -183,7 +183,6 @@ def _sets(conditions: Values, was_set: Values) -> Iterator[str]:
             yield f"{name} {conditions[name]}, but the operator was told {value}"
 
 
-_ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL, Effect.MOTION_ON)
 _RELEASES = ("output_off", "stop")
 _FOLLOWED = ("energised", "output_on", "unknown", "untrusted", "closed", "level_A", "range_A", "meter_A")
 _OVER_RANGE = 1.2  # a meter reads up to 120 % of a range
@@ -252,8 +251,7 @@ class BenchState(Followed):
             self.target_degC = None if math.isnan(step.temperature_degC) else step.temperature_degC
             self._energise(step, step.role)
         elif isinstance(step, PlannedSend):
-            self._raw(step)
-            self.motion.raw(step)
+            self._raw(step, self._effects.get(step.role, frozenset()), "raw text to")
         elif isinstance(step, PlannedPrompt):
             self.motion.prompt(step)
         elif isinstance(step, PlannedCall) and judged.action is not None:
@@ -264,8 +262,8 @@ class BenchState(Followed):
                 self._readable(step)
         elif isinstance(step, PlannedCall):
             self._forget(step.role)
-        elif type(step).effects is not no_effect and step.effects(self._actions.get(step.role, {})) & ENERGISING:
-            self._energise(step, step.role)
+        elif type(step).effects is not no_effect:
+            self._raw(step, step.effects(self._actions.get(step.role, {})), f"a {step.kind} step of")
 
     def _forget(self, role: str) -> None:
         """A call that names nothing may have been meant for the source or the switch: their order is not judged."""
@@ -275,24 +273,29 @@ class BenchState(Followed):
 
     def _call(self, step: Step, effect: Effect, usable: Values) -> None:
         role = step.role
-        if effect in (Effect.ROUTE, Effect.ROUTES_OPEN):
-            self._route(step, effect, usable)
-        elif effect is Effect.STIMULUS_SET:
-            self._set(role, usable)
-            self._within_full_scale(step, role)
-        elif effect is Effect.STIMULUS_ON:
-            self._switch_on(step)
-        elif effect is Effect.STIMULUS_OFF:
-            self.output_on.discard(role)
-            self.unknown.discard(role)
-            self.energised.pop(role, None)
-        elif effect is Effect.THERMAL and "temperature" in usable:
-            self.target_degC = usable["temperature"]
-            self._energise(step, role)
-        elif effect is Effect.MOTION_OFF or (effect in _ENERGY and step.name in _RELEASES):
-            self.energised.pop(role, None)
-        elif effect in _ENERGY:
-            self._energise(step, role)
+        match effect:
+            case Effect.ROUTE | Effect.ROUTES_OPEN:
+                self._route(step, effect, usable)
+            case Effect.STIMULUS_SET:
+                self._set(role, usable)
+                self._within_full_scale(step, role)
+            case Effect.STIMULUS_ON:
+                self._switch_on(step)
+            case Effect.STIMULUS_OFF:
+                self.output_on.discard(role)
+                self.unknown.discard(role)
+                self.energised.pop(role, None)
+            case Effect.THERMAL if "temperature" in usable:
+                self.target_degC = usable["temperature"]
+                self._energise(step, role)
+            case Effect.THERMAL | Effect.POWER | Effect.MOTION_ON if step.name not in _RELEASES:
+                self._energise(step, role)
+            case Effect.THERMAL | Effect.POWER | Effect.MOTION_ON | Effect.MOTION_OFF:
+                self.energised.pop(role, None)
+            case Effect.NONE:
+                pass
+            case _:
+                assert_never(effect)
 
     def _set(self, role: str, usable: Values) -> None:
         level_A = usable.get("current")
@@ -366,23 +369,25 @@ class BenchState(Followed):
             origin = self._origins[step.number].get("current", "")
             self._findings.add("B-PLAN-073", step.where, message, origin=origin)
 
-    def _raw(self, step: PlannedSend) -> None:
-        effects = self._effects.get(step.role, frozenset())
+    def _raw(self, step: Step, effects: frozenset[Effect], what: str) -> None:
+        """Apply a step of which nobody can see what it does of that; ``what`` it is, in words."""
         if Effect.STIMULUS_ON in effects:
             if self.switches and not self.closed and not self.untrusted:
-                self._doubt(step, "may switch its output on without a closed route")
+                self._doubt(step, what, "may switch its output on without a closed route")
             self.output_on.add(step.role)
             self.unknown.add(step.role)
             self.level_A[step.role] = self.range_A[step.role] = None
         if Effect.ROUTE in effects:
-            self._doubt(step, "may close any route, so the plan cannot be proved safe")
-        if Effect.MOTION_ON in effects and not step.asks:
-            self._doubt(step, "may move it, faster and further than its limits allow")
-        if effects & {*_ENERGY, Effect.ROUTE}:
+            self._doubt(step, what, "may close any route, so the plan cannot be proved safe")
+        if Effect.MOTION_ON in effects and not (isinstance(step, PlannedSend) and step.asks):
+            self._doubt(step, what, "may move it, faster and further than its limits allow")
+        if Effect.MOTION_ON in effects:
+            self.motion.raw(step)
+        if effects & ENERGISING:
             self._energise(step, step.role)
 
-    def _doubt(self, step: PlannedSend, why: str) -> None:
-        self._findings.add("B-PLAN-074", step.where, f"raw text to {step.role} {why}", "write a call instead")
+    def _doubt(self, step: Step, what: str, why: str) -> None:
+        self._findings.add("B-PLAN-074", step.where, f"{what} {step.role} {why}", "write a call instead")
 
     def _energise(self, step: Step, role: str) -> None:
         self.energised[role] = step.where

@@ -1,6 +1,8 @@
 """The static check against brute-force models of bench and table; mistakes that come together, without an echo."""
 
+from dataclasses import replace
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -10,7 +12,9 @@ from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.errors import InputError
 from bench.model.ports import Effect
-from bench.plan import PlannedSend, PlannedVerify, Step, check_plan, compile_sequence, driver_actions, summarise
+from bench.plan import KINDS, PlannedSend, PlannedVerify, Step, check_plan, compile_sequence, driver_actions, summarise
+from bench.plan.plan import PLACE
+from bench.run.steps import dispatch
 
 CALLS = {
     "standby": "calibrator.standby",
@@ -285,6 +289,29 @@ def test_a_kind_of_step_says_what_it_may_do_to_the_bench_and_whether_it_is_done_
     for at, question in enumerate(questions):
         with pytest.raises(TypeError, match=f"the kind of step Ninth has no '{question}'"):
             type("Ninth", (Step,), {answered: vars(PlannedVerify)[answered] for answered in questions[:at]})
+
+
+@pytest.mark.parametrize(
+    ("effect", "role", "why"),
+    [
+        (Effect.STIMULUS_ON, "calibrator", "may switch its output on without a closed route"),
+        (Effect.ROUTE, "switch", "may close any route, so the plan cannot be proved safe"),
+        (Effect.MOTION_ON, "chamber", "may move it, faster and further than its limits allow"),
+    ],
+)
+def test_what_another_kind_of_step_may_do_is_refused_and_nobody_does_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: Effect, role: str, why: str
+) -> None:
+    monkeypatch.setitem(KINDS, "ninth", PlannedVerify)  # taken away again
+    answers = {name: vars(PlannedVerify)[name] for name in ("on_the_bus", "proof", "again", "leaves", "written")}
+    ninth = type("Ninth", (Step,), {**answers, "kind": "ninth", "effects": lambda step, actions: frozenset({effect})})
+    plan = compile_sequence(make_bench(tmp_path))
+    first = replace(plan.steps[0], role=role)
+    step = ninth(*(getattr(first, name) for name in PLACE))
+    found = check_plan(replace(plan, steps=(step, *plan.steps[1:])))
+    assert [error.message for error in found if error.code == "B-PLAN-074"] == [f"a ninth step of {role} {why}"]
+    with pytest.raises(TypeError, match=r"nobody does the kinds of step .*Ninth"):
+        run_path(dispatch.__file__)
 
 
 @pytest.mark.parametrize(("text", "may"), [("OUT 1 A", True), ("OUT?", False), ("OUT?;OPER", True), ("*RST", True)])
