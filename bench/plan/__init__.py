@@ -1,12 +1,12 @@
 """Sequence and station files, the compiled plan, and its static check."""
 
+from bench.plan.check.actions import bus_s
 from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station, recorded_rules
 from bench.plan.compile import compile_sequence
 from bench.plan.deciding import is_other_length
 from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by, unmet_loops
-from bench.plan.drivers import bus_s, declared_action, driver_actions, station_drivers
 from bench.plan.expected import is_answered, is_reading, roles_of, round_count, values_not_due
 from bench.plan.findings import Findings, suggestion
 from bench.plan.frozen import frozen_plan, plan_of_texts
@@ -32,7 +32,7 @@ from bench.plan.plan import KINDS, Phase, Plan, PlannedUnit, SetPoint, Step, Ste
 from bench.plan.planned_air import LAB_AIR_degC, planned_temperature, timed_steps
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
 from bench.plan.served import served_station
-from bench.plan.station import Station, StationFile, load_station
+from bench.plan.station import Station, StationFile, declared_action, driver_actions, load_station, station_drivers
 from bench.plan.step_kinds import (
     CHAMBER,
     MEASUREMENT,

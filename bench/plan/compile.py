@@ -23,11 +23,11 @@ from bench.plan.channels import (
     rules_of_units,
     unit_constants,
 )
+from bench.plan.check.actions import with_bus_time
 from bench.plan.check.analysis import check_limits, check_named
 from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
 from bench.plan.check.stations import check_station, plan_rules
 from bench.plan.deciding import is_other_length
-from bench.plan.drivers import with_bus_time
 from bench.plan.expand import Expander, Node, TooManySteps
 from bench.plan.expected import bound_in, check_judged, limits_in, takes_all
 from bench.plan.findings import Draft, Findings, suggestion

@@ -10,12 +10,11 @@ from typing import Any, NoReturn
 from bench.frame import FrameDefinition
 from bench.model.quantities import Values
 from bench.model.units import likely
-from bench.plan.drivers import range_after
 from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
 from bench.plan.language.steps import CallStep
 from bench.plan.plan import Phase, PlannedUnit, Step
-from bench.plan.station import Station
+from bench.plan.station import Station, range_after
 from bench.plan.values import Channel, NamedValues, Quantity, Scope, UnknownVariable, plain
 
 Path = tuple[str | int, ...]

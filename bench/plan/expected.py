@@ -21,11 +21,11 @@ from bench.model.systems import analysis_declaration
 from bench.model.units import dimension_of, likely, read_quantity
 from bench.plan.check.analysis import NONE
 from bench.plan.decision import PlannedDecision, ways_not_taken
-from bench.plan.drivers import declared_action
 from bench.plan.expand import Node, check_whole
 from bench.plan.language.expect import Bounds, Expect, ReadingExpect, ReplyExpect, SignalExpect
 from bench.plan.language.steps import PromptValue, ReadStep, Record
 from bench.plan.plan import Step
+from bench.plan.station import declared_action
 from bench.plan.step_kinds import WIRING, PlannedCall, PlannedPrompt, PlannedRecord
 from bench.plan.values import Quantity, as_reference, plain
 

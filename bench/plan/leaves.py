@@ -23,7 +23,6 @@ from bench.model.ports import Effect
 from bench.model.quantities import Values
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.deciding import expand_until
-from bench.plan.drivers import declared_action, no_instrument
 from bench.plan.expand import NO_TIME, TIMED, Node, check_whole
 from bench.plan.expected import expand_readings, keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.findings import suggestion
@@ -44,6 +43,7 @@ from bench.plan.language.steps import (
     UnitStep,
     VerifyStep,
 )
+from bench.plan.station import declared_action, no_instrument
 from bench.plan.step_kinds import (
     WIRING,
     PlannedCall,

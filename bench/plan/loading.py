@@ -20,10 +20,9 @@ from bench.model.shipped import find_beside
 from bench.model.units import likely, read_quantity
 from bench.model.yamlio import Document, load_yaml
 from bench.plan.check.stations import check_station
-from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.sequence import Sequence, language_of_sequence
-from bench.plan.station import Station, load_station
+from bench.plan.station import Station, driver_actions, load_station
 from bench.plan.values import ACTION_PATTERN
 
 WORLD = "world."

@@ -13,10 +13,10 @@ from bench.plan.check.actions import NOT_JUDGED, Judged
 from bench.plan.check.state import BenchState
 from bench.plan.deciding import stop_lines
 from bench.plan.decision import walk
-from bench.plan.drivers import declared_action
 from bench.plan.expected import round_count
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
+from bench.plan.station import declared_action
 from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes

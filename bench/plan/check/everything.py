@@ -28,18 +28,17 @@ from bench.model.installed import offer_of
 from bench.model.ports import Effect
 from bench.model.quantities import Values
 from bench.model.stopping import STAGE
-from bench.plan.check.actions import ActionCheck
+from bench.plan.check.actions import ActionCheck, bus_s
 from bench.plan.check.analysis import check_asked
 from bench.plan.check.state import BenchState, Pose
 from bench.plan.check.stations import SIMULATION, check_station, check_used_ranges
 from bench.plan.decision import Followed, walk
-from bench.plan.drivers import bus_s, declared_action
 from bench.plan.expand import DURATION
 from bench.plan.expected import roles_of
 from bench.plan.findings import Findings
 from bench.plan.language.standards import Standard
 from bench.plan.plan import Plan, PlannedUnit, Step
-from bench.plan.station import Station
+from bench.plan.station import Station, declared_action
 from bench.plan.step_kinds import (
     MEASUREMENT,
     WIRING,

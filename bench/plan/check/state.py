@@ -21,10 +21,9 @@ from bench.model.quantities import Values
 from bench.model.systems import declared_by
 from bench.plan.check.actions import Judged
 from bench.plan.decision import Followed
-from bench.plan.drivers import declared_action, driver_ladder_A, range_after, station_drivers
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step, no_effect
-from bench.plan.station import Station
+from bench.plan.station import Station, declared_action, driver_ladder_A, range_after, station_drivers
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak
 
 _LIMITED = ("rate", "acceleration")

@@ -10,9 +10,9 @@ from probe_decisions import HEAD, TURNS, WARM_UP, deciding_plan, sequence_file
 
 from bench.plan import HOLD, PlannedDecision, PlannedRecord, compile_sequence, plan_json, steps_of, steps_sha256
 from bench.plan.decision import MOST_WAYS, Branch, Followed, walk
-from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings
 from bench.plan.plan import Step
+from bench.plan.station import driver_actions
 
 pytestmark = pytest.mark.usefixtures("probes")
 
