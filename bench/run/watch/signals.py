@@ -27,8 +27,7 @@ from bench.record import RecordRow
 from bench.run.bench.safety import hurried
 from bench.run.context import RunContext
 from bench.run.links.acquisition import STALE_S
-from bench.run.links.reader import LinkReader, age_s
-from bench.run.links.thermometer import TEMPERATURE, of_unit
+from bench.run.links.reader import TEMPERATURE, LinkReader, age_s, of_unit
 from bench.run.observers import Following
 from bench.run.stop import CHAMBER_AIR
 
