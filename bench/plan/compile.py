@@ -1,19 +1,27 @@
-"""From a sequence file to a Plan, and the fits that it asks for: names as the values have them, in base units."""
+"""From a sequence file, the station it is for, and the values of ``--set`` to a Plan.
+
+All mistakes are to be shown at once: one in one file must not hide those in the other, and a wrong unit at one end of a
+file not a wrong name at the other. So files that hold other mistakes, and cannot be compiled, are still searched for
+misspelt instruments, actions and drivers.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import RootModel
 
 from bench.frame import FrameDefinition, load_frame
-from bench.model.declaration import stated
 from bench.model.errors import InputError, InputErrors
 from bench.model.quantities import Values
 from bench.model.shipped import find_beside, find_shipped
-from bench.model.yamlio import Document
+from bench.model.units import likely, read_quantity
+from bench.model.yamlio import Document, load_yaml
 from bench.plan.channels import (
     campaign_channels,
     check_counted,
@@ -29,120 +37,193 @@ from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
 from bench.plan.check.stations import check_station, plan_rules
 from bench.plan.deciding import is_other_length
 from bench.plan.expand import Expander, Node, TooManySteps
-from bench.plan.expected import bound_in, check_judged, limits_in, takes_all
+from bench.plan.expected import check_judged, fits_of
 from bench.plan.findings import Draft, Findings, suggestion
-from bench.plan.language.expect import LOG, NONLINEARITY, RECIPROCAL, Fit, variable_of
-from bench.plan.language.sequence import Sequence
+from bench.plan.language.sequence import Sequence, language_of_sequence
 from bench.plan.language.steps import Step_
-from bench.plan.loading import apply_parameters, load_both, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
-from bench.plan.station import Station
+from bench.plan.station import Station, driver_actions, load_station
 from bench.plan.step_kinds import PlannedRecord
 from bench.plan.unroll import Unroller
-from bench.plan.values import plain, traced
+from bench.plan.values import ACTION_PATTERN, plain, traced
 
-TIME = "time"
-
-
-def fits_of(outer: Node) -> list[dict[str, Any]]:
-    """Return the fits for the manifest (B-PLAN-120, B-PLAN-121, B-PLAN-123)."""
-    fits: list[dict[str, Any]] = []
-    plan = outer.plan
-    for index, fit in enumerate(plan.model.fits if takes_all(plan) else ()):
-        node = outer.below("fits", index)
-        of, function = variable_of(fit.of)
-        unit = plan.expected.unit_of(of)
-        if unit is None:
-            _unknown(node.below("of"), of)
-            continue
-        y_unit, against = _unit_of(node.below("of"), fit.of, unit), _against(node, fit)
-        per = [_per(node.below("per", place), name) for place, name in enumerate(fit.per)]
-        if against is None or y_unit is None or None in per:
-            continue
-        x_unit = _unit_of(node.below("against"), fit.against, against["unit"])
-        if x_unit is None:
-            continue
-        units = {**coefficient_units(y_unit, x_unit, fit.orders), NONLINEARITY: unit}
-        expected = {
-            result: limits_in(node.below("expect", result), bounds, units[result])
-            for result, bounds in fit.expect.items()
-        }
-        asked = {"name": fit.name, "of": of, "powers": list(fit.orders), "per": per, "units": units,
-                 "against": against, "expected": expected}  # fmt: skip
-        asked |= {"function": function} if function else {}
-        read_back = _read_back(node, fit, unit, against["unit"])
-        fits.append(asked | ({"read_back": read_back} if read_back else {}))
-    return fits
+WORLD = "world."
+_T = TypeVar("_T")
+Place = tuple[str | int, ...]
+SECTIONS = ("prepare", "steps", "timeline", "finally", "procedures")
+_ACTION = re.compile(ACTION_PATTERN)
+_NAMING = ("call", "verify")  # keys whose value may be an action
 
 
-def coefficient_units(of: str, against: str, orders: Iterable[int]) -> dict[str, str]:
-    """Return the units of the coefficients c0, c1, ... that a polynomial has."""
-    units = {}
-    for order in orders:
-        power = against if order == 1 else f"{against}{order}"
-        units[f"c{order}"] = of if against == "1" or not order else f"1/{power}" if of == "1" else f"{of}/{power}"
-        if of == against and order:
-            units[f"c{order}"] = "1" if order == 1 else f"1/{against}{'' if order == 2 else order - 1}"
-    return units
+def split_overrides(
+    document: Document[Sequence], overrides: Mapping[str, str], findings: Findings
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return parameters of the sequence, and options of the simulated world.
+
+    A key that the sequence has no parameter for is left out and noted (B-PLAN-003), naming the known ones.
+    """
+    known = document.model.parameters
+    for key in overrides:
+        if not key.startswith(WORLD) and key not in known:
+            meant = suggestion(key, [*known, "world.<option>"])
+            findings.add("B-PLAN-003", f"--set {key}", f"{document.name} has no parameter {key!r}{meant}")
+    parameters = {key: value for key, value in overrides.items() if key in known}
+    world = {key.removeprefix(WORLD): value for key, value in overrides.items() if key.startswith(WORLD)}
+    return parameters, world
 
 
-def _unit_of(node: Node, variable: str, unit: str) -> str | None:
-    """Return the unit of a function of a quantity (B-PLAN-123 for a logarithm of degrees)."""
-    _, function = variable_of(variable)
-    if function == LOG:
-        if unit == "degC":
-            message = f"{variable}: a temperature in degC has no logarithm, because its zero is arbitrary"
-            node.fail("B-PLAN-123", message, "fit the temperature itself, or 1/x of it, which is in kelvin")
-            return None
-        return "1"
-    if function == RECIPROCAL and unit != "1":
-        return "1/K" if unit == "degC" else f"1/{unit}"
-    return unit
+def apply_parameters(document: Document[Sequence], given: Mapping[str, str], findings: Findings) -> dict[str, Any]:
+    """Return parameters of the sequence with the given ones in place; each must be of the sort of the one it replaces.
+
+    A list is given with commas, an empty one by nothing. One of another sort is noted (B-PLAN-005) and the shipped
+    value stays.
+    """
+    parameters: dict[str, Any] = dict(document.model.parameters)
+    for key, text in given.items():
+        shipped = parameters[key]
+        try:
+            many = isinstance(shipped, list)
+            parts = text.split(",") if many and text else []
+            parameters[key] = [_like(shipped[0], part) for part in parts] if many else _like(shipped, text)
+        except (ValueError, IndexError) as error:
+            findings.add("B-PLAN-005", f"--set {key}", f"{text!r} cannot replace {shipped!r}: {error}")
+    return parameters
 
 
-def _against(node: Node, fit: Fit) -> dict[str, Any] | None:
-    if fit.against == TIME:
-        return {"time": True, "unit": "s"}
-    name, function = variable_of(fit.against)
-    plan = node.plan
-    unit, condition = plan.expected.unit_of(name), plan.expected.condition(name)
-    more = {"function": function} if function else {}
-    if unit is not None:
-        return {"quantity": name, "unit": unit, **more}
-    if condition is None:
-        _unknown(node.below("against"), name)
+def _like(shipped: Any, text: str) -> Any:
+    text = text.strip()
+    if isinstance(shipped, bool):
+        if text not in ("true", "false"):
+            raise ValueError("true or false is due")
+        return text == "true"
+    if isinstance(shipped, (int, float)):
+        return _number_like(shipped, text)
+    old, new = read_quantity(str(shipped)), read_quantity(text)
+    if (old and old[1]) != (new and new[1]):
+        raise ValueError(
+            f"a quantity in {old[1]} is due{likely(text, old[1])}" if old else "a text without a unit is due"
+        )
+    return text
+
+
+def _number_like(shipped: float, text: str) -> float:
+    due = "a whole number is due" if isinstance(shipped, int) else "a number is due"
+    try:
+        number = type(shipped)(text)
+    except (ValueError, OverflowError):
+        raise ValueError(due) from None
+    if not math.isfinite(number):
+        raise ValueError(due)
+    return number
+
+
+def load_both(source: Path, station: Station | None) -> tuple[Document[Sequence], Station]:
+    """Return the sequence, and the station given or else the one it names.
+
+    Raises: InputErrors with the mistakes of both files; if one of them cannot be compiled, the names in it are still
+    looked at.
+    """
+    findings = Findings()
+    document = _read(lambda: load_yaml(source, language_of_sequence), findings)
+    file = None if station is not None else _station_file(source, document, findings)
+    if file is not None:
+        station = _read(lambda: load_station(file), findings)
+    if document is not None and station is not None:
+        return document, station
+    if station is not None:
+        check_station(station, findings)
+        drivers = {role: entry.driver for role, entry in station.instruments.items()}
+    else:
+        bench = None if file is None else plain_tree(file)
+        drivers = {} if bench is None else driver_names(bench, findings)
+    tree = plain_tree(source)
+    if tree is not None and drivers:
+        check_names(tree, drivers, findings)
+    raise InputErrors(findings.sorted())
+
+
+def _read(load: Callable[[], _T], findings: Findings) -> _T | None:
+    try:
+        return load()
+    except InputError as error:
+        findings.extend(error)
         return None
-    against: dict[str, Any] = {"condition": condition[0], "unit": condition[1], **more}
-    value = bound_in(plan.node(*node.path, "against_uncertainty"), fit.against_uncertainty, condition[1])
-    return against | stated({"uncertainty": value})
 
 
-def _read_back(node: Node, fit: Fit, unit: str, against: str) -> list[dict[str, Any]]:
-    """Return the values of the curve that have a name, in the units of the quantities themselves."""
-    entries = []
-    for index, asked in enumerate(fit.read_back):
-        here = node.below("read_back", index)
-        at = bound_in(here.below("at"), asked.at, against)
-        if asked.name in node.plan.expected.names:
-            message = f"{asked.name!r} is read, and cannot be the name of a value of a fit"
-            here.below("name").fail("B-PLAN-121", message, "give it a name of its own")
-        elif at is not None:
-            limits = limits_in(here, asked, unit)
-            entries.append({"quantity": asked.name, "at": at, "unit": unit, **limits})
-    return entries
+def _station_file(source: Path, document: Document[Sequence] | None, findings: Findings) -> Path | None:
+    """Return file of the station that a sequence names, even if the rest of the sequence cannot be read."""
+    place = document if document is not None else plain_tree(source)
+    if document is not None:
+        name: object = document.model.station
+    else:
+        root = None if place is None else place.model.root  # type: ignore[union-attr]
+        name = root.get("station") if isinstance(root, dict) else None
+    if place is None or not isinstance(name, str):
+        return None
+    try:
+        return find_beside(source, "stations", name)
+    except InputError as error:
+        findings.add("B-PLAN-045", place.where(("station",)), error.message, error.next_step)
+        return None
 
 
-def _per(node: Node, name: str) -> str | None:
-    condition = node.plan.expected.condition(name)
-    if condition is None:
-        _unknown(node, name)
-    return None if condition is None else condition[0]
+def plain_tree(path: Path) -> Document[RootModel[Any]] | None:
+    """Return a YAML file as plain values with their positions; None if even the loader refuses it."""
+    try:
+        return load_yaml(path, RootModel[Any])
+    except InputError:
+        return None
 
 
-def _unknown(node: Node, name: str) -> None:
-    known = ", ".join(node.plan.expected.names) or "nothing"
-    message = f"no value and no condition of one is called {name!r}"
-    node.fail("B-PLAN-123", message, f"what is read: {known}; write 'expect: {{name: ...}}' beside a reading")
+def driver_names(tree: Document[RootModel[Any]], findings: Findings) -> dict[str, str]:
+    """Return drivers of a station file by role; those that do not exist are noted (B-PLAN-011)."""
+    root = tree.model.root
+    instruments = root.get("instruments") if isinstance(root, dict) else None
+    drivers: dict[str, str] = {}
+    for role, entry in instruments.items() if isinstance(instruments, dict) else ():
+        driver = entry.get("driver") if isinstance(entry, dict) else None
+        if isinstance(driver, str):
+            drivers[role] = driver
+            try:
+                driver_actions(driver)
+            except InputError as error:
+                if error.code == "B-PLAN-011":  # a name that is not plain is noted by the loader
+                    findings.add(error.code, tree.where(("instruments", role, "driver")), error.message)
+    return drivers
+
+
+def check_names(tree: Document[RootModel[Any]], drivers: Mapping[str, str], findings: Findings) -> None:
+    """Note every ``role.action`` of a sequence file that names no role (B-PLAN-040) or no action (B-PLAN-050)."""
+    root = tree.model.root
+    for section in SECTIONS if isinstance(root, dict) else ():
+        for called, path in _calls(root.get(section), (section,)):
+            role, name = called.split(".")
+            if role not in drivers:
+                message = f"the station has no instrument {role!r}{suggestion(role, drivers)}"
+                findings.add("B-PLAN-040", tree.where(path), message)
+                continue
+            try:
+                actions = driver_actions(drivers[role])
+            except InputError:
+                continue
+            if name not in actions:
+                message = f"{role} ({drivers[role]}) has no action {name!r}{suggestion(name, actions)}"
+                findings.add("B-PLAN-050", tree.where(path), message)
+
+
+def _calls(value: Any, path: Place) -> Iterator[tuple[str, Place]]:
+    if isinstance(value, list):
+        for index, item in enumerate(value):
+            if isinstance(item, str) and _ACTION.fullmatch(item):
+                yield item, (*path, index)
+            yield from _calls(item, (*path, index))
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            if _ACTION.fullmatch(key):
+                yield key, (*path, key)
+            elif key in _NAMING and isinstance(item, str) and _ACTION.fullmatch(item):
+                yield item, (*path, key)
+            yield from _calls(item, (*path, key))
 
 
 def compile_sequence(
