@@ -84,7 +84,7 @@ class PlannedDecision(Step):
     again = not_again  # it stands as it was made
     leaves = an_event
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Refuse: what is behind it depends on what was read before."""
         why = "the sequence decides by what it reads, so its records cannot be taken again one by one"
         raise cannot_be_taken_again(self, why, "run")

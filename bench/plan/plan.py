@@ -86,7 +86,7 @@ class Step:
         """Return whether the step leaves an event that results are made of; records are looked for by their number."""
         raise NotImplementedError
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return the step as a sequence has it; ``drivers``: declared actions by role.
 
         Raises: InputError B-RES-008 for one that cannot be done by itself.

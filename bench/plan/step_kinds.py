@@ -70,7 +70,7 @@ class PlannedCall(Step):
         """Return whether the action reads something."""
         return self.name in actions and bool(actions[self.name].returns)
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return the call as a sequence has it: each argument in the unit that its driver declares."""
         declared = drivers.get(self.role, {}).get(self.name)
         units = {} if declared is None else {parameter.name: parameter.dimension for parameter in declared.parameters}
@@ -122,7 +122,7 @@ class PlannedVerify(Step):
     again = not_again  # what it asks about is over
     leaves = nothing
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return it as a sequence has it."""
         return {self.kind: f"{self.role}.{self.name}"}
 
@@ -157,7 +157,7 @@ class PlannedSend(Step):
         """Return whether something is expected of the reply."""
         return QUANTITY in self.conditions
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return it as a sequence has it."""
         return {self.kind: {self.role: self.text}}
 
@@ -176,7 +176,7 @@ class PlannedSettle(Step):
     again = not_again  # it is done behind the step that it stands behind
     leaves = nothing
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return it as a sequence has it."""
         return {self.kind: _quantity(self.duration_s, "s")}
 
@@ -229,7 +229,7 @@ class PlannedRecord(Step):
     again = not_again  # what it took is kept
     leaves = nothing
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return it as a sequence has it. Raises: InputError B-RES-008 for one of several that belong together."""
         if self.samples:
             why = "records of samples on a table cannot be taken again one by one: each depends on how it was mounted"
@@ -318,7 +318,7 @@ class PlannedSoak(Step):
     again = not_again  # the way back sets the chamber
     leaves = nothing
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return it as a sequence has it."""
         stable = {"within": _quantity(self.within_degC, "degC"), "for": _quantity(self.for_s, "s")}
         soak: dict[str, Any] = {"chamber": self.role, "temperature": _quantity(self.temperature_degC, "degC")}
@@ -367,7 +367,7 @@ class PlannedPrompt(Step):
     again = not_again  # what the person changed stays
     leaves = an_event
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return it as a sequence has it."""
         prompt: dict[str, Any] = {"text": self.text, "confirm": self.confirm}
         if self.unit:
@@ -422,7 +422,7 @@ class PlannedCommand(Step):
         """Return whether it is a test of the unit, or something is expected of the reply."""
         return bool(self.item) or QUANTITY in self.conditions
 
-    def written(self, drivers: Drivers) -> dict[str, Any]:
+    def written(self, drivers: Drivers) -> Values:
         """Return it as a sequence has it."""
         return {self.kind: {self.role: self.name}}
 
@@ -432,7 +432,7 @@ class PlannedCommand(Step):
         return {**arguments, "payload": tuple(arguments["payload"])}
 
 
-def expected_reading(call: PlannedCall, drivers: Drivers) -> dict[str, Any] | str:
+def expected_reading(call: PlannedCall, drivers: Drivers) -> Values | str:
     """Return a call as a sequence has it, with the name of the value it reads; what is expected of it is left out."""
     form = call.written(drivers)
     if QUANTITY in call.conditions:
