@@ -423,8 +423,14 @@ class PlannedCommand(Step):
         return bool(self.item) or QUANTITY in self.conditions
 
     def written(self, drivers: Drivers) -> Values:
-        """Return it as a sequence has it."""
-        return {self.kind: {self.role: self.name}}
+        """Return it as a sequence has it. Raises: InputError B-RES-008 for one of the frame with arguments."""
+        if self.timeout_s is not None and self.payload:
+            why = f"the arguments of the command {self.name!r} stand in the plan as bytes only"
+            raise cannot_be_taken_again(self, why, "run")
+        if not self.item:
+            return {self.kind: {self.role: self.name}}
+        takes = {} if self.takes_s is None else {"takes": _quantity(self.takes_s, "s")}
+        return {"test": {"link": self.role, "item": self.item, "command": self.name, **takes}}
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:
