@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache, cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, assert_never
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,19 @@ class Effect(Enum):
     MOTION_ON = "motion_on"  # from here on a table may move; nobody may stand at it
     MOTION_OFF = "motion_off"  # the table is at rest and its drives are off: always allowed
 
+    @property
+    def energises(self) -> bool:
+        """Return whether it switches something on or lets it move."""
+        match self:
+            case Effect.STIMULUS_ON | Effect.ROUTE | Effect.THERMAL | Effect.POWER | Effect.MOTION_ON:
+                return True
+            case Effect.NONE | Effect.STIMULUS_SET | Effect.STIMULUS_OFF | Effect.ROUTES_OPEN | Effect.MOTION_OFF:
+                return False
+            case _:
+                assert_never(self)
 
-ENERGISING = frozenset({Effect.STIMULUS_ON, Effect.ROUTE, Effect.THERMAL, Effect.POWER, Effect.MOTION_ON})
+
+ENERGISING = frozenset(effect for effect in Effect if effect.energises)
 """Effects of actions that switch something on or let it move."""
 
 SWITCHED_ON = ("output_on", "operate", "run", "start")

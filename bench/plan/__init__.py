@@ -1,11 +1,13 @@
 """Sequence and station files, the compiled plan, and its static check."""
 
+from bench.plan.check.actions import bus_s
 from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station, recorded_rules
 from bench.plan.compile import compile_sequence
+from bench.plan.deciding import is_other_length
 from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by, unmet_loops
-from bench.plan.drivers import bus_s, declared_action, driver_actions
+from bench.plan.expected import is_answered, is_reading, roles_of, round_count, values_not_due
 from bench.plan.findings import Findings, suggestion
 from bench.plan.frozen import frozen_plan, plan_of_texts
 from bench.plan.language.graphs import COUNTS, Graph, GraphEntry, graphs_of, shown_signals
@@ -26,15 +28,13 @@ from bench.plan.language.mapping import (
 from bench.plan.language.notices import Apprise, Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
 from bench.plan.language.standards import Date, Standard, Stated, Words, told_standard
-from bench.plan.plan import Phase, Plan, PlannedUnit, SetPoint, Step, Steps, steps_sha256
+from bench.plan.plan import KINDS, Phase, Plan, PlannedUnit, SetPoint, Step, Steps, steps_sha256
 from bench.plan.planned_air import LAB_AIR_degC, planned_temperature, timed_steps
-from bench.plan.readings import is_answered, is_reading, quantities_of, roles_of, round_count, values_not_due
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
 from bench.plan.served import served_station
-from bench.plan.station import Station, StationFile, load_station
+from bench.plan.station import Station, StationFile, declared_action, driver_actions, load_station, station_drivers
 from bench.plan.step_kinds import (
     CHAMBER,
-    KINDS,
     MEASUREMENT,
     WIRING,
     PlannedCall,
@@ -45,11 +45,11 @@ from bench.plan.step_kinds import (
     PlannedSettle,
     PlannedSoak,
     PlannedVerify,
+    expected_reading,
     is_measurement,
     plan_json,
     steps_of,
 )
-from bench.plan.stopping import is_other_length
 from bench.plan.summary import SECOND_BYTES, Summary, summarise, unwatched
 from bench.plan.values import SUFFIX, UNIT
 
@@ -113,6 +113,7 @@ __all__ = [
     "decisions_of",
     "declared_action",
     "driver_actions",
+    "expected_reading",
     "frozen_plan",
     "graphs_of",
     "is_answered",
@@ -129,12 +130,12 @@ __all__ = [
     "plan_json",
     "plan_of_texts",
     "planned_temperature",
-    "quantities_of",
     "recorded_rules",
     "roles_of",
     "round_count",
     "served_station",
     "shown_signals",
+    "station_drivers",
     "steps_of",
     "steps_sha256",
     "suggestion",

@@ -3,19 +3,26 @@
 Loops and branches are unrolled, so the steps of every branch stand in the plan one behind another, and a decision is
 nothing but the ranges of steps that are left out. Branches of one decision begin at the same planned time; what follows
 them begins when the longest would end, so planned times are the latest ones.
+
+A plan is walked on every way that its decisions allow. A decision doubles the ways; two of them become one again where
+nothing differs any more, neither the state nor the steps still to be left out. So a loop of a hundred turns is walked
+with two or three states, and what follows a branch is met by every state that the branches may leave.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from collections.abc import Hashable, Iterable, Iterator, Mapping
+from copy import copy
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, Self
 
 from bench.model.events import Decision, Event, UnitLeftOut
+from bench.model.ports import Drivers
 from bench.model.quantities import Values
 from bench.model.units import plain_quantity
-from bench.plan.plan import Step, StepKind, Steps, an_event, no_effect, not_again
+from bench.plan.findings import Findings
+from bench.plan.plan import Step, Steps, an_event, cannot_be_taken_again, no_effect, not_again
 from bench.plan.values import UNIT
 
 IF, WHILE, CHOOSE = "if", "while", "choose"
@@ -62,7 +69,9 @@ class PlannedDecision(Step):
     reading.
     """
 
-    kind: ClassVar[StepKind] = "decide"
+    kind: ClassVar[str] = "decide"
+    on_the_bus: ClassVar[bool] = False
+    proof: ClassVar[type[Event] | None] = Decision
 
     word: str
     arguments: Values
@@ -74,6 +83,11 @@ class PlannedDecision(Step):
     effects = no_effect  # it reads an instrument
     again = not_again  # it stands as it was made
     leaves = an_event
+
+    def written(self, drivers: Drivers) -> Values:
+        """Refuse: what is behind it depends on what was read before."""
+        why = "the sequence decides by what it reads, so its records cannot be taken again one by one"
+        raise cannot_be_taken_again(self, why, "run")
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:
@@ -159,3 +173,108 @@ def left_out_by(steps: Steps, events: Iterable[Event]) -> list[range]:
         for step, decision in _made(steps, [event]):
             stretches += step.left_out(decision.outcome)
     return stretches
+
+
+MOST_WAYS = 64
+
+
+class Followed:
+    """What is followed on a way."""
+
+    def take(self, step: Step) -> None:
+        """Apply one step; what it notes among the findings of the walk gets the decisions that led there."""
+        raise NotImplementedError
+
+    def meet(self) -> None:
+        """Note that the branches of a decision end here."""
+
+    def copy(self) -> Self:
+        """Return one that goes on by itself: what can be changed in place is copied by the class that has it."""
+        return copy(self)
+
+    def key(self) -> Hashable:
+        """Return what tells it from others; it is equal for two that need not be told apart."""
+        raise NotImplementedError
+
+    def join(self, other: Self) -> None:
+        """Take over what another one of the same key has, if anything differs."""
+
+
+@dataclass
+class _Way:
+    """A state, the steps ahead that it leaves out, and what was decided on the way, by place of the decision."""
+
+    state: Followed
+    left_out: tuple[range, ...] = ()
+    decided: Mapping[str, str] = field(default_factory=dict)
+
+    def passes(self, number: int) -> bool:
+        return any(number in stretch for stretch in self.left_out)
+
+    def ahead(self, number: int) -> tuple[range, ...]:
+        return tuple(range(max(s.start, number), s.stop) for s in self.left_out if s.stop > number)
+
+    def taken(self, decision: PlannedDecision, outcome: str) -> _Way:
+        left_out = (*self.ahead(decision.number + 1), *decision.left_out(outcome))
+        return _Way(self.state.copy(), left_out, {**self.decided, _place(decision): outcome})
+
+
+def _place(decision: PlannedDecision) -> str:
+    return f"'{decision.word}' in line {decision.where.split(':')[-2]}"
+
+
+def walk(steps: Iterable[Step], findings: Findings, *states: Followed) -> list[list[Followed]]:
+    """Take every step on every way; each of ``states`` is followed by itself. Returns those at the end, of each.
+
+    Findings: B-PLAN-112 if more than ``MOST_WAYS`` states are possible at a step; that one is followed no further.
+    """
+    steps = tuple(steps)
+    joins = {branch.stop for decision in decisions_of(steps) for branch in decision.branches}
+    followed = [[_Way(state)] for state in states]
+    for step in steps:
+        for at, ways in enumerate(followed):
+            if len(ways) > MOST_WAYS:
+                continue
+            joined = _merged(ways, step.number) if step.number in joins else ways
+            for way in joined:
+                if way.left_out and way.passes(step.number):
+                    continue
+                findings.way = way.decided
+                if step.number in joins:
+                    way.state.meet()
+                way.state.take(step)
+            findings.way = {}
+            followed[at] = _behind(joined, step, findings) if isinstance(step, PlannedDecision) else joined
+    return [[way.state for way in ways] for ways in followed]
+
+
+def _behind(ways: list[_Way], decision: PlannedDecision, findings: Findings) -> list[_Way]:
+    """Return the ways behind a decision."""
+    ways = _merged([next_way for way in ways for next_way in _after(way, decision)], decision.number + 1)
+    if len(ways) > MOST_WAYS:
+        message = f"more than {MOST_WAYS} states of the bench are possible behind this decision"
+        advice = "let the branches leave the bench in the same state, for example by the same calls at their end"
+        findings.add("B-PLAN-112", decision.where, message, advice)
+    return ways
+
+
+def _after(way: _Way, decision: PlannedDecision) -> list[_Way]:
+    if way.passes(decision.number):
+        return [way]
+    return [way.taken(decision, outcome) for outcome in decision.outcomes()]
+
+
+def _merged(ways: list[_Way], number: int) -> list[_Way]:
+    """Return the ways that differ, from a step on; of two that are one now only what both decided alike led there."""
+    if len(ways) == 1:
+        return ways
+    merged: dict[Any, _Way] = {}
+    for way in ways:
+        key = way.ahead(number), way.state.key()
+        same = merged.get(key)
+        if same is None:
+            merged[key] = way
+        else:
+            same.state.join(way.state)
+            same.decided = {place: said for place, said in same.decided.items() if way.decided.get(place) == said}
+    return list(merged.values())

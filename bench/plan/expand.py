@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -11,20 +10,17 @@ from typing import Any, NoReturn
 from bench.frame import FrameDefinition
 from bench.model.quantities import Values
 from bench.model.units import likely
-from bench.plan.drivers import range_after
 from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
 from bench.plan.language.steps import CallStep
-from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
-from bench.plan.station import Station
-from bench.plan.step_kinds import KINDS
+from bench.plan.plan import Phase, PlannedUnit, Step
+from bench.plan.station import Station, range_after
 from bench.plan.values import Channel, NamedValues, Quantity, Scope, UnknownVariable, plain
 
 Path = tuple[str | int, ...]
 MAX_STEPS = 50_000
 TIMED = ("npp", "ppp")  # counts whose pulses can be timed
 COMMAND = "command"  # the message of a frame definition that carries commands to the unit
-MAY_END = ("call", "verify", "send", "unit", "soak")  # kinds of step that 'finally' may hold
 NO_TIME = Quantity(0.0, "s")
 _WHOLE = 1e-6  # of a frame or a round
 DURATION = "duration"  # its key among the origins of a step
@@ -74,7 +70,7 @@ class Expander(Draft[language.Sequence]):
         self._short = PurePath(self.document.name).name
 
     def add(
-        self, node: Node, kind: StepKind, role: str, name: str, arguments: Values,
+        self, node: Node, kind: type[Step], role: str, name: str, arguments: Values,
         duration: Quantity | None = NO_TIME, conditions: Values | None = None,
     ) -> None:  # fmt: skip
         """Append a step at the present planned time and advance it by ``duration`` (None: its mistake is noted).
@@ -84,19 +80,13 @@ class Expander(Draft[language.Sequence]):
         """
         if len(self.steps) >= MAX_STEPS:
             self.too_many(node)
-        if self.phase == "finally" and kind not in MAY_END:
-            message = f"a {kind} step cannot stand in 'finally': only calls and a soak leave the bench in order"
+        if self.phase == "finally" and not kind.may_end:
+            message = f"a {kind.kind} step cannot stand in 'finally': only calls and a soak leave the bench in order"
             node.fail("B-PLAN-037", message)
         if duration is None:
             self.doubtful.add(len(self.steps))
         duration_s = 0.0 if duration is None else duration.value
-        unread = None if kind in ("call", "prompt") else math.nan
-        numbers = {key: unread if value is None else plain(value) for key, value in arguments.items()}
-        where = self._short + self.document.where(node.path).removeprefix(self.document.name)
-        known = node.scope.context if conditions is None else conditions
-        role = self.place(role, node)
-        place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
-        self.steps.append(KINDS[kind].read(place, numbers))
+        numbers = {key: kind.unread if value is None else plain(value) for key, value in arguments.items()}
         quantities = {k: v for k, v in arguments.items() if isinstance(v, Quantity)}
         self.dimensions.append({k: v.dimension for k, v in quantities.items()})
         origins = {k: v.origin for k, v in quantities.items() if v.origin}
@@ -105,6 +95,11 @@ class Expander(Draft[language.Sequence]):
         )
         channels = {k: v for k, v in arguments.items() if isinstance(v, Channel)}
         self.declared.append({k: self.document.where(("channels", v.group, "numbers")) for k, v in channels.items()})
+        known = node.scope.context if conditions is None else conditions
+        role = self.place(role, node)
+        where = self._short + self.document.where(node.path).removeprefix(self.document.name)
+        place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
+        self.steps.append(kind.read(place, numbers))
         self.at_s = round(self.at_s + duration_s, 9)
 
     def place(self, name: str, node: Node) -> str:

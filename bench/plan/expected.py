@@ -1,28 +1,44 @@
 """The values that a plan names: what each is called, its unit, under which conditions, and where it must lie.
 
-They go into the section "campaign" of the manifest, where the analysis finds them, in base units.
+They and the fits of them go into the section "campaign" of the manifest, where the analysis finds them, in base units.
+
+A record can be made of readings: calls that only measure, taken one after another, again after each period.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from bench.frame import BENCH, Signal, signal_of
 from bench.model.declaration import stated
 from bench.model.errors import InputError
-from bench.model.quantities import QUANTITY, Values, conditions_of_value
+from bench.model.events import Event
+from bench.model.ports import Action, Effect
+from bench.model.quantities import QUANTITY, Values, conditions_of_value, key_of_value
 from bench.model.systems import analysis_declaration
 from bench.model.units import dimension_of, likely, read_quantity
 from bench.plan.check.analysis import NONE
-from bench.plan.drivers import declared_action
-from bench.plan.language.expect import Bounds, Expect, ReadingExpect, ReplyExpect, SignalExpect
-from bench.plan.language.steps import PromptValue
-from bench.plan.values import Quantity, as_reference
-
-if TYPE_CHECKING:
-    from bench.plan.expand import Expander, Node
+from bench.plan.decision import PlannedDecision, ways_not_taken
+from bench.plan.expand import Expander, Node, check_whole
+from bench.plan.language.expect import (
+    LOG,
+    NONLINEARITY,
+    RECIPROCAL,
+    Bounds,
+    Expect,
+    Fit,
+    ReadingExpect,
+    ReplyExpect,
+    SignalExpect,
+    variable_of,
+)
+from bench.plan.language.steps import PromptValue, ReadStep, Record
+from bench.plan.plan import Step
+from bench.plan.station import declared_action
+from bench.plan.step_kinds import WIRING, PlannedCall, PlannedPrompt, PlannedRecord
+from bench.plan.values import Quantity, as_reference, plain
 
 _SHARES = ("%", "ppm", "ppb")
 _MEASURE = "measure_"
@@ -245,3 +261,202 @@ def check_judged(plan: Expander) -> None:
     elif model.fits and not takes_all(plan):
         message = f"the analysis {model.analysis!r} makes no fits of values"
         plan.fail("B-PLAN-122", ("fits",), message, "write 'analysis: readings', or leave 'fits' out")
+
+
+READINGS, EVERY = "readings", "every"
+
+
+def roles_of(steps: Iterable[Step]) -> set[str]:
+    """Return the roles and links that steps use, those that records read among them."""
+    return {call.role for step in steps for call in (step, *step.calls)}
+
+
+def values_not_due(steps: Sequence[Step], events: Iterable[Event]) -> frozenset[str]:
+    """Return the keys of the values whose every step the decisions among the events have left out."""
+    gone = ways_not_taken(steps, events)
+    if not gone:
+        return frozenset()
+    due = {key for step in steps if step.number not in gone for key in _keys_of(step)}
+    return frozenset(key for number in gone for key in _keys_of(steps[number])) - due
+
+
+def _keys_of(step: Step) -> list[str]:
+    conditions = conditions_of_value(step.conditions)
+    return [key_of_value(quantity, conditions) for quantity in step.quantities]
+
+
+def is_read_by(decision: PlannedDecision, step: Step) -> bool:
+    """Return whether a step takes the reading that a decision asks for."""
+    if isinstance(step, PlannedPrompt):
+        return not decision.role and step.quantity == decision.name
+    return any(
+        (call.role, call.name) == (decision.role, decision.name) and is_answered(decision, call.arguments)
+        for call in (step, *step.calls)
+        if isinstance(call, PlannedCall)
+    )
+
+
+def is_answered(decision: PlannedDecision, arguments: Values) -> bool:
+    """Return whether a reading of its action with these arguments is the one it asks for: as far as it names them."""
+    return all(name in arguments and arguments[name] == value for name, value in decision.arguments.items())
+
+
+def reading_place(index: int, argument: str) -> str:
+    """Return the name under which a record's step keeps the dimension of an argument of one of its readings."""
+    return f"{READINGS}.{index}.{argument}"
+
+
+def round_count(record: PlannedRecord) -> int:
+    """Return how many times a record takes its readings."""
+    return round(record.seconds / record.every_s)
+
+
+def is_reading(action: Action) -> bool:
+    """Return whether an action measures something and changes nothing."""
+    return action.effect is Effect.NONE and bool(action.returns)
+
+
+def expand_readings(
+    node: Node, record: Record, seconds: Quantity | None, conditions: Values
+) -> tuple[dict[str, Any], dict[str, Quantity]]:
+    """Return the arguments of a record that say what is read, and the quantities in them by ``reading_place``.
+
+    Findings: B-PLAN-096 (a record of neither frames nor readings, or of both), B-PLAN-042 (part of a round).
+    """
+    link, code = node.plan.link, "B-PLAN-096"
+    if not record.readings:
+        if not link:
+            advice = "write 'readings: [role.action]' and 'every', or name the link under 'frame'"
+            node.fail(code, "the record has neither frames nor readings: the sequence names no link", advice)
+        elif record.every is not None:
+            node.below(EVERY).fail(code, "'every' says when readings are taken, and the record has none")
+        return {}, {}
+    if link:
+        node.below(READINGS).fail(code, f"the record counts frames of {link}, so it cannot be made of readings")
+    elif record.purpose == WIRING:
+        node.fail(code, "a wiring check counts frames; it cannot be made of readings")
+    every = seconds if record.every is None else node.quantity(record.every, "s", EVERY)
+    if seconds is not None and every is not None:
+        rounds = seconds.value / every.value if every.value > 0 else 0.0
+        check_whole(node, seconds, rounds, f"rounds of readings, one each {every.value:g} s")
+    calls: list[dict[str, Any]] = []
+    quantities: dict[str, Quantity] = {}
+    for index, reading in enumerate(record.readings):
+        call, expect = (reading.call, reading.expect) if isinstance(reading, ReadStep) else (reading, None)
+        place = node.below(READINGS, index)
+        role, name, values = place.called(call)
+        quantity = named_conditions(place, (role, name), expect, conditions).get(QUANTITY, "")
+        arguments = {key: plain(value) for key, value in values.items()}
+        calls.append({"role": role, "name": name, "arguments": arguments, QUANTITY: quantity})
+        quantities |= {reading_place(index, key): v for key, v in values.items() if isinstance(v, Quantity)}
+    return {READINGS: calls, EVERY: every}, quantities
+
+
+def argument_dimensions(dimensions: Mapping[str, str], index: int) -> dict[str, str]:
+    """Return the dimensions of the arguments of one reading of a record, by name."""
+    before = reading_place(index, "")
+    return {name.removeprefix(before): unit for name, unit in dimensions.items() if name.startswith(before)}
+
+
+TIME = "time"
+
+
+def fits_of(outer: Node) -> list[dict[str, Any]]:
+    """Return the fits for the manifest (B-PLAN-120, B-PLAN-121, B-PLAN-123)."""
+    fits: list[dict[str, Any]] = []
+    plan = outer.plan
+    for index, fit in enumerate(plan.model.fits if takes_all(plan) else ()):
+        node = outer.below("fits", index)
+        of, function = variable_of(fit.of)
+        unit = plan.expected.unit_of(of)
+        if unit is None:
+            _unknown(node.below("of"), of)
+            continue
+        y_unit, against = _unit_of(node.below("of"), fit.of, unit), _against(node, fit)
+        per = [_per(node.below("per", place), name) for place, name in enumerate(fit.per)]
+        if against is None or y_unit is None or None in per:
+            continue
+        x_unit = _unit_of(node.below("against"), fit.against, against["unit"])
+        if x_unit is None:
+            continue
+        units = {**coefficient_units(y_unit, x_unit, fit.orders), NONLINEARITY: unit}
+        expected = {
+            result: limits_in(node.below("expect", result), bounds, units[result])
+            for result, bounds in fit.expect.items()
+        }
+        asked = {"name": fit.name, "of": of, "powers": list(fit.orders), "per": per, "units": units,
+                 "against": against, "expected": expected}  # fmt: skip
+        asked |= {"function": function} if function else {}
+        read_back = _read_back(node, fit, unit, against["unit"])
+        fits.append(asked | ({"read_back": read_back} if read_back else {}))
+    return fits
+
+
+def coefficient_units(of: str, against: str, orders: Iterable[int]) -> dict[str, str]:
+    """Return the units of the coefficients c0, c1, ... that a polynomial has."""
+    units = {}
+    for order in orders:
+        power = against if order == 1 else f"{against}{order}"
+        units[f"c{order}"] = of if against == "1" or not order else f"1/{power}" if of == "1" else f"{of}/{power}"
+        if of == against and order:
+            units[f"c{order}"] = "1" if order == 1 else f"1/{against}{'' if order == 2 else order - 1}"
+    return units
+
+
+def _unit_of(node: Node, variable: str, unit: str) -> str | None:
+    """Return the unit of a function of a quantity (B-PLAN-123 for a logarithm of degrees)."""
+    _, function = variable_of(variable)
+    if function == LOG:
+        if unit == "degC":
+            message = f"{variable}: a temperature in degC has no logarithm, because its zero is arbitrary"
+            node.fail("B-PLAN-123", message, "fit the temperature itself, or 1/x of it, which is in kelvin")
+            return None
+        return "1"
+    if function == RECIPROCAL and unit != "1":
+        return "1/K" if unit == "degC" else f"1/{unit}"
+    return unit
+
+
+def _against(node: Node, fit: Fit) -> dict[str, Any] | None:
+    if fit.against == TIME:
+        return {"time": True, "unit": "s"}
+    name, function = variable_of(fit.against)
+    plan = node.plan
+    unit, condition = plan.expected.unit_of(name), plan.expected.condition(name)
+    more = {"function": function} if function else {}
+    if unit is not None:
+        return {"quantity": name, "unit": unit, **more}
+    if condition is None:
+        _unknown(node.below("against"), name)
+        return None
+    against: dict[str, Any] = {"condition": condition[0], "unit": condition[1], **more}
+    value = bound_in(plan.node(*node.path, "against_uncertainty"), fit.against_uncertainty, condition[1])
+    return against | stated({"uncertainty": value})
+
+
+def _read_back(node: Node, fit: Fit, unit: str, against: str) -> list[dict[str, Any]]:
+    """Return the values of the curve that have a name, in the units of the quantities themselves."""
+    entries = []
+    for index, asked in enumerate(fit.read_back):
+        here = node.below("read_back", index)
+        at = bound_in(here.below("at"), asked.at, against)
+        if asked.name in node.plan.expected.names:
+            message = f"{asked.name!r} is read, and cannot be the name of a value of a fit"
+            here.below("name").fail("B-PLAN-121", message, "give it a name of its own")
+        elif at is not None:
+            limits = limits_in(here, asked, unit)
+            entries.append({"quantity": asked.name, "at": at, "unit": unit, **limits})
+    return entries
+
+
+def _per(node: Node, name: str) -> str | None:
+    condition = node.plan.expected.condition(name)
+    if condition is None:
+        _unknown(node, name)
+    return None if condition is None else condition[0]
+
+
+def _unknown(node: Node, name: str) -> None:
+    known = ", ".join(node.plan.expected.names) or "nothing"
+    message = f"no value and no condition of one is called {name!r}"
+    node.fail("B-PLAN-123", message, f"what is read: {known}; write 'expect: {{name: ...}}' beside a reading")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Generic
@@ -21,18 +21,19 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 class Findings:
     """Mistakes in order of discovery; the same code at the same place from the same origin is listed once.
 
-    ``way``: the decisions that lead to where the check is now, "" where there are none.
+    ``way``: the decisions that lead to where the check is now, by place, and their outcomes.
     """
 
     def __init__(self) -> None:
-        self.way = ""
+        self.way: Mapping[str, str] = {}
         self._found: dict[tuple[str, str, str], InputError] = {}
 
     def add(self, code: str, where: str, message: str, next_step: str = "", origin: str = "") -> None:
         """Note a mistake; ``origin`` says where a wrong value was written, if that is another place."""
         if (code, where, origin) not in self._found:
             text = f"{message} (from {origin})" if origin else message
-            text = f"{text}, where {self.way}" if self.way else text
+            way = ", ".join(f"{place} takes '{outcome}'" for place, outcome in self.way.items())
+            text = f"{text}, where {way}" if way else text
             self._found[code, where, origin] = InputError(code, text, where=where, next_step=next_step)
 
     def extend(self, error: InputError) -> None:

@@ -22,9 +22,9 @@ from bench.model.errors import InputError
 from bench.model.ports import Effect
 from bench.model.quantities import Values
 from bench.model.units import parse_quantity, plain_quantity
-from bench.plan.drivers import declared_action, no_instrument
+from bench.plan.deciding import expand_until
 from bench.plan.expand import NO_TIME, TIMED, Node, check_whole
-from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
+from bench.plan.expected import expand_readings, keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.findings import suggestion
 from bench.plan.language.expect import ReadingExpect, ReplyExpect
 from bench.plan.language.steps import (
@@ -43,9 +43,18 @@ from bench.plan.language.steps import (
     UnitStep,
     VerifyStep,
 )
-from bench.plan.readings import expand_readings
-from bench.plan.step_kinds import WIRING
-from bench.plan.stopping import expand_until
+from bench.plan.station import declared_action, no_instrument
+from bench.plan.step_kinds import (
+    WIRING,
+    PlannedCall,
+    PlannedCommand,
+    PlannedPrompt,
+    PlannedRecord,
+    PlannedSend,
+    PlannedSettle,
+    PlannedSoak,
+    PlannedVerify,
+)
 from bench.plan.values import REFERENCE, UNIT, Quantity, named, plain
 
 
@@ -62,7 +71,7 @@ def expand_unit(node: Node, step: UnitStep) -> None:
     if command is not None and not arguments:
         payload = tuple(bytes.fromhex(command.payload))
         conditions = reply_conditions(node, step.expect, (link, name), node.scope.context)
-        plan.add(own, "unit", link, name, {"command": command.code, "payload": payload}, conditions=conditions)
+        plan.add(own, PlannedCommand, link, name, {"command": command.code, "payload": payload}, conditions=conditions)
     elif layout is not None:
         _append(here, node, link, layout, arguments or {}, {}, step.expect)
     else:
@@ -127,7 +136,7 @@ def _append(
         return
     arguments = {"command": layout.code, "payload": tuple(payload), "timeout": layout.timeout_s, **more}
     conditions = reply_conditions(step, expect, (link, layout.name), conditions)
-    node.plan.add(node, "unit", link, layout.name, arguments, conditions=conditions)
+    node.plan.add(node, PlannedCommand, link, layout.name, arguments, conditions=conditions)
 
 
 MOST_SAMPLES = 2_000_000  # of one record: it is held in memory until the analysis
@@ -182,7 +191,12 @@ def _call(node: Node, step: CallStep, expect: ReadingExpect | None = None) -> No
     if declared is not None and declared.effect is Effect.THERMAL:
         plan.settle_band_degC = None  # the temperature moves on: the band of the soak before says nothing any more
     plan.add(
-        here, "call", role, name, values, conditions=named_conditions(node, (role, name), expect, node.scope.context)
+        here,
+        PlannedCall,
+        role,
+        name,
+        values,
+        conditions=named_conditions(node, (role, name), expect, node.scope.context),
     )
 
 
@@ -190,7 +204,7 @@ def _verify(node: Node, step: VerifyStep) -> None:
     role, name = step.verify.split(".")
     here = node.below("verify")
     _role(here, role)
-    node.plan.add(here, "verify", role, name, {})
+    node.plan.add(here, PlannedVerify, role, name, {})
 
 
 def _send(node: Node, step: SendStep) -> None:
@@ -198,12 +212,12 @@ def _send(node: Node, step: SendStep) -> None:
     here = node.below("send")
     _role(here.below(role), role)
     conditions = reply_conditions(node, step.expect, (role, text), node.scope.context)
-    node.plan.add(here, "send", role, "", {"text": text}, conditions=conditions)
+    node.plan.add(here, PlannedSend, role, "", {"text": text}, conditions=conditions)
 
 
 def _settle(node: Node, step: SettleStep) -> None:
     here = node.below("settle")
-    node.plan.add(here, "settle", "", "", {"bus_s": 0.0}, _duration(here, step.settle))
+    node.plan.add(here, PlannedSettle, "", "", {"bus_s": 0.0}, _duration(here, step.settle))
 
 
 def _record(outer: Node, step: RecordStep) -> None:
@@ -262,7 +276,7 @@ def _windows(node: Node, record: Record, arguments: Values, conditions: Values, 
         if plan.units:
             _of_units(node, name, own, known, seconds)
         else:
-            plan.add(node, "record", plan.link, name, own, seconds, known)
+            plan.add(node, PlannedRecord, plan.link, name, own, seconds, known)
 
 
 def _of_units(node: Node, name: str, arguments: Values, conditions: Values, seconds: Quantity | None) -> None:
@@ -282,7 +296,7 @@ def _of_units(node: Node, name: str, arguments: Values, conditions: Values, seco
         plan.unit = unit
         more = {"together": True} if index else {}
         length = NO_TIME if index and seconds is not None else seconds
-        plan.add(node, "record", plan.link, name, {**arguments, **more}, length, {**known, UNIT: unit.serial})
+        plan.add(node, PlannedRecord, plan.link, name, {**arguments, **more}, length, {**known, UNIT: unit.serial})
     plan.unit = within
 
 
@@ -345,7 +359,7 @@ def _soak(outer: Node, slot: SoakStep) -> None:
         "hold_limit": limit_s,
         **_done(node.below("done"), step, slot_s),
     }
-    plan.add(node, "soak", step.chamber, "soak", arguments, slot_s)
+    plan.add(node, PlannedSoak, step.chamber, "soak", arguments, slot_s)
 
 
 def _fits_in(node: Node, code: str, what: str, part_s: Quantity | None, slot_s: Quantity | None) -> None:
@@ -399,7 +413,7 @@ def _prompt(outer: Node, asked: PromptStep) -> None:
             message = f"no value is inside its limits: low {step.value.low} is above high {step.value.high}"
             here.fail("B-PLAN-044", message, "exchange them")
         keep_given(here, step.value)
-    node.plan.add(node, "prompt", "", "", arguments)
+    node.plan.add(node, PlannedPrompt, "", "", arguments)
 
 
 def _filled(node: Node, text: str) -> str:

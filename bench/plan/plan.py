@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self
 
 from bench.frame import FrameDefinition, parse_frame
 from bench.model.errors import InputError
-from bench.model.ports import Actions, Effect
-from bench.model.quantities import Values
+from bench.model.events import Event
+from bench.model.ports import Actions, Drivers, Effect
+from bench.model.quantities import QUANTITY, Values
 from bench.plan.language.interlocks import InterlockRule
 from bench.plan.language.sequence import Early
 from bench.plan.station import Station
 
 Phase = Literal["prepare", "campaign", "finally"]
-StepKind = Literal["call", "settle", "record", "soak", "prompt", "verify", "unit", "send", "decide"]
-
-
 Place = tuple[int, Phase, float, float, str, str, Values, str]  # values of the fields of every step
 PLACE = ("number", "phase", "at_s", "duration_s", "role", "name", "conditions", "where")
+KINDS: dict[str, type[Step]] = {}  # every kind of step, by its name
 ROW = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "arguments", "conditions", "where")
 
 
@@ -42,13 +42,20 @@ class Step:
     which loop values and set-points the step is done, with unit suffixes. What each kind holds is listed in
     docs/sequences.md. Arguments that have a default are left out of the file of a plan where they have it.
 
-    Raises: TypeError where a kind is declared that does not say what it may do to the bench (``effects``), whether it
-            is done again once everything was made safe (``again``) and what it leaves (``leaves``): no kind is harmless
-            by silence.
+    ``on_the_bus``: it says to whom it talks, and takes time there but no planned time. ``proof``: the event that it
+    always leaves, by which a recording knows that it is done. ``may_end``: it may stand in 'finally'. ``unread``: what
+    stands in the place of an argument that could not be read.
+
+    Raises: TypeError where a kind is declared that does not say what it is called (``kind``), the two above, what it
+            may do to the bench (``effects``), whether it is done again once everything was made safe (``again``), what
+            it leaves (``leaves``) and how a sequence has it (``written``): no kind is harmless by silence.
     """
 
-    kind: ClassVar[StepKind]
-    on_the_bus: ClassVar[bool] = False  # it says to whom it talks, and takes time there but no planned time
+    kind: ClassVar[str]
+    on_the_bus: ClassVar[bool]
+    proof: ClassVar[type[Event] | None]
+    may_end: ClassVar[bool] = False
+    unread: ClassVar[float | None] = math.nan
 
     number: int
     phase: Phase
@@ -60,9 +67,10 @@ class Step:
     where: str
 
     def __init_subclass__(cls) -> None:
-        for question in ("effects", "again", "leaves"):
+        for question in ("kind", "on_the_bus", "proof", "effects", "again", "leaves", "written"):
             if question not in vars(cls):
                 raise TypeError(f"the kind of step {cls.__name__} has no {question!r}")
+        KINDS[cls.kind] = cls
 
     def effects(self, actions: Actions) -> frozenset[Effect]:
         """Return what the step may do to the bench; ``actions``: those of the instrument that its role names."""
@@ -77,6 +85,28 @@ class Step:
     def leaves(self, actions: Actions) -> bool:
         """Return whether the step leaves an event that results are made of; records are looked for by their number."""
         raise NotImplementedError
+
+    def written(self, drivers: Drivers) -> Values:
+        """Return the step as a sequence has it; ``drivers``: declared actions by role.
+
+        Raises: InputError B-RES-008 for one that cannot be done by itself.
+        """
+        raise NotImplementedError
+
+    @property
+    def calls(self) -> tuple[Step, ...]:
+        """Return what it reads, each as a step of its own."""
+        return ()
+
+    @property
+    def quantities(self) -> list[str]:
+        """Return the quantities that it reads or asks for."""
+        return [self.conditions[QUANTITY]] if QUANTITY in self.conditions else []
+
+    @property
+    def sets(self) -> Values:
+        """Return what it has a person change on the bench, by name."""
+        return {}
 
     @property
     def set_point(self) -> SetPoint | None:
@@ -128,6 +158,12 @@ def an_event(step: Step, actions: Actions) -> bool:
     return True
 
 
+def cannot_be_taken_again(step: Step, why: str, goes_on: str) -> InputError:
+    """Refuse to write a step by itself; ``goes_on``: with what 'bench resume' does."""
+    next_step = f"'bench resume' goes on with the {goes_on}; else run the campaign again"
+    return InputError("B-RES-008", why, where=step.where, next_step=next_step)
+
+
 # Arguments of which the field is not called as in a plan file.
 _KEYS = {
     "temperature_degC": "temperature",
@@ -176,7 +212,7 @@ class Plan:
     the plan was made of, by "folder/name.yaml". ``campaign`` holds the constants the analysis needs (JSON values).
     ``frames`` maps each link to the name of its frame definition; records count the frames of ``measurement_link``, or
     are made of readings where there is no link (""); ``link_bytes_s`` is what all links together send, byte per second.
-    ``dimensions`` holds, per step, the base unit of each argument that was written with a unit (``bench.plan.readings``
+    ``dimensions`` holds, per step, the base unit of each argument that was written with a unit (``bench.plan.expected``
     names those of a record's readings); ``origins`` where the argument (or the "duration") was written, if not at the
     step itself; ``declared`` the place of the channel that an argument is. ``remarks`` are mistakes that did not keep
     the plan from being made; the static check reports them with its own. ``interlocks`` are those of the station and

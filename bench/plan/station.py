@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from functools import cached_property, lru_cache
+from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from bench.model.errors import InputErrors
+from bench.model.drivers import driver_class
+from bench.model.errors import InputError, InputErrors
+from bench.model.ports import Action, Drivers, actions_of
 from bench.model.units import likely, quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, load_yaml
 from bench.plan.findings import Findings, suggestion
@@ -211,7 +215,7 @@ class Station:
     world_options: Mapping[str, str]
     path: Path = field(default_factory=Path, compare=False)
 
-    @property
+    @cached_property
     def file(self) -> StationFile:
         """The station file as a model."""
         return self.document.model
@@ -237,7 +241,7 @@ class Station:
         """True when this process opens its simulated world; only then the virtual clock may drive it."""
         return self.file.world is not None
 
-    @property
+    @cached_property
     def instruments(self) -> Mapping[str, InstrumentEntry]:
         """Instruments by role."""
         return self.file.instruments
@@ -354,3 +358,61 @@ def _wrong_option(name: str, text: str) -> str:
 def option_text(value: Scalar) -> str:
     """Return an option of a world as the text the world is given."""
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def declared_at(station: Station, *path: str) -> str:
+    """Return name of a station's file and line of an entry, as ``af_bench_sim.yaml:24``."""
+    where = station.document.where(path)
+    return f"{PurePath(station.document.name).name}:{where.split(':')[-2]}"
+
+
+def no_instrument(station: Station, role: str) -> str:
+    """Return the sentence about a role that is called and not declared."""
+    known = suggestion(role, station.instruments)
+    return f"station {station.name} has no instrument {role!r} ({declared_at(station, 'instruments')}){known}"
+
+
+def driver_actions(name: str) -> Mapping[str, Action]:
+    """Return declared actions of a driver, by name."""
+    return actions_of(driver_class(name))
+
+
+def driver_ladder_A(name: str) -> tuple[float, ...]:
+    """Return current ranges of a source as its driver declares them (``ranges_A``), ampere, lowest first; else ().
+
+    Raises: InputError B-PLAN-010, B-PLAN-011.
+    """
+    return tuple(sorted(getattr(driver_class(name), "ranges_A", ())))
+
+
+def range_after(ladder_A: Sequence[float], level_A: float, locked: bool, before_A: float | None) -> float | None:
+    """Return range of a source after a level was set: the lowest that holds it, or the range before if that is locked.
+
+    None if no range holds the level, or if the locked range is not known.
+    """
+    if locked:
+        return before_A if before_A is not None and abs(level_A) <= before_A else None
+    return next((limit_A for limit_A in sorted(ladder_A) if abs(level_A) <= limit_A), None)
+
+
+def declared_action(station: Station, role: str, name: str) -> Action | None:
+    """Return declaration of ``role.name``, or None if the station or the driver has no such thing."""
+    entry = station.instruments.get(role)
+    try:
+        return None if entry is None else _declared(entry.driver, name)
+    except InputError:
+        return None
+
+
+def station_drivers(station: Station) -> Drivers:
+    """Return the declared actions of each role; none of a driver that cannot be had."""
+    drivers: dict[str, Mapping[str, Action]] = {}
+    for role, entry in station.instruments.items():
+        with suppress(InputError):
+            drivers[role] = driver_actions(entry.driver)
+    return drivers
+
+
+@lru_cache(maxsize=1024)
+def _declared(driver: str, name: str) -> Action | None:
+    return driver_actions(driver).get(name)

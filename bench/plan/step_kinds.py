@@ -8,18 +8,34 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
+from decimal import Decimal
 from typing import Any, ClassVar, Self
 
+from bench.model import events
 from bench.model.errors import SessionDamaged
-from bench.model.ports import ENERGISING, SWITCHES, Actions, Effect
+from bench.model.events import Answer, Event, Prompt, Record
+from bench.model.ports import ENERGISING, SWITCHES, Actions, Drivers, Effect
 from bench.model.quantities import QUANTITY, Values
-from bench.plan.decision import PlannedDecision
-from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind, an_event, no_effect, not_again, nothing
+from bench.plan.plan import (
+    KINDS,
+    PLACE,
+    ROW,
+    Place,
+    SetPoint,
+    Step,
+    an_event,
+    cannot_be_taken_again,
+    no_effect,
+    not_again,
+    nothing,
+)
+from bench.plan.values import SUFFIX
 
 CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
 MEASUREMENT, WIRING = "measurement", "wiring"  # purposes of a record
+_AUTOMATIC = ("purpose", "label", "settle_band_degC")
 _LEFT_OFF = frozenset({Effect.STIMULUS_SET, Effect.STIMULUS_ON, Effect.STIMULUS_OFF, Effect.ROUTE, Effect.ROUTES_OPEN})
 _NOT_AGAIN = _LEFT_OFF | {Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF}
 _NO_RAW_AGAIN = _LEFT_OFF | {Effect.MOTION_ON}  # of an instrument with such an action nobody knows what raw text does
@@ -29,8 +45,11 @@ _NO_RAW_AGAIN = _LEFT_OFF | {Effect.MOTION_ON}  # of an instrument with such an 
 class PlannedCall(Step):
     """Call a declared action of an instrument; ``arguments`` are those its driver declares, by name."""
 
-    kind: ClassVar[StepKind] = "call"
+    kind: ClassVar[str] = "call"
     on_the_bus: ClassVar[bool] = True
+    proof: ClassVar[type[Event] | None] = None
+    may_end: ClassVar[bool] = True
+    unread: ClassVar[float | None] = None
 
     arguments: Values
 
@@ -50,6 +69,13 @@ class PlannedCall(Step):
     def leaves(self, actions: Actions) -> bool:
         """Return whether the action reads something."""
         return self.name in actions and bool(actions[self.name].returns)
+
+    def written(self, drivers: Drivers) -> Values:
+        """Return the call as a sequence has it: each argument in the unit that its driver declares."""
+        declared = drivers.get(self.role, {}).get(self.name)
+        units = {} if declared is None else {parameter.name: parameter.dimension for parameter in declared.parameters}
+        arguments = {name: _in_unit(value, units.get(name, "")) for name, value in self.arguments.items()}
+        return {f"{self.role}.{self.name}": arguments}
 
     def confirmed(self, actions: Actions) -> Values:
         """Return the arguments of an action that sets something: its driver reads back what it sets."""
@@ -87,20 +113,28 @@ class PlannedCall(Step):
 class PlannedVerify(Step):
     """Call an action that must answer true; otherwise the record before it is not valid."""
 
-    kind: ClassVar[StepKind] = "verify"
+    kind: ClassVar[str] = "verify"
     on_the_bus: ClassVar[bool] = True
+    proof: ClassVar[type[Event] | None] = events.Reading
+    may_end: ClassVar[bool] = True
 
     effects = no_effect  # it only asks
     again = not_again  # what it asks about is over
     leaves = nothing
+
+    def written(self, drivers: Drivers) -> Values:
+        """Return it as a sequence has it."""
+        return {self.kind: f"{self.role}.{self.name}"}
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedSend(Step):
     """Send raw text to an instrument."""
 
-    kind: ClassVar[StepKind] = "send"
+    kind: ClassVar[str] = "send"
     on_the_bus: ClassVar[bool] = True
+    proof: ClassVar[type[Event] | None] = None
+    may_end: ClassVar[bool] = True
 
     text: str
 
@@ -123,18 +157,28 @@ class PlannedSend(Step):
         """Return whether something is expected of the reply."""
         return QUANTITY in self.conditions
 
+    def written(self, drivers: Drivers) -> Values:
+        """Return it as a sequence has it."""
+        return {self.kind: {self.role: self.text}}
+
 
 @dataclass(frozen=True, slots=True)
 class PlannedSettle(Step):
     """Wait; ``bus_s`` is the bus time of the calls that share the wait."""
 
-    kind: ClassVar[StepKind] = "settle"
+    kind: ClassVar[str] = "settle"
+    on_the_bus: ClassVar[bool] = False
+    proof: ClassVar[type[Event] | None] = None
 
     bus_s: float
 
     effects = no_effect  # it waits
     again = not_again  # it is done behind the step that it stands behind
     leaves = nothing
+
+    def written(self, drivers: Drivers) -> Values:
+        """Return it as a sequence has it."""
+        return {self.kind: _quantity(self.duration_s, "s")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +207,9 @@ class PlannedRecord(Step):
     ``longest_s``: what it would last at most, if a stop rule has made it last no longer than it need; else 0.
     """
 
-    kind: ClassVar[StepKind] = "record"
+    kind: ClassVar[str] = "record"
+    on_the_bus: ClassVar[bool] = False
+    proof: ClassVar[type[Event] | None] = Record
 
     seconds: float
     retry: int
@@ -182,6 +228,39 @@ class PlannedRecord(Step):
     effects = no_effect  # its readings only measure
     again = not_again  # what it took is kept
     leaves = nothing
+
+    def written(self, drivers: Drivers) -> Values:
+        """Return it as a sequence has it. Raises: InputError B-RES-008 for one of several that belong together."""
+        if self.samples:
+            why = "records of samples on a table cannot be taken again one by one: each depends on how it was mounted"
+            raise cannot_be_taken_again(self, why, "run")
+        if self.follows or "window_index" in self.conditions:
+            why = "records without a gap over a changing temperature cannot be taken again one by one"
+            raise cannot_be_taken_again(self, why, "ramp")
+        record: dict[str, Any] = {"seconds": _quantity(self.seconds, "s")}
+        if self.readings:
+            record["every"] = _quantity(self.every_s, "s")
+            record["readings"] = [expected_reading(call, drivers) for call in self.calls]
+        if self.signals:
+            record["expect"] = [{"name": quantity, "signal": signal} for quantity, signal in self.signals]
+        if self.retry:
+            record["retry"] = self.retry
+        if self.max_lost:
+            record["max_lost"] = _quantity(self.max_lost, "1")
+        if self.pulse_timing:
+            record["pulse_timing"] = True
+        if self.purpose != MEASUREMENT:
+            record["purpose"] = self.purpose
+        if "label" in self.conditions:
+            record["label"] = self.conditions["label"]
+        conditions = (_condition(*of) for of in self.conditions.items() if of[0] not in _AUTOMATIC)
+        return {self.kind: {**record, "conditions": dict(conditions)}}
+
+    @property
+    def quantities(self) -> list[str]:
+        """Return the quantities that it reads."""
+        named = [reading.quantity for reading in self.readings if reading.quantity]
+        return [*named, *(quantity for quantity, _ in self.signals)]
 
     @classmethod
     def taken(cls, arguments: Values) -> Values:
@@ -216,7 +295,10 @@ class PlannedSoak(Step):
     With ``residual_degC`` the rest of the slot is left out, not before ``least_s``, once the unit is so near its end.
     """
 
-    kind: ClassVar[StepKind] = "soak"
+    kind: ClassVar[str] = "soak"
+    on_the_bus: ClassVar[bool] = False
+    proof: ClassVar[type[Event] | None] = None
+    may_end: ClassVar[bool] = True
 
     temperature_degC: float
     ramp_degC_min: float
@@ -235,6 +317,17 @@ class PlannedSoak(Step):
 
     again = not_again  # the way back sets the chamber
     leaves = nothing
+
+    def written(self, drivers: Drivers) -> Values:
+        """Return it as a sequence has it."""
+        stable = {"within": _quantity(self.within_degC, "degC"), "for": _quantity(self.for_s, "s")}
+        soak: dict[str, Any] = {"chamber": self.role, "temperature": _quantity(self.temperature_degC, "degC")}
+        soak |= {"ramp": _quantity(self.ramp_degC_min, "degC/min"), "slot": _quantity(self.slot_s, "s")}
+        soak |= {"stable": {**stable, "sensor": self.sensor}, "late": self.late}
+        soak |= {"hold_limit": _quantity(self.hold_limit_s, "s")}
+        if self.residual_degC is not None and self.least_s is not None:
+            soak["done"] = {"residual": _quantity(self.residual_degC, "degC"), "least": _quantity(self.least_s, "s")}
+        return {self.kind: soak}
 
     def confirmed(self, actions: Actions) -> Values:
         """Return the target, as a call of the chamber has it."""
@@ -255,7 +348,10 @@ class PlannedPrompt(Step):
     steps behind it under the same conditions are left out. ``presence``: where it is answered, "bench" or "anywhere".
     """
 
-    kind: ClassVar[StepKind] = "prompt"
+    kind: ClassVar[str] = "prompt"
+    on_the_bus: ClassVar[bool] = False
+    proof: ClassVar[type[Event] | None] = Prompt
+    unread: ClassVar[float | None] = None
 
     text: str
     confirm: str
@@ -270,6 +366,22 @@ class PlannedPrompt(Step):
     effects = no_effect  # what is done is done by the person, who stands beside it
     again = not_again  # what the person changed stays
     leaves = an_event
+
+    def written(self, drivers: Drivers) -> Values:
+        """Return it as a sequence has it."""
+        prompt: dict[str, Any] = {"text": self.text, "confirm": self.confirm}
+        if self.unit:
+            asked = {"low": self.low, "high": self.high}
+            limits = {key: _quantity(limit, self.unit) for key, limit in asked.items() if limit is not None}
+            judged: dict[str, Any] = {"quantity": self.quantity} if self.quantity else {}
+            judged |= {"required": True} if self.required else {}
+            prompt["value"] = {"unit": self.unit, **limits, **judged}
+        return {self.kind: prompt}
+
+    @property
+    def quantities(self) -> list[str]:
+        """Return the quantity that it asks for."""
+        return [self.quantity] if self.quantity else []
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -289,8 +401,10 @@ class PlannedCommand(Step):
     to the software.
     """
 
-    kind: ClassVar[StepKind] = "unit"
+    kind: ClassVar[str] = "unit"
     on_the_bus: ClassVar[bool] = True
+    proof: ClassVar[type[Event] | None] = Answer
+    may_end: ClassVar[bool] = True
 
     code: int
     payload: tuple[int, ...]
@@ -308,26 +422,44 @@ class PlannedCommand(Step):
         """Return whether it is a test of the unit, or something is expected of the reply."""
         return bool(self.item) or QUANTITY in self.conditions
 
+    def written(self, drivers: Drivers) -> Values:
+        """Return it as a sequence has it. Raises: InputError B-RES-008 for one of the frame with arguments."""
+        if self.timeout_s is not None and self.payload:
+            why = f"the arguments of the command {self.name!r} stand in the plan as bytes only"
+            raise cannot_be_taken_again(self, why, "run")
+        if not self.item:
+            return {self.kind: {self.role: self.name}}
+        takes = {} if self.takes_s is None else {"takes": _quantity(self.takes_s, "s")}
+        return {"test": {"link": self.role, "item": self.item, "command": self.name, **takes}}
+
     @classmethod
     def taken(cls, arguments: Values) -> Values:
         """Return the arguments of a plan file as the step holds them."""
         return {**arguments, "payload": tuple(arguments["payload"])}
 
 
-KINDS: Mapping[StepKind, type[Step]] = {
-    kind.kind: kind
-    for kind in (
-        PlannedCall,
-        PlannedVerify,
-        PlannedSend,
-        PlannedSettle,
-        PlannedRecord,
-        PlannedSoak,
-        PlannedPrompt,
-        PlannedCommand,
-        PlannedDecision,
-    )
-}
+def expected_reading(call: PlannedCall, drivers: Drivers) -> Values | str:
+    """Return a call as a sequence has it, with the name of the value it reads; what is expected of it is left out."""
+    form = call.written(drivers)
+    if QUANTITY in call.conditions:
+        return {**form, "expect": {"name": call.conditions[QUANTITY]}}
+    return form if call.arguments else next(iter(form))
+
+
+def _in_unit(value: Any, unit: str) -> Any:
+    return _quantity(value, unit) if unit and isinstance(value, int | float) else value
+
+
+def _quantity(value: float, unit: str) -> str:
+    return f"{Decimal(repr(float(value))) * 100:f} %" if unit == "1" else f"{value!r} {unit}"
+
+
+def _condition(name: str, value: Any) -> tuple[str, Any]:
+    """Return a condition as it was written: ``("current_A", 0.01)`` was ``current: 0.01 A``."""
+    for unit, suffix in sorted(SUFFIX.items(), key=lambda known: len(known[1]), reverse=True):
+        if suffix and name.endswith(f"_{suffix}") and isinstance(value, float):
+            return name.removesuffix(f"_{suffix}"), _quantity(value, unit)
+    return name, value
 
 
 def is_measurement(conditions: Values) -> bool:

@@ -11,13 +11,13 @@ from bench.model.ports import Effect
 from bench.model.units import format_quantity
 from bench.plan.check.actions import NOT_JUDGED, Judged
 from bench.plan.check.state import BenchState
-from bench.plan.drivers import declared_action
+from bench.plan.deciding import stop_lines
+from bench.plan.decision import walk
+from bench.plan.expected import round_count
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
-from bench.plan.readings import round_count
+from bench.plan.station import declared_action
 from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak
-from bench.plan.stopping import stop_lines
-from bench.plan.ways import walk
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
 SECOND_BYTES = 150  # chunk and message indexes of a second
@@ -83,21 +83,18 @@ def unwatched(plan: Plan) -> tuple[str, ...]:
 def _hazards(plan: Plan) -> Iterator[str]:
     declared = cache(partial(declared_action, plan.station))
     calls: dict[Effect, list[PlannedCall]] = {effect: [] for effect in Effect}
-    state = BenchState(plan, plan.station, Findings())  # what holds energy before every instrument is made safe
 
-    def take(state: BenchState, step: Step) -> None:
-        judged = NOT_JUDGED
-        if isinstance(step, PlannedCall):
-            judged = Judged(declared(step.role, step.name), step.arguments)
-        state.take(step, judged)
+    def judge(step: Step) -> Judged:
+        return Judged(declared(step.role, step.name), step.arguments) if isinstance(step, PlannedCall) else NOT_JUDGED
 
+    state = BenchState(plan, plan.station, Findings(), judge)  # what is on before every instrument is made safe
     for step in plan.steps:
         if isinstance(step, PlannedCall) and (action := declared(step.role, step.name)) is not None:
             calls[action.effect].append(step)
-    ends = walk(plan.steps, state, take, Findings())
+    (ends,) = walk(plan.steps, Findings(), state)
     for told in (_stimulus, _thermal, _power, _motion, _raw, _afterwards):
         yield from told(plan, calls)
-    for role in sorted({role for end in ends for role in end.energised}):
+    for role in sorted({role for end in ends if isinstance(end, BenchState) for role in end.energised}):
         yield f"{role}: on until it is made safe at the end"
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from bench.plan import leaves
-from bench.plan.channels import channel_numbers
+from bench.plan.channels import UNITS, channel_numbers, in_slot
 from bench.plan.deciding import expand_choose, expand_if, expand_while
 from bench.plan.expand import MAX_STEPS, Expander, Node
 from bench.plan.findings import suggestion
@@ -23,7 +23,7 @@ from bench.plan.language.steps import (
     TimelineEntry,
     WhileStep,
 )
-from bench.plan.slots import UNITS, in_slot
+from bench.plan.step_kinds import PlannedSettle
 from bench.plan.values import UNIT, Channel, Quantity, UnitInSlot, named, plain, traced
 
 MAX_CALLS = 20
@@ -80,7 +80,7 @@ class Unroller:
                 message = f"at {entry.at:g} s: what stands before ends only at {plan.at_s:g} s"
                 here.below("at").fail("B-PLAN-035", message, "give it a later time")
             elif wait_s > 0:
-                plan.add(here, "settle", "", "", {"bus_s": 0.0}, Quantity(wait_s, "s"))
+                plan.add(here, PlannedSettle, "", "", {"bus_s": 0.0}, Quantity(wait_s, "s"))
             plan.retry_step = len(plan.steps)
             leaves.expand_entry(here, entry)
 

@@ -2,11 +2,9 @@
 
 from bench.model.segments import OPEN_MARKER
 from bench.record.block import Block
-from bench.record.cut import RecordCutter
-from bench.record.files import Files
+from bench.record.cut import PackedList, PackedRows, RecordCutter
 from bench.record.journal import Journal, JournalEntry, is_being_written, read_journal
-from bench.record.layout import Message, canonical_json
-from bench.record.packed import PackedList, PackedRows
+from bench.record.layout import Files, Message, canonical_json
 from bench.record.reader import SHORTER, ChunkPlace, SegmentChunks, SessionReader, damaged
 from bench.record.recover import Survey, recover_session, resume_session
 from bench.record.samples import Samples, SignalValues

@@ -19,8 +19,7 @@ from pathlib import Path
 from bench.model.errors import InputError
 from bench.model.posix import ALONE, lock_file
 from bench.model.quantities import Values
-from bench.record.files import Files, OsFiles
-from bench.record.layout import canonical_json
+from bench.record.layout import Files, OsFiles, canonical_json
 from bench.record.writer import RecordError
 
 JOURNAL_NAME = "journal.jsonl"

@@ -10,8 +10,8 @@ from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Record, Resume, event_of
 from bench.record import layout
-from bench.record.files import OsFiles
 from bench.record.journal import read_journal
+from bench.record.layout import OsFiles
 from bench.record.reader import SessionReader
 from bench.record.scan import Damage
 from bench.record.writer import SessionWriter

@@ -22,7 +22,7 @@ from bench.frame import BENCH, BENCH_FIELDS, Block, FrameDefinition, LinkBatch, 
 from bench.model.arrays import Array, Column, Indices, Integers
 from bench.model.clock import NS
 from bench.model.events import Environment, Event, Reentry
-from bench.record.files import AppendFile, Files, OsFiles, write_all
+from bench.record.layout import AppendFile, Files, OsFiles, write_all
 
 VERSION = 2  # 1 had no rates
 FOLDER = "trend"

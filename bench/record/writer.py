@@ -13,7 +13,7 @@ from bench.model.errors import RunError
 from bench.model.events import Closed, Error
 from bench.model.segments import OPEN_MARKER
 from bench.record import layout
-from bench.record.files import Channel, ChunkBuffer, Files, OsFiles, SegmentWriter
+from bench.record.layout import Channel, ChunkBuffer, Files, OsFiles, SegmentWriter
 
 SEGMENT_S = 3600
 CHUNK_BYTES = 1_000_000  # a chunk is closed before its second when it gets this large
@@ -89,7 +89,7 @@ class SessionWriter:
         except OSError as error:
             raise _cannot_write(folder, error) from error
         for _ in range(HEAD_COPIES):
-            writer._add(layout.MANIFEST, t_mono_ns, layout.canonical_json(manifest))
+            writer._add(layout.MANIFEST, t_mono_ns, manifest)
             for name in sorted(texts):
                 writer._add(layout.TEXT + name, t_mono_ns, texts[name].encode())
             writer.flush()
@@ -101,30 +101,31 @@ class SessionWriter:
 
     def command(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         """One command to ("tx") or reply of ("rx") an instrument."""
-        self._add(layout.INSTRUMENT + role, t_mono_ns, layout.canonical_json({"direction": direction, "text": text}))
+        self._add(layout.INSTRUMENT + role, t_mono_ns, {"direction": direction, "text": text})
 
     def event(self, kind: str, t_mono_ns: int, fields: Mapping[str, Any]) -> None:
         """Anything that happened; ``fields`` must be JSON values, numpy scalars or arrays."""
-        self._add(layout.EVENT, t_mono_ns, layout.canonical_json({"fields": fields, "kind": kind}))
+        self._add(layout.EVENT, t_mono_ns, {"fields": fields, "kind": kind})
 
     def clock_pair(self, t_mono_ns: int, t_utc_ns: int) -> None:
         """UTC that belongs to a monotonic time."""
         self._utc_ns = t_utc_ns - t_mono_ns
-        self._add(layout.CLOCK, t_mono_ns, layout.canonical_json({"t_mono_ns": t_mono_ns, "t_utc_ns": t_utc_ns}))
+        self._add(layout.CLOCK, t_mono_ns, {"t_mono_ns": t_mono_ns, "t_utc_ns": t_utc_ns})
 
-    def _add(self, topic: str, t_ns: int, payload: bytes) -> None:
+    def _add(self, topic: str, t_ns: int, payload: bytes | Mapping[str, Any]) -> None:
         with self._lock:
             self._append(topic, t_ns, payload)
             if self._buffer.size > CHUNK_BYTES:
                 with suppress(RecordError):  # kept in memory; the next tick says so
                     self.flush()
 
-    def _append(self, topic: str, t_ns: int, payload: bytes) -> None:
+    def _append(self, topic: str, t_ns: int, payload: bytes | Mapping[str, Any]) -> None:
         channel = self._by_topic.get(topic) or self._new_channel(topic)
         late = self._refused_ns is not None and t_ns - self._refused_ns > REFUSED_S * NS
         if self._closed or late or self._buffer.size > HELD_BYTES:
             raise self._refusal(late=late)
-        self._buffer.add(channel, self._sequence, t_ns, payload)
+        content = payload if isinstance(payload, bytes) else layout.canonical_json(payload)
+        self._buffer.add(channel, self._sequence, t_ns, content)
         self._sequence += 1
         self._t_ns = t_ns
 
@@ -240,9 +241,8 @@ class SessionWriter:
 
     def _report_fault(self, number: int, error: OSError, text: str) -> None:
         fault = Error(code="B-REC-004", segment=number, errno=error.errno, text=text)
-        document = {"fields": fault.document(), "kind": fault.kind}
         with self._lock:
-            self._append(layout.EVENT, self._t_ns, layout.canonical_json(document))
+            self._append(layout.EVENT, self._t_ns, {"fields": fault.document(), "kind": fault.kind})
 
     def _finish_segment(self) -> None:
         """Close the segment with its hash-chain message; it is synced later, off this thread."""

@@ -3,6 +3,8 @@
 Overrun policy: planned time advances only in settle, record and soak steps. A bus call that takes longer than the
 settle time it shares shifts everything after it (a *slip*, recorded as an event and reported); a settle time never
 gets shorter than what its plan leaves after the bus calls, and a record is never cut short.
+
+What was read and decided is known by the events of the session: a run that is gone on with knows the same.
 """
 
 from __future__ import annotations
@@ -17,17 +19,83 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bench.maths.relaxation import Lag
 from bench.model.clock import NS, Clock, to_ns
-from bench.model.events import Event, by_instrument
+from bench.model.events import Decision, Event, Prompt, Reading, ThermalLag, UnitLeftOut, by_instrument
 from bench.model.ports import Instrument, RecordWindow
-from bench.plan import Plan, PlannedUnit
+from bench.model.quantities import Values
+from bench.plan import Plan, PlannedCall, PlannedDecision, PlannedUnit, Step, is_answered, left_out_by
 from bench.record import PackedRows, RecordCutter
 from bench.run.control.operator import Operator
-from bench.run.guard.health import SEQUENCER, Health
 from bench.run.links.acquisition import Acquisition
 from bench.run.observers import Observers
-from bench.run.steps.decided import Decided
-from bench.run.stop import AWAY_LIMIT_S, StopSwitch, Wish
+from bench.run.stop import AWAY_LIMIT_S, SEQUENCER, Health, StopSwitch, Wish
+
+
+@dataclass(frozen=True)
+class Read:
+    """A reading: its value, None if there should have been one, and the step that took it."""
+
+    value: float | None
+    step: int
+
+
+KNOWN = 0.2  # of a lag, one standard uncertainty: with less nothing is ended by it
+
+
+class Decided:
+    """The newest reading of each action, the outcome of each decision, and the steps that are left out by them.
+
+    ``lags``: of the units, by serial number, None where a bench has only one; as soon as they are ``KNOWN``.
+
+    Args: steps: those of the plan, so that a number is an index.
+    """
+
+    def __init__(self, steps: Sequence[Step]) -> None:
+        self._steps = steps
+        self._follows = any(isinstance(step, PlannedDecision) for step in steps)
+        self._newest: dict[tuple[str, str, str], tuple[Values, Read]] = {}  # oldest first
+        self.outcomes: dict[int, str] = {}
+        self.left_out: set[int] = set()
+        self.units_out: set[str] = set()  # serial numbers of units that are left out
+        self.lags: dict[str | None, Lag] = {}
+
+    def take(self, event: Event) -> None:
+        """Take what an event says of it; of readings a plan without decisions needs to know nothing."""
+        if isinstance(event, UnitLeftOut):
+            self.units_out.add(str(event.uut))
+            self.left_out.update(*left_out_by(self._steps, [event]))
+        elif isinstance(event, ThermalLag) and event.share <= KNOWN:
+            self.lags[event.uut] = Lag(event.lag_s, event.share)
+        if not self._follows:
+            return
+        if isinstance(event, Reading):
+            self._read(event.role, event.name, self._arguments(event), event.value, event.step)
+        elif isinstance(event, Prompt) and event.quantity:
+            self._read("", event.quantity, {}, event.value, event.step)
+        elif isinstance(event, Decision):
+            self.outcomes[event.step] = event.outcome
+            self.left_out.update(*left_out_by(self._steps, [event]))
+
+    def newest(self, decision: PlannedDecision) -> Read | None:
+        """Return the newest reading that a decision asks for, None if it was never taken."""
+        for (role, name, _), (arguments, read) in reversed(self._newest.items()):
+            if (role, name) == (decision.role, decision.name) and is_answered(decision, arguments):
+                return read
+        return None
+
+    def _read(self, role: str, name: str, arguments: Values, value: Any, step: int) -> None:
+        key = role, name, repr(sorted(arguments.items()))
+        self._newest.pop(key, None)
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        self._newest[key] = arguments, Read(float(value) if number else None, step)
+
+    def _arguments(self, event: Reading) -> Values:
+        if event.arguments is not None:
+            return event.arguments
+        step = self._steps[event.step] if 0 <= event.step < len(self._steps) else None
+        return step.arguments if isinstance(step, PlannedCall) else {}
+
 
 _CONTIGUOUS_S = 1e-6  # planned times are rounded to a thousandth of that
 _WALL_SLICE_NS = NS // 4  # how soon a stop is honoured; a virtual wait takes no real time and is never sliced

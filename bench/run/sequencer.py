@@ -1,4 +1,8 @@
-"""The timer-driven sequencer: executes the flat plan step by step and always leaves the bench safe."""
+"""The timer-driven sequencer: executes the flat plan step by step and always leaves the bench safe.
+
+Behind a check that failed every step under its conditions is left out, such as the rest of one unit: what takes energy
+away is still done and confirmed; a step that could bring it is not.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +13,102 @@ from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
-from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip
-from bench.model.ports import drivers_of
-from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step, Steps
+from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip, UnitLeftOut
+from bench.model.ports import Effect, drivers_of
+from bench.plan import CHAMBER, UNIT, PlannedRecord, PlannedUnit, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe, states_of
 from bench.run.context import RunContext, Timeline
-from bench.run.hold.leaving_out import leave_unit_out, to_blame
 from bench.run.hold.standing import stand_still, wish_to_wait
 from bench.run.observers import patient
 from bench.run.steps.dispatch import execute
-from bench.run.steps.leaving import behind, leave_out
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
+from bench.run.steps.setpoints import drives
 from bench.run.stop import Interruption, Wish, unforeseen
 from bench.run.watch.outputs import look
+
+# A link that is silent or lost for longer than a hold, no or a wrong answer, another unit, its own wiring, and what is
+# beyond a limit of its own for too long. All else concerns the bench or more than one unit, and ends the run.
+OWN_FAULTS = (
+    "B-RUN-021", "B-RUN-022", "B-RUN-023", "B-RUN-024", "B-RUN-025", "B-RUN-050", "B-RUN-051", "B-RUN-070",
+)  # fmt: skip
+
+
+def to_blame(context: RunContext, error: BenchError, step: Step) -> PlannedUnit | None:
+    """Return the unit that an error concerns alone, None if the campaign cannot go on without it.
+
+    The unit of the link that the error names, of the interlock, or of the step.
+    """
+    plan = context.plan
+    if error.code not in OWN_FAULTS or not context.stop.interruptible or context.stop.over:
+        return None
+    limits = {f"interlock {rule.name}": rule.of for rule in plan.interlocks}
+    unit = plan.unit_of(limits.get(error.where, error.where))
+    if unit is None and error.where == step.where:
+        unit = plan.unit_of(step.conditions.get(UNIT))
+    others = [other for other in plan.units if other is not unit and other.serial not in context.decided.units_out]
+    return unit if others and unit is not None and unit.serial not in context.decided.units_out else None
+
+
+def leave_unit_out(context: RunContext, unit: PlannedUnit, error: BenchError, step: Step) -> None:
+    """Take the stimulus away, open the routes and switch the unit's own instruments off, each confirmed by readback.
+
+    Raises: RunError B-RUN-053 if one of them is not confirmed; then nothing may go on.
+    """
+    stimulus = {role for role, instrument in context.instruments.items() if drives(type(instrument))}
+    off = [role for role in context.plan.station.safe_order if role in stimulus or role in unit.roles.values()]
+    failures = make_safe(
+        {role: context.instruments[role] for role in off}, off, context.clock, live=context.stop.is_alive
+    )
+    if failures:
+        raise RunError(
+            "B-RUN-053",
+            f"unit {unit.serial} in slot {unit.slot} is not confirmed off ({'; '.join(map(str, failures))}); it failed "
+            f"before: {error.message}",
+            where=error.where,
+            next_step="switch it off at its supply before anybody touches the bench",
+        )
+    for reason in (*unit.links.values(), *(rule.name for rule in context.plan.interlocks if rule.of in unit.names)):
+        context.stop.holds.release(f"link {reason}")
+        context.stop.holds.release(f"interlock {reason}")
+    context.event(
+        UnitLeftOut(
+            uut=unit.serial, slot=unit.slot, step=step.number, code=error.code, reason=error.message, confirmed=off
+        )
+    )
+
+
+BY = "check"
+_OFF = frozenset({Effect.STIMULUS_OFF, Effect.ROUTES_OPEN})
+
+
+def behind(steps: Sequence[Step], check: Step) -> int:
+    """Return number of the first step behind a check that is not done under its conditions, in the phase of the check.
+
+    ``steps``: those of the whole plan, so that a number is an index.
+    """
+    number, about = check.number + 1, check.conditions.items()
+    while number < len(steps) and steps[number].phase == check.phase and about <= steps[number].conditions.items():
+        number += 1
+    return number
+
+
+def leave_out(context: RunContext, check: Step) -> None:
+    """Switch off what the steps behind a failed check switch off, then note that they are left out.
+
+    Raises: InstrumentError of an instrument that does not confirm it.
+    """
+    steps, drivers = context.plan.steps, drivers_of(context.instruments)
+    stop = behind(steps, check)
+    for step in steps[check.number + 1 : stop]:
+        if step.effects(drivers.get(step.role, {})) & _OFF or step.name == "output_off":
+            execute(context, step)
+    reason = f"a check without which nothing may follow has failed at step {check.number}"
+    context.event(Skip(by=BY, reason=reason, first=check.number + 1, stop=stop))
+
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from bench.analysis import Document, limits_text, number, place_of
 from bench.model.units import hours
-from bench.plan import Plan, quantities_of
+from bench.plan import Plan
 
 _WORDS = {"": "{}", "log": "log({})", "reciprocal": "1/{}"}
 
@@ -50,7 +50,7 @@ def _limits(entry: Document) -> str:
 
 
 def _where(plan: Plan, quantity: str) -> str:
-    steps = [step for step in plan.steps if quantity in quantities_of(step)]
+    steps = [step for step in plan.steps if quantity in step.quantities]
     if not steps:
         return "nowhere"
     more = f" and {len(steps) - 1} times more" if len(steps) > 1 else ""

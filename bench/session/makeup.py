@@ -9,37 +9,31 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from decimal import Decimal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from bench.model.errors import InputError
-from bench.model.ports import Parameter
+from bench.model.ports import Drivers
 from bench.model.quantities import QUANTITY
 from bench.plan import (
-    MEASUREMENT,
-    SUFFIX,
     Plan,
     PlannedCall,
-    PlannedCommand,
-    PlannedDecision,
     PlannedPrompt,
     PlannedRecord,
-    PlannedSend,
-    PlannedSettle,
     PlannedSoak,
     PlannedVerify,
     Step,
     Steps,
-    decisions_of,
-    declared_action,
+    expected_reading,
+    station_drivers,
 )
 from bench.session.record_states import VALID, RecordState
 
 _DROPPED = ("sequence", "title", "duration", "records", "prepare", "steps", "timeline", "finally", "procedures")
 _SECTION = re.compile(r"^([a-z_]+):", re.MULTILINE)
+Written = Callable[[Step], str]  # a step of the plan, as a sequence has it
 _BETWEEN = (PlannedRecord, PlannedVerify, PlannedSoak, PlannedPrompt)  # they end the point before
-_AUTOMATIC = ("purpose", "label", "settle_band_degC")
 
 
 def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, int, int]:
@@ -50,7 +44,11 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
     again = [state for state in states if state.state != VALID]
     if not again:
         raise InputError("B-RES-007", "every record is valid, there is nothing to make up", next_step="'bench fit'")
-    _refuse(plan, again)
+    drivers = station_drivers(plan.station)
+    written = partial(_written, plan, drivers)
+    others = (step for step in plan.steps if not isinstance(step, PlannedRecord))
+    for step in (*(state.step for state in again), *others):
+        step.written(drivers)
     overlap = _overlap(plan, states, again)
     chosen = sorted([*again, *overlap], key=lambda state: (state.state != VALID, state.step.number))
     name = f"{plan.name}_make_up"
@@ -60,35 +58,18 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
         f"title: {json.dumps(f'{plan.title}: make-up'[:200], ensure_ascii=False)}",
         *_head(plan),
         "",
-        *_section("prepare", plan, plan.phase("prepare")),
+        *_section("prepare", written, plan.phase("prepare")),
         "steps:",
-        *_steps(plan, chosen),
+        *_steps(plan, written, chosen),
         "",
     ]
-    lines += _section("finally", plan, plan.phase("finally"))
-    lines += ["procedures:", *_procedures(plan, chosen)]
+    lines += _section("finally", written, plan.phase("finally"))
+    lines += ["procedures:", *_procedures(plan, written, chosen)]
     return "\n".join(lines) + "\n", len(again), len(overlap)
 
 
-def _refuse(plan: Plan, again: Sequence[RecordState]) -> None:
-    """Raise InputError B-RES-008 for records that cannot be taken again one by one."""
-    steps: list[PlannedRecord | PlannedDecision] = [*(state.step for state in again), *decisions_of(plan.steps)]
-    for step in steps:
-        what = "run"
-        if isinstance(step, PlannedDecision):
-            why = "the sequence decides by what it reads, so its records cannot be taken again one by one"
-        elif step.samples:
-            why = "records of samples on a table cannot be taken again one by one: each depends on how it was mounted"
-        elif step.follows or "window_index" in step.conditions:
-            why, what = "records without a gap over a changing temperature cannot be taken again one by one", "ramp"
-        else:
-            continue
-        next_step = f"'bench resume' goes on with the {what}; else run the campaign again"
-        raise InputError("B-RES-008", why, where=step.where, next_step=next_step)
-
-
-def _section(name: str, plan: Plan, steps: Steps) -> list[str]:
-    return [f"{name}:", *(f"  - {_written(plan, step)}" for step in steps), ""] if steps else []
+def _section(name: str, written: Written, steps: Steps) -> list[str]:
+    return [f"{name}:", *(f"  - {written(step)}" for step in steps), ""] if steps else []
 
 
 def _overlap(plan: Plan, states: Sequence[RecordState], again: Sequence[RecordState]) -> list[RecordState]:
@@ -120,7 +101,7 @@ def _soak_key(soak: PlannedSoak | None) -> str:
     return "" if soak is None else json.dumps([soak.role, soak.told()], sort_keys=True)
 
 
-def _steps(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
+def _steps(plan: Plan, written: Written, chosen: Sequence[RecordState]) -> Iterator[str]:
     """Yield each temperature once, in the order of the plan; the overlap first, then what is made up."""
     visits: dict[str, tuple[PlannedSoak | None, list[RecordState]]] = {}
     for state in sorted(chosen, key=lambda state: state.step.number):
@@ -128,7 +109,7 @@ def _steps(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
         visits.setdefault(_soak_key(soak), (soak, []))[1].append(state)
     for soak, points in visits.values():
         if soak is not None:
-            yield f"  - {_written(plan, soak)}"
+            yield f"  - {written(soak)}"
         for state in sorted(points, key=lambda state: (state.state != VALID, state.step.number)):
             why = f"overlap, was record {state.number}" if state.state == VALID else state.why
             yield f"  - {_name(state)}  # {' '.join(why.split())}"
@@ -138,12 +119,12 @@ def _name(state: RecordState) -> str:
     return f"{'overlap' if state.state == VALID else 'point'}_{state.step.number}"
 
 
-def _procedures(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
+def _procedures(plan: Plan, written: Written, chosen: Sequence[RecordState]) -> Iterator[str]:
     for state in chosen:
         yield f"  {_name(state)}:"
         yield "    do:"
         for step in _point(plan, state.step):
-            yield f"      - {_written(plan, step)}"
+            yield f"      - {written(step)}"
 
 
 def _point(plan: Plan, record: PlannedRecord) -> Steps:
@@ -201,12 +182,12 @@ def _scalar(text: str) -> str:
     return text if re.fullmatch(r"-?\d+(\.\d+)?|true|false", text) else json.dumps(text)
 
 
-def _written(plan: Plan, step: Step) -> str:
+def _written(plan: Plan, drivers: Drivers, step: Step) -> str:
     """Return a step of the plan as a step of the structured form, in one line; JSON is YAML."""
     if isinstance(step, PlannedCall):
-        call = _reading(plan, step)
+        call = expected_reading(step, drivers)
         return call if isinstance(call, str) else json.dumps(call, ensure_ascii=False)
-    words = _words(plan, step)
+    words = step.written(drivers)
     if QUANTITY in step.conditions:
         return json.dumps({**words, "expect": _reply(plan, step)}, ensure_ascii=False)
     ((key, value),) = words.items()
@@ -218,102 +199,3 @@ def _reply(plan: Plan, step: Step) -> dict[str, Any]:
     name = step.conditions[QUANTITY]
     read = next(entry["reply"] for entry in plan.campaign["expected"] if entry["quantity"] == name)
     return {"name": name} | {key: read[key] for key in ("pattern", "unit", "equals") if read.get(key) is not None}
-
-
-def _words(plan: Plan, step: Step) -> Mapping[str, Any]:
-    words: Mapping[str, Any] = {}
-    match step:
-        case PlannedRecord():
-            words = {"record": _record(plan, step)}
-        case PlannedSettle():
-            words = {"settle": _quantity(step.duration_s, "s")}
-        case PlannedVerify():
-            words = {"verify": _name_of(step)}
-        case PlannedCommand():
-            words = {"unit": {step.role: step.name}}
-        case PlannedSend():
-            words = {"send": {step.role: step.text}}
-        case PlannedSoak():
-            words = {"soak": _soak(step)}
-        case PlannedPrompt():
-            words = {"prompt": _prompt(step)}
-    return words
-
-
-def _name_of(step: Step) -> str:
-    return f"{step.role}.{step.name}"
-
-
-def _call(plan: Plan, call: PlannedCall) -> dict[str, Any]:
-    declared = declared_action(plan.station, call.role, call.name)
-    parameters = {parameter.name: parameter for parameter in declared.parameters} if declared is not None else {}
-    return {_name_of(call): {name: _argument(value, parameters.get(name)) for name, value in call.arguments.items()}}
-
-
-def _reading(plan: Plan, call: PlannedCall) -> dict[str, Any] | str:
-    """Return a call, with the name of the value it reads; the limits stand in the session that is made up for."""
-    if QUANTITY in call.conditions:
-        return {**_call(plan, call), "expect": {"name": call.conditions[QUANTITY]}}
-    return _call(plan, call) if call.arguments else _name_of(call)
-
-
-def _argument(value: Any, parameter: Parameter | None) -> Any:
-    if parameter is None or not parameter.dimension or not isinstance(value, int | float):
-        return value
-    return _quantity(value, parameter.dimension)
-
-
-def _quantity(value: float, unit: str) -> str:
-    return f"{Decimal(repr(float(value))) * 100:f} %" if unit == "1" else f"{value!r} {unit}"
-
-
-def _record(plan: Plan, step: PlannedRecord) -> dict[str, Any]:
-    record: dict[str, Any] = {"seconds": _quantity(step.seconds, "s")}
-    if step.readings:
-        record["every"] = _quantity(step.every_s, "s")
-        record["readings"] = [_reading(plan, call) for call in step.calls]
-    if step.signals:
-        record["expect"] = [{"name": quantity, "signal": signal} for quantity, signal in step.signals]
-    if step.retry:
-        record["retry"] = step.retry
-    if step.max_lost:
-        record["max_lost"] = _quantity(step.max_lost, "1")
-    if step.pulse_timing:
-        record["pulse_timing"] = True
-    if step.purpose != MEASUREMENT:
-        record["purpose"] = step.purpose
-    if "label" in step.conditions:
-        record["label"] = step.conditions["label"]
-    record["conditions"] = dict(
-        _condition(*condition) for condition in step.conditions.items() if condition[0] not in _AUTOMATIC
-    )
-    return record
-
-
-def _condition(name: str, value: Any) -> tuple[str, Any]:
-    """Return a condition as it was written: ``("current_A", 0.01)`` was ``current: 0.01 A``."""
-    for unit, suffix in sorted(SUFFIX.items(), key=lambda known: len(known[1]), reverse=True):
-        if suffix and name.endswith(f"_{suffix}") and isinstance(value, float):
-            return name.removesuffix(f"_{suffix}"), _quantity(value, unit)
-    return name, value
-
-
-def _soak(step: PlannedSoak) -> dict[str, Any]:
-    stable = {"within": _quantity(step.within_degC, "degC"), "for": _quantity(step.for_s, "s"), "sensor": step.sensor}
-    soak: dict[str, Any] = {"chamber": step.role, "temperature": _quantity(step.temperature_degC, "degC")}
-    soak |= {"ramp": _quantity(step.ramp_degC_min, "degC/min"), "slot": _quantity(step.slot_s, "s")}
-    soak |= {"stable": stable, "late": step.late, "hold_limit": _quantity(step.hold_limit_s, "s")}
-    if step.residual_degC is not None and step.least_s is not None:
-        soak["done"] = {"residual": _quantity(step.residual_degC, "degC"), "least": _quantity(step.least_s, "s")}
-    return soak
-
-
-def _prompt(step: PlannedPrompt) -> dict[str, Any]:
-    prompt: dict[str, Any] = {"text": step.text, "confirm": step.confirm}
-    if step.unit:
-        asked = {"low": step.low, "high": step.high}
-        limits = {key: _quantity(limit, step.unit) for key, limit in asked.items() if limit is not None}
-        judged: dict[str, Any] = {"quantity": step.quantity} if step.quantity else {}
-        judged |= {"required": True} if step.required else {}
-        prompt["value"] = {"unit": step.unit, **limits, **judged}
-    return prompt

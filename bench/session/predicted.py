@@ -41,7 +41,6 @@ from bench.plan import (
     Plan,
     PlannedCall,
     PlannedCommand,
-    PlannedPrompt,
     PlannedRecord,
     Step,
     decisions_of,
@@ -84,7 +83,7 @@ def _readings(plan: Plan) -> Iterator[Reading]:
     for step in (*plan.phase("prepare"), *plan.phase("campaign")):
         t_s = _ns(plan, step, step.at_s) / NS
         calls = [(t_s, step)] if isinstance(step, PlannedCall) else []
-        if isinstance(step, PlannedPrompt) and step.sets:
+        if step.sets:
             yield Reading(t_s, step.number, "", PROMPT, None, step.conditions, step.sets)
         elif isinstance(step, PlannedRecord) and step.readings:
             calls = [(t_s + turn * step.every_s, call) for turn in range(round_count(step)) for call in step.calls]

@@ -36,7 +36,17 @@ from bench.frame import CommandLayout, parse_frame
 from bench.model import events
 from bench.model.clock import NS
 from bench.model.errors import BenchError, FitError, InputError
-from bench.model.events import Decision, Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
+from bench.model.events import (
+    Decision,
+    Environment,
+    Event,
+    Phase,
+    Preflight,
+    Prompt,
+    Retake,
+    UnitLeftOut,
+    kinds_of_events,
+)
 from bench.model.lab import sha256_of
 from bench.model.quantities import key_of_value
 from bench.model.systems import assumptions_of, declared_by
@@ -67,12 +77,8 @@ from bench.session.wording import say
 E = TypeVar("E", bound=Event)
 Name = tuple[str, str, int]  # of an estimate, as it is foreseen
 SOFTWARE = f"inertial-bench {__version__}"
-KEPT_EVENTS = (
-    "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
-    "hold", "release", "armed", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict",
-    "config", "suspend", "clock_step", "control", "surroundings", "exchange", "decision", "unit_left_out",
-    "thermal_lag",
-)  # fmt: skip
+# All but those that a view never asks for, so that a new kind is kept.
+KEPT_EVENTS = kinds_of_events() - {"answer", "closed", "disk", "gap", "inhibit", "notify", "record", "safe"}
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
 

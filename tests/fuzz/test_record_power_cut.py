@@ -13,8 +13,8 @@ from record_sample import MANIFEST, NS, TEXTS
 
 from bench.model.events import Resume
 from bench.record import Journal, Message, SessionReader, SessionWriter, read_journal, resume_session
-from bench.record.files import AppendFile, OsFiles
 from bench.record.journal import JOURNAL_NAME
+from bench.record.layout import AppendFile, OsFiles
 
 SEED = 2024
 SECONDS = 40

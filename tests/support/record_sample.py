@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.frame import Counted, Engine, FrameDefinition, MessageBatch, decode_capture, load_frame
 from bench.model.events import Reading, Record, Resume
 from bench.record import SessionWriter, resume_session
-from bench.record.files import AppendFile, OsFiles
+from bench.record.layout import AppendFile, OsFiles
 
 NS = 1_000_000_000
 ROOT = Path(__file__).resolve().parents[2]

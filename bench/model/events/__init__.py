@@ -27,7 +27,7 @@ from bench.model.events.course import (
     UnitLeftOut,
     by_instrument,
 )
-from bench.model.events.event import Event, Severity, event_of
+from bench.model.events.event import Event, Severity, event_of, kinds_of_events
 from bench.model.events.taken import (
     Answer,
     Decision,
@@ -63,5 +63,5 @@ __all__ = [
     "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt",
     "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity",
     "Skip", "Slip", "StimulusAlarm", "Surroundings", "Suspend", "ThermalLag", "UnitLeftOut", "Verdict",
-    "by_instrument", "event_of",
+    "by_instrument", "event_of", "kinds_of_events",
 ]  # fmt: skip

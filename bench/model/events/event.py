@@ -137,6 +137,11 @@ def event(
     return register
 
 
+def kinds_of_events() -> frozenset[str]:
+    """Return every kind of event that a session may hold."""
+    return frozenset(kind for kind, _ in _CLASSES)
+
+
 def event_of(kind: str, document: Mapping[str, Any]) -> Event:
     """Return the event that a session holds. An event of a kind that is not known is an ``Event`` with its fields."""
     model = _CLASSES.get((kind, str(document.get("what")))) or _CLASSES.get((kind, ""))

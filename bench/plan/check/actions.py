@@ -1,22 +1,33 @@
-"""Static check of single calls: does the role, the action and each argument exist, and is it inside its limits?"""
+"""Static check of single calls: does the role, the action and each argument exist, and is it inside its limits?
+
+And how long a call takes on the bus.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Effect, Parameter
 from bench.model.units import likely, read_quantity
-from bench.plan.drivers import declared_at, driver_actions, no_instrument
+from bench.plan.decision import Followed, walk
+from bench.plan.expected import argument_dimensions, is_reading
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
-from bench.plan.readings import argument_dimensions, is_reading
-from bench.plan.station import InstrumentEntry, Station
-from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak, PlannedVerify
+from bench.plan.station import InstrumentEntry, Station, declared_action, declared_at, driver_actions, no_instrument
+from bench.plan.step_kinds import (
+    PlannedCall,
+    PlannedCommand,
+    PlannedRecord,
+    PlannedSend,
+    PlannedSettle,
+    PlannedSoak,
+    PlannedVerify,
+)
 
 SOAK_ACTIONS = ("set_temperature", "run")
 _ALIKE = 1e-9  # of two numbers that went through different roundings
@@ -56,8 +67,7 @@ class ActionCheck:
         """Return declared action of a call or verify step; if it names none a mistake was noted."""
         if not isinstance(step, PlannedCall | PlannedVerify | PlannedSend | PlannedSoak):
             return NOT_JUDGED
-        given = ((name, tuple(value) if isinstance(value, list) else value) for name, value in step.told().items())
-        key = step.where, step.role, step.name, tuple(given)
+        key = step.where, step.role, step.name, repr(step.told())
         if key not in self._seen:
             self._seen[key] = self._fresh(step, self._plan.dimensions[step.number])
         return self._seen[key]
@@ -185,5 +195,57 @@ class ActionCheck:
 
 def _called(plan: Plan, role: str) -> set[str]:
     """Return the names of all actions that are called of a role."""
-    calls = [call for step in plan.steps for call in (step.calls if isinstance(step, PlannedRecord) else (step,))]
+    calls = [call for step in plan.steps for call in (step.calls or (step,))]
     return {call.name for call in calls if isinstance(call, PlannedCall | PlannedVerify) and call.role == role}
+
+
+DEFAULT_BUS_S = 0.1
+
+
+def bus_s(step: Step, station: Station) -> float:
+    """Return longest time that a call normally takes on the bus, second; the station may say its bus is faster."""
+    if isinstance(step, PlannedCommand) and step.takes_s is not None:
+        return step.takes_s
+    action = declared_action(station, step.role, step.name)
+    if action is None and isinstance(step, PlannedCall | PlannedVerify):
+        return 0.0  # a call of nothing is a mistake of its own
+    return station.file.bus_time_factor * (DEFAULT_BUS_S if action is None else action.takes_s(step.told()))
+
+
+def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
+    """Return the same steps; ``bus_s`` of each settle step is the bus time of the calls that share it, second.
+
+    Behind a decision it is the longest of all ways that lead to the step.
+    """
+    steps = tuple(steps)
+    longest_s: dict[int, float] = {}
+    walk(steps, Findings(), _Shared(station, longest_s))
+    return tuple(
+        replace(step, bus_s=longest_s.get(step.number, 0.0)) if isinstance(step, PlannedSettle) else step
+        for step in steps
+    )
+
+
+@dataclass
+class _Shared(Followed):
+    """Bus time of the calls since the last step that waits, second; of several ways the longest.
+
+    ``longest_s``: what was shared with each step that waits, by its number.
+    """
+
+    station: Station
+    longest_s: dict[int, float]
+    bus_s: float = 0.0
+
+    def take(self, step: Step) -> None:
+        if step.on_the_bus:
+            self.bus_s += bus_s(step, self.station)
+        elif isinstance(step, PlannedSettle | PlannedSoak | PlannedRecord):
+            self.longest_s[step.number] = max(round(self.bus_s, 9), self.longest_s.get(step.number, 0.0))
+            self.bus_s = 0.0
+
+    def key(self) -> int:
+        return 0
+
+    def join(self, other: _Shared) -> None:
+        self.bus_s = max(self.bus_s, other.bus_s)

@@ -28,31 +28,28 @@ from bench.model.installed import offer_of
 from bench.model.ports import Effect
 from bench.model.quantities import Values
 from bench.model.stopping import STAGE
-from bench.plan.check.actions import ActionCheck
+from bench.plan.check.actions import ActionCheck, bus_s
 from bench.plan.check.analysis import check_asked
-from bench.plan.check.state import BenchState, check_poses
+from bench.plan.check.state import BenchState, Pose
 from bench.plan.check.stations import SIMULATION, check_station, check_used_ranges
-from bench.plan.decision import decisions_of
-from bench.plan.drivers import bus_s, declared_action
+from bench.plan.decision import Followed, walk
 from bench.plan.expand import DURATION
+from bench.plan.expected import roles_of
 from bench.plan.findings import Findings
 from bench.plan.language.standards import Standard
 from bench.plan.plan import Plan, PlannedUnit, Step
-from bench.plan.readings import roles_of
-from bench.plan.station import Station
+from bench.plan.station import Station, declared_action
 from bench.plan.step_kinds import (
     MEASUREMENT,
     WIRING,
     PlannedCall,
     PlannedCommand,
-    PlannedPrompt,
     PlannedRecord,
     PlannedSettle,
     PlannedSoak,
     PlannedVerify,
 )  # fmt: skip
 from bench.plan.values import UNIT
-from bench.plan.ways import Followed, walk
 
 
 def check_record(plan: Plan, step: Step, state: BenchState, findings: Findings) -> None:
@@ -133,31 +130,16 @@ def _differs(name: str, declared: Any, actual: Any, unit: str, verb: str) -> Ite
     yield f"{name} {said}, but {verb} {'an unknown one' if actual is None else shown}"
 
 
-def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Collection[int]) -> None:
-    """Note records that say they follow another one and cannot (B-PLAN-060, -061, -067, -068).
-
-    ``doubtful`` are the numbers of steps whose duration could not be read.
-    """
-    joins = {branch.stop for decision in decisions_of(plan.steps) for branch in decision.branches}
-
-    def take(chain: _Chain, step: Step) -> None:
-        if step.number in joins:
-            chain.breaks("the branches of a decision end between it and the record before")
-        chain.take(step)
-        if not isinstance(step, PlannedRecord):
-            return
-        if step.follows:
-            _follows(step, chain.before, chain.gap, findings)
-            _calls(step, list(chain.calls), station, findings, step.number in doubtful)
-        chain.before, chain.calls = step, ()
-
-    walk(plan.steps, _Chain(), take, findings)
-
-
 @dataclass
 class _Chain(Followed):
-    """The record that another one could follow and the calls since then, or why none could (``gap``)."""
+    """The record that another one could follow and the calls since then, or why none could (``gap``).
 
+    ``doubtful`` are the numbers of steps whose duration could not be read. Findings: B-PLAN-060, -061, -067, -068.
+    """
+
+    station: Station
+    findings: Findings
+    doubtful: Collection[int]
     before: PlannedRecord | None = None
     gap: str = "no record stands before it"
     calls: tuple[Step, ...] = ()
@@ -168,18 +150,21 @@ class _Chain(Followed):
     def breaks(self, why: str) -> None:
         self.before, self.gap, self.calls = None, why, ()
 
+    def meet(self) -> None:
+        self.breaks("the branches of a decision end between it and the record before")
+
     def take(self, step: Step) -> None:
         if self.before is not None and self.before.phase != step.phase:
             self.breaks(f"the record before it belongs to '{self.before.phase}'")
         if step.on_the_bus:
             self.calls = () if self.before is None else (*self.calls, step)
-        elif not isinstance(step, PlannedRecord) and not _act(step):
+        elif isinstance(step, PlannedRecord):
+            if step.follows:
+                _follows(step, self.before, self.gap, self.findings)
+                _calls(step, self.calls, self.station, self.findings, step.number in self.doubtful)
+            self.before, self.calls = step, ()
+        elif not step.sets:  # the records go on while a person does that
             self.breaks(f"a {step.kind} step stands between it and the record before")
-
-
-def _act(step: Step) -> bool:
-    """Return whether the act of a prompt is part of what is measured: the records go on while the person does it."""
-    return isinstance(step, PlannedPrompt) and bool(step.sets)
 
 
 def _follows(step: PlannedRecord, before: PlannedRecord | None, gap: str, findings: Findings) -> None:
@@ -195,7 +180,7 @@ def _follows(step: PlannedRecord, before: PlannedRecord | None, gap: str, findin
             )
 
 
-def _calls(step: Step, calls: list[Step], station: Station, findings: Findings, doubtful: bool) -> None:
+def _calls(step: Step, calls: Sequence[Step], station: Station, findings: Findings, doubtful: bool) -> None:
     """Calls fall into the window behind them: they may not touch what it measures, and must be over when it is."""
     wrong = next((call for call in calls if not _harmless(call, station)), None)
     if wrong is not None:
@@ -254,64 +239,65 @@ def check_steps(
 
     ``doubtful`` are the numbers of steps whose duration could not be read.
     """
-    actions = ActionCheck(plan, station, findings)
-    state = BenchState(plan, station, findings)
-
-    def take(state: BenchState, step: Step) -> None:
-        state.take(step, actions.check(step))
-        if isinstance(step, PlannedRecord):
-            check_record(plan, step, state, findings)
-            _check_readings(step, actions, state, station, findings)
-
-    walk(plan.steps, state, take, findings)
-    _bus_time(plan, findings, doubtful)
-    check_windows(plan, station, findings, doubtful)
-    check_poses(plan, station, findings)
+    state = _Recorded(plan, station, findings)
+    chain, bus = _Chain(station, findings, doubtful), _Bus(plan, findings, doubtful)
+    walk(plan.steps, findings, state, Pose(station, findings), bus, chain)
     check_sets(plan, station, findings)
     return state
 
 
-def _check_readings(
-    record: PlannedRecord, actions: ActionCheck, state: BenchState, station: Station, findings: Findings
-) -> None:
-    """Check that a record's calls are readings, and that one round is over before the next is due (B-PLAN-060)."""
-    for index, call in enumerate(record.calls):
-        state.take(call, actions.check_reading(record, index, call))
-    takes_s = sum(bus_s(call, station) for call in record.calls)
-    if takes_s > record.every_s:
-        message = f"one round of the record's readings takes up to {takes_s:g} s; one is due each {record.every_s:g} s"
-        findings.add("B-PLAN-060", record.where, message, "read less often, or less")
+class _Recorded(BenchState):
+    """The state of the bench, compared with what each record says of it."""
 
+    def __init__(self, plan: Plan, station: Station, findings: Findings) -> None:
+        self._plan, self._actions_of = plan, ActionCheck(plan, station, findings)
+        super().__init__(plan, station, findings, self._actions_of.check)
 
-def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None:
-    """Calls need a settle time (or a soak) after them that is long enough; a record must not wait for the bus."""
+    def take(self, step: Step) -> None:
+        super().take(step)
+        if isinstance(step, PlannedRecord):
+            check_record(self._plan, step, self, self._findings)
+            self._check_readings(step)
 
-    def take(bus: _Bus, step: Step) -> None:
-        first = bus.first
-        if step.on_the_bus:
-            bus.first = step if first is None else first
-        elif isinstance(step, PlannedSettle):
-            if step.bus_s > step.duration_s and step.number not in doubtful:
-                message = f"the calls before it take up to {step.bus_s:g} s; it lasts {step.duration_s:g} s"
-                origin = plan.origins[step.number].get(DURATION, "")
-                findings.add("B-PLAN-060", step.where, message, "settle longer, or call less", origin)
-            bus.first = None
-        elif isinstance(step, PlannedRecord) and first is not None:
-            if not isinstance(first, PlannedVerify) and not step.follows:
-                message = f"{first.role}.{first.name} is followed by a record without a settle time"
-                findings.add("B-PLAN-061", step.where, message, "add a settle step before the record")
-            bus.first = None
-        elif isinstance(step, PlannedSoak):
-            bus.first = None
-
-    walk(plan.steps, _Bus(), take, findings)
+    def _check_readings(self, record: PlannedRecord) -> None:
+        """Check that a record's calls are readings, and one round is over before the next is due (B-PLAN-060)."""
+        for index, call in enumerate(record.calls):
+            self.apply(call, self._actions_of.check_reading(record, index, call))
+        takes_s = sum(bus_s(call, self._station) for call in record.calls)
+        if takes_s > record.every_s:
+            taken, due = f"one round of the record's readings takes up to {takes_s:g} s", f"each {record.every_s:g} s"
+            self._findings.add("B-PLAN-060", record.where, f"{taken}; one is due {due}", "read less often, or less")
 
 
 @dataclass
 class _Bus(Followed):
-    """The first of the calls that no settle time has followed yet."""
+    """The first of the calls that no settle time has followed yet: a record must not wait for the bus.
 
+    Findings: B-PLAN-060 (a settle time shorter than the calls before it), B-PLAN-061 (a record without one).
+    """
+
+    plan: Plan
+    findings: Findings
+    doubtful: Collection[int]
     first: Step | None = None
+
+    def take(self, step: Step) -> None:
+        first = self.first
+        if step.on_the_bus:
+            self.first = step if first is None else first
+        elif isinstance(step, PlannedSettle):
+            if step.bus_s > step.duration_s and step.number not in self.doubtful:
+                message = f"the calls before it take up to {step.bus_s:g} s; it lasts {step.duration_s:g} s"
+                origin = self.plan.origins[step.number].get(DURATION, "")
+                self.findings.add("B-PLAN-060", step.where, message, "settle longer, or call less", origin)
+            self.first = None
+        elif isinstance(step, PlannedRecord) and first is not None:
+            if not isinstance(first, PlannedVerify) and not step.follows:
+                message = f"{first.role}.{first.name} is followed by a record without a settle time"
+                self.findings.add("B-PLAN-061", step.where, message, "add a settle step before the record")
+            self.first = None
+        elif isinstance(step, PlannedSoak):
+            self.first = None
 
     def key(self) -> Hashable:
         return self.first and (self.first.kind, self.first.role, self.first.name)
@@ -355,7 +341,7 @@ def _ages(role: str, standard: Standard, where: str, end: datetime, findings: Fi
 def check_sets(plan: Plan, station: Station, findings: Findings) -> None:
     """Note units without a serial number (B-PLAN-025) and what nobody can do at a simulated bench (B-PLAN-094)."""
     for step in plan.steps:
-        for name, value in step.sets.items() if isinstance(step, PlannedPrompt) else ():
+        for name, value in step.sets.items():
             if value is None:
                 continue  # its mistake is noted already
             if name == UNIT and not SERIAL.fullmatch(str(value)):

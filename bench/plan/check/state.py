@@ -9,10 +9,10 @@ Earth's rate from these conditions, and a wrong one becomes a wrong number witho
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, assert_never
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
@@ -20,12 +20,11 @@ from bench.model.ports import ENERGISING, Action, Drivers, Effect, can_move
 from bench.model.quantities import Values
 from bench.model.systems import declared_by
 from bench.plan.check.actions import Judged
-from bench.plan.drivers import declared_action, driver_actions, driver_ladder_A, range_after
+from bench.plan.decision import Followed
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step, no_effect
-from bench.plan.station import Station
+from bench.plan.station import Station, declared_action, driver_ladder_A, range_after, station_drivers
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak
-from bench.plan.ways import Followed, walk
 
 _LIMITED = ("rate", "acceleration")
 _SET_LIMITS = "set_limits"
@@ -115,33 +114,33 @@ def _axes_of(actions: Mapping[str, Action]) -> tuple[Any, ...]:
     return next((parameter.choices for parameter in parameters if parameter.name == "axis"), ())
 
 
-def check_poses(plan: Plan, station: Station, findings: Findings) -> None:
-    """Note records whose conditions differ from where the table was sent, and from what prompts set (B-PLAN-076)."""
-
-    def take(pose: _Pose, step: Step) -> None:
-        if isinstance(step, PlannedPrompt):
-            pose.was_set |= step.sets
-        elif isinstance(step, PlannedCall) and _moves(step, station):
-            _follow(step, pose.angles)
-        elif isinstance(step, PlannedRecord | PlannedCommand):
-            wrong = [*_poses(step, pose.angles), *_sets(step.conditions, pose.was_set)]
-            if wrong:
-                what = "record" if isinstance(step, PlannedRecord) else "command"
-                message = f"the {what} says what the bench does not do: " + "; ".join(wrong)
-                findings.add("B-PLAN-076", step.where, message, "correct the conditions, or the steps before it")
-
-    walk(plan.steps, _Pose(), take, findings)
-
-
 @dataclass
-class _Pose(Followed):
-    """Where the axes were sent, None if nobody knows, and what prompts have set, by name."""
+class Pose(Followed):
+    """Where the axes were sent, None if nobody knows, and what prompts have set, by name.
 
+    Findings: B-PLAN-076 (a record whose conditions differ from that).
+    """
+
+    station: Station
+    findings: Findings
     angles: dict[str, float | None] = field(default_factory=dict)
     was_set: dict[str, Any] = field(default_factory=dict)
 
-    def copy(self) -> _Pose:
-        return _Pose(dict(self.angles), dict(self.was_set))
+    def take(self, step: Step) -> None:
+        if isinstance(step, PlannedCall):
+            if _moves(step, self.station):
+                _follow(step, self.angles)
+        elif isinstance(step, PlannedRecord | PlannedCommand):
+            wrong = [*_poses(step, self.angles), *_sets(step.conditions, self.was_set)]
+            if wrong:
+                what = "record" if isinstance(step, PlannedRecord) else "command"
+                message = f"the {what} says what the bench does not do: " + "; ".join(wrong)
+                self.findings.add("B-PLAN-076", step.where, message, "correct the conditions, or the steps before it")
+        else:
+            self.was_set |= step.sets
+
+    def copy(self) -> Pose:
+        return replace(self, angles=dict(self.angles), was_set=dict(self.was_set))
 
     def key(self) -> Hashable:
         return repr((sorted(self.angles.items()), sorted(self.was_set.items())))
@@ -183,7 +182,6 @@ def _sets(conditions: Values, was_set: Values) -> Iterator[str]:
             yield f"{name} {conditions[name]}, but the operator was told {value}"
 
 
-_ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL, Effect.MOTION_ON)
 _RELEASES = ("output_off", "stop")
 _FOLLOWED = ("energised", "output_on", "unknown", "untrusted", "closed", "level_A", "range_A", "meter_A")
 _OVER_RANGE = 1.2  # a meter reads up to 120 % of a range
@@ -201,16 +199,17 @@ class BenchState(Followed):
     ``target_degC`` is where the temperature was last sent; ``motion`` follows the tables that move.
     """
 
-    def __init__(self, plan: Plan, station: Station, findings: Findings) -> None:
+    def __init__(self, plan: Plan, station: Station, findings: Findings, judge: Callable[[Step], Judged]) -> None:
         self._findings = findings
         self._station = station
+        self._judge = judge
         self._origins = plan.origins
         asked = declared_by(plan.campaign)
         self._metered = asked is not None and bool(asked.reading)
         channels = plan.campaign.get("channels", [])
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in channels}
         self._levels_A = {int(c["number"]): frozenset(c.get("levels_A", ())) for c in channels}
-        self._actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
+        self._actions = station_drivers(station)
         self._effects = {
             role: frozenset(action.effect for action in known.values()) for role, known in self._actions.items()
         }
@@ -241,14 +240,17 @@ class BenchState(Followed):
         followed = (getattr(self, name) for name in _FOLLOWED)
         return tuple(_told(value) for value in followed), self.target_degC, self.motion.key()
 
-    def take(self, step: Step, judged: Judged) -> None:
+    def take(self, step: Step) -> None:
         """Apply one step; note what it breaks."""
+        self.apply(step, self._judge(step))
+
+    def apply(self, step: Step, judged: Judged) -> None:
+        """Apply one step, or one of a record's readings, of which this action is declared."""
         if isinstance(step, PlannedSoak):
             self.target_degC = None if math.isnan(step.temperature_degC) else step.temperature_degC
             self._energise(step, step.role)
         elif isinstance(step, PlannedSend):
-            self._raw(step)
-            self.motion.raw(step)
+            self._raw(step, self._effects.get(step.role, frozenset()), "raw text to")
         elif isinstance(step, PlannedPrompt):
             self.motion.prompt(step)
         elif isinstance(step, PlannedCall) and judged.action is not None:
@@ -259,35 +261,40 @@ class BenchState(Followed):
                 self._readable(step)
         elif isinstance(step, PlannedCall):
             self._forget(step.role)
-        elif type(step).effects is not no_effect and step.effects(self._actions.get(step.role, {})) & ENERGISING:
-            self._energise(step, step.role)
+        elif type(step).effects is not no_effect:
+            self._raw(step, step.effects(self._actions.get(step.role, {})), f"a {step.kind} step of")
 
     def _forget(self, role: str) -> None:
         """A call that names nothing may have been meant for the source or the switch: their order is not judged."""
-        if role not in self._station.instruments or not self._effects[role]:
+        if role not in self._station.instruments or not self._effects.get(role):
             self.untrusted |= self.switches | self.sources
         self.untrusted |= {role} & (self.switches | self.sources)
 
     def _call(self, step: Step, effect: Effect, usable: Values) -> None:
         role = step.role
-        if effect in (Effect.ROUTE, Effect.ROUTES_OPEN):
-            self._route(step, effect, usable)
-        elif effect is Effect.STIMULUS_SET:
-            self._set(role, usable)
-            self._within_full_scale(step, role)
-        elif effect is Effect.STIMULUS_ON:
-            self._switch_on(step)
-        elif effect is Effect.STIMULUS_OFF:
-            self.output_on.discard(role)
-            self.unknown.discard(role)
-            self.energised.pop(role, None)
-        elif effect is Effect.THERMAL and "temperature" in usable:
-            self.target_degC = usable["temperature"]
-            self._energise(step, role)
-        elif effect is Effect.MOTION_OFF or (effect in _ENERGY and step.name in _RELEASES):
-            self.energised.pop(role, None)
-        elif effect in _ENERGY:
-            self._energise(step, role)
+        match effect:
+            case Effect.ROUTE | Effect.ROUTES_OPEN:
+                self._route(step, effect, usable)
+            case Effect.STIMULUS_SET:
+                self._set(role, usable)
+                self._within_full_scale(step, role)
+            case Effect.STIMULUS_ON:
+                self._switch_on(step)
+            case Effect.STIMULUS_OFF:
+                self.output_on.discard(role)
+                self.unknown.discard(role)
+                self.energised.pop(role, None)
+            case Effect.THERMAL if "temperature" in usable:
+                self.target_degC = usable["temperature"]
+                self._energise(step, role)
+            case Effect.THERMAL | Effect.POWER | Effect.MOTION_ON if step.name not in _RELEASES:
+                self._energise(step, role)
+            case Effect.THERMAL | Effect.POWER | Effect.MOTION_ON | Effect.MOTION_OFF:
+                self.energised.pop(role, None)
+            case Effect.NONE:
+                pass
+            case _:
+                assert_never(effect)
 
     def _set(self, role: str, usable: Values) -> None:
         level_A = usable.get("current")
@@ -302,8 +309,9 @@ class BenchState(Followed):
     def _measure(self, role: str, usable: Values) -> None:
         """Range of a meter that is a standard: the register gives it uncertainties, or the analysis asks for them."""
         wanted_A = usable.get("range")
-        standard = self._metered or bool(self._station.ranges_A(role))
-        if role in self.sources or not isinstance(wanted_A, float) or not standard:
+        if role in self.sources or not isinstance(wanted_A, float):
+            return
+        if not self._metered and not self._station.ranges_A(role):
             return
         held_A = range_after(driver_ladder_A(self._station.instruments[role].driver), wanted_A, False, None)
         if held_A is not None:
@@ -360,23 +368,25 @@ class BenchState(Followed):
             origin = self._origins[step.number].get("current", "")
             self._findings.add("B-PLAN-073", step.where, message, origin=origin)
 
-    def _raw(self, step: PlannedSend) -> None:
-        effects = self._effects.get(step.role, frozenset())
+    def _raw(self, step: Step, effects: frozenset[Effect], what: str) -> None:
+        """Apply a step of which nobody can see what it does of that; ``what`` it is, in words."""
         if Effect.STIMULUS_ON in effects:
             if self.switches and not self.closed and not self.untrusted:
-                self._doubt(step, "may switch its output on without a closed route")
+                self._doubt(step, what, "may switch its output on without a closed route")
             self.output_on.add(step.role)
             self.unknown.add(step.role)
             self.level_A[step.role] = self.range_A[step.role] = None
         if Effect.ROUTE in effects:
-            self._doubt(step, "may close any route, so the plan cannot be proved safe")
-        if Effect.MOTION_ON in effects and not step.asks:
-            self._doubt(step, "may move it, faster and further than its limits allow")
-        if effects & {*_ENERGY, Effect.ROUTE}:
+            self._doubt(step, what, "may close any route, so the plan cannot be proved safe")
+        if Effect.MOTION_ON in effects and not (isinstance(step, PlannedSend) and step.asks):
+            self._doubt(step, what, "may move it, faster and further than its limits allow")
+        if Effect.MOTION_ON in effects:
+            self.motion.raw(step)
+        if effects & ENERGISING:
             self._energise(step, step.role)
 
-    def _doubt(self, step: PlannedSend, why: str) -> None:
-        self._findings.add("B-PLAN-074", step.where, f"raw text to {step.role} {why}", "write a call instead")
+    def _doubt(self, step: Step, what: str, why: str) -> None:
+        self._findings.add("B-PLAN-074", step.where, f"{what} {step.role} {why}", "write a call instead")
 
     def _energise(self, step: Step, role: str) -> None:
         self.energised[role] = step.where
@@ -402,10 +412,3 @@ def _told(value: Values | set[str]) -> Hashable:
 
 def _with(effect: Effect, effects: Mapping[str, frozenset[Effect]]) -> frozenset[str]:
     return frozenset(role for role, known in effects.items() if effect in known)
-
-
-def _actions(driver: str) -> Mapping[str, Action]:
-    try:
-        return driver_actions(driver)
-    except InputError:
-        return {}

@@ -20,13 +20,21 @@ from bench.model.installed import offer_of, offers, simulator_module
 from bench.model.shipped import find_beside
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import parse_yaml
-from bench.plan.drivers import driver_actions, driver_ladder_A
 from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.graphs import check_graphs
 from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
 from bench.plan.language.sequence import Sequence, language_of_sequence
 from bench.plan.language.standards import Standard
-from bench.plan.station import InstrumentEntry, Station, StationFile, World, option_mistakes, option_text
+from bench.plan.station import (
+    InstrumentEntry,
+    Station,
+    StationFile,
+    World,
+    driver_actions,
+    driver_ladder_A,
+    option_mistakes,
+    option_text,
+)
 
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)

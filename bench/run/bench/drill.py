@@ -30,11 +30,10 @@ from bench.run.bench.opener import open_bench
 from bench.run.context import InUse
 from bench.run.guard.diary import DIARY, read_diary
 from bench.run.guard.guarding import GuardTask, station_lock
-from bench.run.guard.health import CHAMBER_AIR, Health
 from bench.run.observers import HeldTranscript, new_folder
 from bench.run.provenance import lab_of, software
 from bench.run.steps.setpoints import drives
-from bench.run.stop import StopSwitch
+from bench.run.stop import CHAMBER_AIR, Health, StopSwitch
 
 SAFE_S = 5.0  # how soon after the kill every output must be off
 READ_BACK_S = 4.0  # the drill reads back by then, whatever the guard says

@@ -24,10 +24,9 @@ from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.safety import make_safe, states_of
 from bench.run.guard.diary import DIARY
 from bench.run.guard.guarding import brief_of, station_lock
-from bench.run.guard.health import SEQUENCER, Health
 from bench.run.guard.start import GuardProcess
 from bench.run.observers import HeldTranscript
-from bench.run.stop import StopSwitch
+from bench.run.stop import SEQUENCER, Health, StopSwitch
 
 LEVEL_A = 0.0
 CHANNEL, POLARITY = 1, 1

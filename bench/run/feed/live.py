@@ -36,9 +36,9 @@ from bench.run.feed.client import LENGTHS
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, PointBatch, Points
 from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows, signals_of
 from bench.run.feed.state import PROTO, RunState
-from bench.run.guard.health import UNIT
 from bench.run.links.reader import LinkReader, age_s, state_of
 from bench.run.observers import Observer
+from bench.run.stop import UNIT
 
 LONGEST_LINE = 4096
 GAP_S = 0.05

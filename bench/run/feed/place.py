@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
 from typing import Any
 
 from bench.model.events import (
@@ -32,9 +31,6 @@ from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak,
 from bench.run.feed.planned import PlannedRun
 from bench.run.steps.position import point_start
 
-_SEEN: Mapping[str, type[Event]] = {
-    "record": Record, "verify": Reading, "prompt": Prompt, "unit": Answer, "decide": Decision,
-}  # fmt: skip
 SLOPE_S = 600.0
 LONG_CALL_S = 2.0  # an instrument that takes longer to do what it was told is waited for
 _KEPT = 400
@@ -157,7 +153,7 @@ class Place:
     def _bear_out(self, event: Record | Reading | Prompt | Answer | Decision, t: float) -> None:
         """An event that names its step proves that it is done, a record also when."""
         step = self._numbered(event.step)
-        if step is None or _SEEN.get(step.kind) is not type(event):
+        if step is None or step.proof is not type(event):
             return
         self._done_to(step.number)
         if isinstance(event, Record):

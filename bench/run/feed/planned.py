@@ -24,7 +24,6 @@ from bench.model.units import format_quantity
 from bench.plan import PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, Steps, is_measurement, is_other_length
 
 ORDER = ("prepare", "campaign", "finally")
-TELLING = ("decide", "prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
 SHARE = 0.10
 LOOSE = 0.005
 MARGIN_S = 30.0
@@ -86,7 +85,7 @@ class PlannedRun:
     def next_telling(self, number: int) -> Step | None:
         """Return the first step behind ``number`` that leaves an event when done; None if its phase has none."""
         for step in self.steps[number + 1 :]:
-            if step.kind in TELLING and step.number not in self._left_out:
+            if step.proof is not None and step.number not in self._left_out:
                 return step
         return None
 

@@ -17,7 +17,7 @@ from bench.model.systems import system_of_analysis
 from bench.model.units import prefix_of
 from bench.plan import COUNTS, Graph, InterlockRule, graphs_of, shown_signals
 from bench.run.context import RunContext
-from bench.run.guard.health import CHAMBER_AIR, UNIT
+from bench.run.stop import CHAMBER_AIR, UNIT
 
 Row = dict[str, Any]
 _WATCHED = {"chamber_air": "air", "second_air": "air", "unit_temperature": "unit"}

@@ -22,11 +22,11 @@ from bench.run.control.operator import Answer, Operator, Question
 from bench.run.guard.act import heats, put_safe
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.diary import DIARY
-from bench.run.guard.health import Health
 from bench.run.guard.last_words import terminal_of
 from bench.run.guard.lock import BenchLock, bench_lock
 from bench.run.guard.notice import notice_command
 from bench.run.guard.start import GuardProcess
+from bench.run.stop import Health
 from bench.run.watch.temperatures import Guarded, TemperatureWatch
 
 

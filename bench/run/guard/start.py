@@ -18,9 +18,8 @@ from bench.model.errors import RunError
 from bench.model.events import Guard
 from bench.model.posix import GUARD, own_process
 from bench.run.guard.decision import Brief
-from bench.run.guard.health import CHAMBER_AIR, LINKS, SEQUENCER, Health
 from bench.run.guard.process import READY
-from bench.run.stop import StopSwitch, guarded
+from bench.run.stop import CHAMBER_AIR, LINKS, SEQUENCER, Health, StopSwitch, guarded
 
 BEAT_S = 0.5
 # The last heartbeat is sent when the sequencer was silent for less than 1.5 s, the longest call of a driver; with the

@@ -15,13 +15,13 @@ from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
 from bench.model.events import Link
 from bench.model.ports import Effect, drivers_of
-from bench.plan import PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak, Step
+from bench.plan import PlannedCommand, PlannedRecord, PlannedSend, PlannedSoak, Step
 from bench.run.context import RunContext
-from bench.run.guard.health import LINKS
 from bench.run.links.port import InstrumentLink, Reopenable, cure, kernel_counts, readers_beside
 from bench.run.links.reader import LinkReader, age_s, is_silent, is_stale, silence_s
 from bench.run.links.unit import NOWHERE, CounterMark, Unit, went_on
 from bench.run.observers import Observer, Order
+from bench.run.stop import LINKS
 from bench.run.watch.clock import SUSPEND_S
 
 REOPEN_NS = NS // 2
@@ -114,7 +114,7 @@ class LinkKeeper(Observer):
     def step(self, step: Step, at_s: float) -> None:
         self._step = step.number
         self._commanded = step.role if isinstance(step, PlannedCommand) else ""
-        self._person(isinstance(step, PlannedPrompt) and bool(step.sets))
+        self._person(bool(step.sets))
         if isinstance(step, PlannedRecord | PlannedSoak):
             self._needed, self._power_changed = True, False
         elif isinstance(step, PlannedCommand):

@@ -35,7 +35,7 @@ from bench.record import RecordRow, row_of_readings
 from bench.run.context import RunContext
 from bench.run.links.port import cure
 from bench.run.links.reader import LinkReader
-from bench.run.steps.proof import check_wiring
+from bench.run.links.unit import check_wiring
 
 BEHIND_FRAMES = 2  # the newest frame is older than this many periods: the link is behind
 OPEN_GATE = 1  # the gate that is open at the start began before it

@@ -25,10 +25,9 @@ from bench.model.units import finite
 from bench.plan import CHAMBER, InterlockRule, PlannedCall, PlannedRecord, SetPoint, Step
 from bench.record import RecordError
 from bench.run.context import RunContext
-from bench.run.guard.health import CHAMBER_AIR
 from bench.run.observers import Following, Observer, Order
 from bench.run.steps.setpoints import VOLTAGE_WITHIN
-from bench.run.stop import guarded
+from bench.run.stop import CHAMBER_AIR, guarded
 from bench.run.watch.air import APART_BACK_K, APART_K, BACK_K, OWN, SECOND, ChamberAir
 from bench.run.watch.interlocks import LOOK_VIRTUAL_S, LOOK_WALL_S, InterlockState
 from bench.run.watch.signals import leaves_the_bus, read_idle, scanned

@@ -13,9 +13,8 @@ from contextlib import contextmanager
 
 from bench.model.clock import NS, utc_moment
 from bench.run.context import RunContext
-from bench.run.guard.health import WRITER
 from bench.run.observers import patient
-from bench.run.stop import repeated
+from bench.run.stop import WRITER, repeated
 
 DISK = "disk"  # who holds the run
 SYNC_S, LOOK_S = 1.0, 0.5

@@ -26,10 +26,10 @@ from bench.plan import CHAMBER, SECOND_BYTES, InterlockRule, PlannedUnit
 from bench.record import RecordRow
 from bench.run.bench.safety import hurried
 from bench.run.context import RunContext
-from bench.run.guard.health import CHAMBER_AIR
 from bench.run.links.acquisition import STALE_S
 from bench.run.links.reader import TEMPERATURE, LinkReader, age_s, of_unit
 from bench.run.observers import Following
+from bench.run.stop import CHAMBER_AIR
 
 KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has
 COUNTS = ("npp", "ppp")

@@ -13,8 +13,7 @@ from bench.model.ports import Instrument
 from bench.plan import CHAMBER
 from bench.run.bench.safety import hurried
 from bench.run.context import InUse
-from bench.run.guard.health import CHAMBER_AIR, UNIT, Health
-from bench.run.stop import StopSwitch, guarded
+from bench.run.stop import CHAMBER_AIR, UNIT, Health, StopSwitch, guarded
 
 WALL_S = 1.0
 FASTEST_DEGC_MIN = 5.0  # no chamber of the bench heats its air faster

@@ -20,9 +20,8 @@ from bench.model.posix import GUARD
 from bench.record import SessionReader
 from bench.run.guard.decision import Address, Brief
 from bench.run.guard.diary import read_diary
-from bench.run.guard.health import Health
 from bench.run.guard.start import GuardProcess
-from bench.run.stop import StopSwitch
+from bench.run.stop import Health, StopSwitch
 
 pytestmark = pytest.mark.waits
 

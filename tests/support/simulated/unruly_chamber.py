@@ -18,8 +18,7 @@ from bench.model.events import Deviation, Event
 from bench.plan import SetPoint
 from bench.plan.language.interlocks import InterlockRule
 from bench.run.context import InUse
-from bench.run.guard.health import CHAMBER_AIR, Health
-from bench.run.stop import StopSwitch
+from bench.run.stop import CHAMBER_AIR, Health, StopSwitch
 from bench.run.watch.deviations import DeviationWatch
 
 LAB_DEGC = 23.0

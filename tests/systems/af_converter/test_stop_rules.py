@@ -23,7 +23,7 @@ from bench.record import UNIT_TEMPERATURE, RecordRow, SessionReader
 from bench.replay.parts import recorded_windows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
-from bench.run.steps.deciding import looked_at
+from bench.run.steps.dispatch import looked_at
 from bench.run.steps.position import in_point, point_start, point_stop
 from bench.session.service import read_view
 from bench.session.view import analyse_view, material_of

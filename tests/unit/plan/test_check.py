@@ -1,6 +1,8 @@
 """The static check against brute-force models of bench and table; mistakes that come together, without an echo."""
 
+from dataclasses import replace
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -9,8 +11,9 @@ from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.errors import InputError
-from bench.model.ports import Actions, Effect
-from bench.plan import PlannedSend, Step, check_plan, compile_sequence, driver_actions, summarise
+from bench.model.ports import Effect
+from bench.plan import KINDS, PlannedSend, PlannedVerify, Step, check_plan, compile_sequence, driver_actions, summarise
+from bench.run.steps import dispatch
 
 CALLS = {
     "standby": "calibrator.standby",
@@ -281,15 +284,28 @@ def test_only_calls_and_a_soak_may_end_a_campaign_b_plan_037(tmp_path: Path, ste
 
 
 def test_a_kind_of_step_says_what_it_may_do_to_the_bench_and_whether_it_is_done_again() -> None:
-    def no_effect(step: Step, actions: Actions) -> frozenset[Effect]:
-        return frozenset()
+    questions = ("kind", "on_the_bus", "proof", "effects", "again", "leaves", "written")
+    for at, question in enumerate(questions):
+        with pytest.raises(TypeError, match=f"the kind of step Ninth has no '{question}'"):
+            type("Ninth", (Step,), {answered: vars(PlannedVerify)[answered] for answered in questions[:at]})
 
-    with pytest.raises(TypeError, match="the kind of step Ninth has no 'effects'"):
-        type("Ninth", (Step,), {})
-    with pytest.raises(TypeError, match="the kind of step Ninth has no 'again'"):
-        type("Ninth", (Step,), {"effects": no_effect})
-    with pytest.raises(TypeError, match="the kind of step Ninth has no 'leaves'"):
-        type("Ninth", (Step,), {"effects": no_effect, "again": lambda step, actions: None})
+
+NINTH = [(Effect.STIMULUS_ON, "calibrator"), (Effect.ROUTE, "switch"), (Effect.MOTION_ON, "chamber")]
+
+
+@pytest.mark.parametrize(("effect", "role"), NINTH)
+def test_what_another_kind_of_step_may_do_is_refused_and_nobody_does_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: Effect, role: str
+) -> None:
+    monkeypatch.setitem(KINDS, "ninth", PlannedVerify)  # taken away again
+    answers = {name: vars(PlannedVerify)[name] for name in ("on_the_bus", "proof", "again", "leaves", "written")}
+    ninth = type("Ninth", (Step,), {**answers, "kind": "ninth", "effects": lambda step, actions: frozenset({effect})})
+    plan = compile_sequence(make_bench(tmp_path))
+    step = ninth(0, "prepare", 0.0, 0.0, role, "", {}, plan.steps[0].where)
+    (found,) = [e for e in check_plan(replace(plan, steps=(step, *plan.steps[1:]))) if e.code == "B-PLAN-074"]
+    assert found.message.startswith(f"a ninth step of {role} may ")
+    with pytest.raises(TypeError, match=r"nobody does the kinds of step .*Ninth"):
+        run_path(dispatch.__file__)
 
 
 @pytest.mark.parametrize(("text", "may"), [("OUT 1 A", True), ("OUT?", False), ("OUT?;OPER", True), ("*RST", True)])

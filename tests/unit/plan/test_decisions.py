@@ -8,11 +8,10 @@ from plan_sample import changed, make_bench, mistakes
 from probe_decisions import HEAD, TURNS, WARM_UP, deciding_plan, sequence_file
 
 from bench.plan import HOLD, PlannedDecision, PlannedRecord, compile_sequence, plan_json, steps_of, steps_sha256
-from bench.plan.decision import Branch
-from bench.plan.drivers import driver_actions
+from bench.plan.decision import MOST_WAYS, Branch, Followed, walk
 from bench.plan.findings import Findings
 from bench.plan.plan import Step
-from bench.plan.ways import MOST_WAYS, Followed, walk
+from bench.plan.station import driver_actions
 
 pytestmark = pytest.mark.usefixtures("probes")
 
@@ -213,38 +212,29 @@ def test_a_record_does_not_follow_one_across_a_decision(tmp_path: Path) -> None:
 class Sum(Followed):
     """A state that two branches may or may not leave the same."""
 
-    def __init__(self, total: int = 0) -> None:
-        self.total = total
-
-    def copy(self) -> "Sum":
-        return Sum(self.total)
+    total = 0
 
     def key(self) -> int:
         return self.total
-
-
-def ways_of(plan_steps: tuple[Step, ...], take: object) -> tuple[set[int], Findings]:
-    findings = Findings()
-    states = walk(plan_steps, Sum(), take, findings)  # type: ignore[arg-type]
-    return {state.total for state in states}, findings
 
 
 def test_ways_are_joined_where_nothing_differs(tmp_path: Path) -> None:
     """A loop of twenty turns that counts them has twenty-one ends by another way of counting, one if nothing counts."""
     plan = deciding_plan(tmp_path, HEAD + WARM_UP)
 
-    def count(state: Sum, step: Step) -> None:
-        state.total += step.kind == "record"
+    class Count(Sum):
+        def take(self, step: Step) -> None:
+            self.total += step.kind == "record"
 
-    assert ways_of(plan.steps, count)[0] == set(range(TURNS + 1))
-    most = 0
+    class Nothing(Sum):
+        most = 0
 
-    def nothing(state: Sum, step: Step) -> None:
-        nonlocal most
-        most += step.number == plan.steps[-1].number
+        def take(self, step: Step) -> None:
+            Nothing.most += step.number == plan.steps[-1].number
 
-    assert ways_of(plan.steps, nothing)[0] == {0}
-    assert most <= 2
+    ends = walk(plan.steps, Findings(), Count(), Nothing())
+    assert [{state.key() for state in states} for states in ends] == [set(range(TURNS + 1)), {0}]
+    assert Nothing.most <= 2
 
 
 NESTED = """\
@@ -278,11 +268,12 @@ def test_too_many_ways_are_refused(tmp_path: Path) -> None:
     text = HEAD.replace("analysis: probe_means\n", "") + READ + "".join(fork.format(20 + index) for index in range(7))
     plan = compile_sequence(sequence_file(tmp_path, text))
 
-    def binary(state: Sum, step: Step) -> None:
-        if step.kind == "settle":
-            state.total += 1 << step.number
+    class Binary(Sum):
+        def take(self, step: Step) -> None:
+            self.total += (step.kind == "settle") << step.number
 
-    _, findings = ways_of(plan.steps, binary)
+    findings = Findings()
+    walk(plan.steps, findings, Binary())
     assert MOST_WAYS < 2**7
     (error,) = findings.all()
     assert (error.code, error.where.split(":")[-2]) == ("B-PLAN-112", str(8 + 2 * 6))

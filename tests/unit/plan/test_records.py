@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-import yaml
 from plan_sample import FLAT, ROOT, changed, make_bench, mistakes, planned
 
 from bench.model.errors import SessionDamaged
@@ -18,7 +17,6 @@ from bench.plan import (
     steps_sha256,
 )
 from bench.record import SessionReader
-from bench.session.makeup import _written
 
 SHORT = (ROOT / "sequences" / "scale_factor_short.yaml").read_text()
 POINT = (
@@ -232,7 +230,7 @@ def test_what_cannot_end_a_soak_is_one_mistake(tmp_path: Path, old: str, new: st
 def test_a_soak_that_is_made_up_for_is_written_as_it_was(tmp_path: Path) -> None:
     plan = compile_sequence(make_bench(tmp_path, changed(SLOT, DONE)))
     (soak,) = (step for step in plan.steps if isinstance(step, PlannedSoak))
-    assert yaml.safe_load(_written(plan, soak))["soak"]["done"] == {"residual": "0.1 degC", "least": "400.0 s"}
+    assert soak.written({})["soak"]["done"] == {"residual": "0.1 degC", "least": "400.0 s"}
 
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden"

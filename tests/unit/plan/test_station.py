@@ -157,7 +157,7 @@ def test_a_range_that_is_used_needs_an_uncertainty_under_its_own_name(tmp_path: 
 
 
 def test_the_driver_and_the_simulator_have_the_same_ladder() -> None:
-    from bench.plan.drivers import driver_ladder_A
+    from bench.plan.station import driver_ladder_A
 
     assert driver_ladder_A("fluke_5720a") == tuple(one.full_scale_A for one in CURRENT_RANGES)
     assert driver_ladder_A("keithley_7002") == ()

@@ -1,6 +1,7 @@
 """Commands of the frame, tests, prompts in every unit, pure numbers, records of samples: from the file to the plan."""
 
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import pytest
 from plan_sample import changed, make_bench, mistakes, reworded
 
-from bench.model.errors import InputErrors
+from bench.model.errors import InputError, InputErrors
 from bench.model.ports import Parameter
 from bench.plan import Findings, Plan, PlannedPrompt, check_plan, compile_sequence, plan_json, steps_of
 from bench.plan.check.actions import ActionCheck
@@ -58,14 +59,15 @@ def test_from_the_file_to_the_plan(tmp_path: Path) -> None:
     """A command of the frame becomes its bytes, a test carries what it was given, a prompt what it changes."""
     plan = compiled(tmp_path)
     prompt = plan.phase("prepare")[0]
-    assert (prompt.text, prompt.sets) == (
-        "Put unit GNC-07 on the board, all of it.",
-        {"unit": "GNC-07", "dip_switch": 2},
-    )
+    assert prompt.text == "Put unit GNC-07 on the board, all of it."
+    assert prompt.sets == {"unit": "GNC-07", "dip_switch": 2}
     start, stop = (step for step in plan.phase("prepare") if step.kind == "unit")
     assert (start.name, start.code, start.item) == ("stream_start", 0x20, "")
     assert bytes(start.payload) == bytes.fromhex("07 c8 00 00 00 00 00")
-    assert (stop.code, stop.payload) == (0x21, ())
+    assert (stop.code, stop.payload, stop.written({})) == (0x21, (), {"unit": {stop.role: "stream_stop"}})
+    assert replace(stop, item="timer").written({})["test"]["item"] == "timer"
+    with pytest.raises(InputError, match="the arguments of the command 'stream_start' stand in the plan as bytes"):
+        start.written({})
     tests = [step for step in plan.phase("campaign") if step.kind == "unit"]
     assert [bytes(step.payload).hex(" ") for step in tests] == ["f4 01 00 00 14", "d0 07 00 00 14"]
     assert [(step.item, step.conditions["setting_us_s"]) for step in tests] == [("timer", 0.0005), ("timer", 0.002)]
@@ -152,9 +154,8 @@ def test_poses(tmp_path: Path, shipped: str, old: str, new: str, says: str) -> N
 def test_what_a_test_takes_must_fit_in_its_settle_time(tmp_path: Path) -> None:
     longer = ("ticks: 20}}", "ticks: 20}, takes: 0.6 s}")
     assert unit_mistakes(tmp_path, longer) == []
-    (found,) = unit_mistakes(tmp_path, longer, ("  - settle: 2 s\n  - record", "  - settle: 1 s\n  - record"))
-    assert found[0] == "B-PLAN-060"
-    assert "1.2 s" in found[1]
+    ((code, message),) = unit_mistakes(tmp_path, longer, ("  - settle: 2 s\n  - record", "  - settle: 1 s\n  - record"))
+    assert (code, "1.2 s" in message) == ("B-PLAN-060", True)
 
 
 PROMPT = "prompt: {text: earth, value: {unit: ohm, high: 0.5 ohm}}"

@@ -32,7 +32,7 @@ from bench.record import (
     TrendWriter,
     sources_of,
 )
-from bench.record.packed import BLOCK, StoredColumns
+from bench.record.cut import BLOCK, StoredColumns
 from bench.record.trend import spread_ns
 from bench.replay.history import _with_gaps
 

@@ -19,7 +19,7 @@ from record_sample import MANIFEST, NS, TEXTS, FaultyFiles, digest, io_error, no
 from bench.model.events import Resume
 from bench.record import RecordError, SessionReader, SessionWriter, resume_session
 from bench.record import writer as writer_module
-from bench.record.files import OsFiles
+from bench.record.layout import OsFiles
 
 HOURS = 3
 

@@ -302,7 +302,7 @@ def test_a_record_of_samples_needs_no_clock_counts() -> None:
     assert [one.state for one in found] == ["valid", "invalid", "invalid"]
     assert found[1].why == "no frames"
     with pytest.raises(InputError, match=r"B-RES-008: .*how it was mounted"):
-        make_up_sequence(SimpleNamespace(steps=steps), found)  # type: ignore[arg-type]
+        make_up_sequence(SimpleNamespace(steps=steps, station=SimpleNamespace(instruments={})), found)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("arguments", [None, {"samples": True}])

@@ -25,8 +25,8 @@ from bench.run.control import notify_ways
 from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion, user_notify
 from bench.run.control.notify_ways import NotSent, by_apprise, by_command, by_mail, by_webhook
 from bench.run.control.systemd import ServiceNotice, service_notice
-from bench.run.guard.health import SEQUENCER, WRITER
 from bench.run.observers import Following
+from bench.run.stop import SEQUENCER, WRITER
 
 HOLD = Hold(step=3, by="door", reason="open")
 TRIPPED = Interlock(

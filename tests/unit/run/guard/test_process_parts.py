@@ -27,14 +27,13 @@ from bench.run.guard.act import act
 from bench.run.guard.decision import Action, Address, Brief, Watched
 from bench.run.guard.diary import Diary, guard_word, read_diary
 from bench.run.guard.guarding import brief_of, station_lock
-from bench.run.guard.health import LINKS, SEQUENCER, Health
 from bench.run.guard.last_words import guard_lines, last_words, terminal_of, write_to_terminal
 from bench.run.guard.notice import notice_command
 from bench.run.guard.process import _Lines as ReadLines
 from bench.run.guard.process import _watch
 from bench.run.guard.start import GuardProcess
 from bench.run.guard.take_over import TAKE_OVER, ask_to_let_go
-from bench.run.stop import StopSwitch
+from bench.run.stop import LINKS, SEQUENCER, Health, StopSwitch
 
 BRIEF = Brief(
     pid=1,

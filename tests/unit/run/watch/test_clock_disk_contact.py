@@ -14,10 +14,9 @@ from bench.model.clock import NS, VirtualClock, WallClock, to_ns
 from bench.model.ports import Effect, action
 from bench.record import SessionReader, SessionWriter
 from bench.record import writer as writer_module
-from bench.record.files import AppendFile, OsFiles
-from bench.run.guard.health import LINKS, SEQUENCER, WRITER, Health
+from bench.record.layout import AppendFile, OsFiles
 from bench.run.guard.start import LONGEST_SILENCE_S
-from bench.run.stop import StopSwitch
+from bench.run.stop import LINKS, SEQUENCER, WRITER, Health, StopSwitch
 from bench.run.watch import clock as watch_module
 from bench.run.watch import disk
 from bench.run.watch.clock import SUSPEND_S, ClockWatch, clock_watch

@@ -17,7 +17,7 @@ from bench.model.events import event_of
 from bench.model.ports import action
 from bench.plan import SetPoint
 from bench.record import SessionReader
-from bench.record.files import AppendFile, OsFiles
+from bench.record.layout import AppendFile, OsFiles
 from bench.record.trend import FOLDER
 from bench.record.trend_reader import TrendReader
 from bench.replay.build_trend import build_trend, main
