@@ -17,7 +17,7 @@ from rich.console import Console
 from bench.commands.console import warn
 from bench.commands.progress import watcher
 from bench.model.clock import Clock, WallClock
-from bench.model.errors import ExitStatus, OperatorStop, RunError
+from bench.model.errors import BenchError, ExitStatus, OperatorStop, RunError
 from bench.model.posix import forget_typed, require
 from bench.model.units import parse_quantity, plain_unit
 from bench.plan import Plan
@@ -70,6 +70,17 @@ def how_left(done: Conducted) -> str:
     """Return how a run has left its bench, in words that end a line."""
     roles = ", ".join(failure.where for failure in done.outcome.unsafe)
     return f"NOT confirmed safe: {roles}, switch off at the front panel" if roles else "safe"
+
+
+def stopped(done: Conducted, error: BenchError, what_is_left: str, out: Console) -> int:
+    """Tell how a run has ended, how its bench is left and what is; return the exit status of the contract.
+
+    What has begun was no bad input, whatever the error says of itself.
+    """
+    warn(error)
+    out.print(f"The bench is {how_left(done)}; {what_is_left}")
+    fault = done.outcome.unsafe or error.exit_status is ExitStatus.BAD_INPUT
+    return ExitStatus.SAFE_AFTER_FAULT if fault else error.exit_status
 
 
 def left_unsafe(done: Conducted, out: Console) -> int:

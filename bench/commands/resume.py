@@ -9,13 +9,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
-from bench.commands.console import console, warn
+from bench.commands.conducting import conduct_watched, how_left, left_unsafe, stopped, wall_clock
+from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.origin import named_file
 from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, VirtualClock
-from bench.model.errors import BenchError, ExitStatus, FitError, InputError
+from bench.model.errors import ExitStatus, FitError, InputError, InstallationError
 from bench.model.events import Resume
 from bench.plan import Plan, compile_sequence
 from bench.record import SessionReader
@@ -105,23 +105,24 @@ def _ended(done: Conducted, url: str, as_json: bool) -> int:
         errors.print(str(failure))
     error = done.outcome.error
     if error is not None:
-        return _stopped_again(error, done, out)
-    status = _of_all_units(done.folder, url, as_json)
+        left = f"{done.folder} can be gone on with: bench resume {done.folder}"
+        return stopped(done, error, left, out)
+    status = _of_all_units(done.folder, url, as_json, f"The bench is {how_left(done)}. ")
     return left_unsafe(done, out) if done.outcome.unsafe else status
 
 
-def _of_all_units(folder: Path, url: str, as_json: bool) -> int:
+def _of_all_units(folder: Path, url: str, as_json: bool, left: str = "") -> int:
     """Results and report of a session whose every step was done, of each unit where several share it."""
     if not serials_of(SessionReader(folder).manifest):
-        return _results(folder, url, as_json)
+        return _results(folder, url, as_json, left)
     outcomes = finish_units(folder, url)
     if as_json:
         sys.stdout.write((folder / "results.json").read_text(encoding="utf-8"))
     return print_units(outcomes, console(stderr=as_json))
 
 
-def _results(folder: Path, url: str, as_json: bool) -> int:
-    """Results and report of a session of one unit."""
+def _results(folder: Path, url: str, as_json: bool, left: str) -> int:
+    """Results and report of a session of one unit. ``left``: how the bench was left, told where there are none."""
     out = console(stderr=as_json)
     view = read_view(folder)
     for line in happenings(view):
@@ -131,12 +132,6 @@ def _results(folder: Path, url: str, as_json: bool) -> int:
         return ExitStatus.PASS
     try:
         finished = finish(folder, view, url)
-    except FitError as error:
-        return print_without_results(error, folder, out)
+    except (FitError, InstallationError) as error:
+        return print_without_results(error, folder, out, left)
     return print_finished(finished, out, as_json)
-
-
-def _stopped_again(error: BenchError, done: Conducted, out: Console) -> int:
-    warn(error)
-    out.print(f"The bench is {how_left(done)}; {done.folder} can be gone on with: bench resume {done.folder}")
-    return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status

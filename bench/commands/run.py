@@ -9,12 +9,12 @@ import sys
 from rich.console import Console
 
 from bench.commands.check import checked_plan
-from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
+from bench.commands.conducting import conduct_watched, how_left, left_unsafe, stopped, wall_clock
 from bench.commands.console import console, warn
 from bench.commands.requests import RunRequest
 from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, VirtualClock
-from bench.model.errors import ExitStatus, FitError, InputError
+from bench.model.errors import ExitStatus, FitError, InputError, InstallationError
 from bench.model.events import event_of
 from bench.plan import Plan
 from bench.run.session import Conducted, texts_of
@@ -63,10 +63,7 @@ def _finish(plan: Plan, done: Conducted, request: RunRequest) -> int:
         warn(failure)
     view = view_of(plan, done)
     if error is not None:
-        warn(error)
-        records = f"{len(view.rows)} of {plan.record_count} records"
-        out.print(f"The bench is {how_left(done)}; {records} are in {done.folder}")
-        return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status
+        return stopped(done, error, f"{len(view.rows)} of {plan.record_count} records are in {done.folder}", out)
     told = _units if plan.units else _results
     status = told(view, done, request, out) if view.has_analysis else ExitStatus.PASS
     if not view.has_analysis:
@@ -89,9 +86,9 @@ def _results(view: SessionView, done: Conducted, request: RunRequest, out: Conso
     url = chosen_url(request.history, request.out, os.environ)
     try:
         finished = finish(done.folder, view, url)
-    except FitError as error:
+    except (FitError, InstallationError) as error:
         _say_happenings(view, out)
-        return print_without_results(error, done.folder, out)
+        return print_without_results(error, done.folder, out, f"The bench is {how_left(done)}. ")
     _say_happenings(view, out)
     return print_finished(finished, out, request.json)
 

@@ -17,7 +17,15 @@ from pydantic import Field
 
 from bench.model import lab
 from bench.model.errors import InputError
-from bench.model.installed import driver_packages, driver_refusals, load, package_of_driver, refuse_unknown
+from bench.model.installed import (
+    driver_packages,
+    driver_refusals,
+    load,
+    package_of_driver,
+    refuse_unknown,
+    unusable,
+    whose,
+)
 from bench.model.yamlio import StrictModel, parse_yaml
 
 Touch = Literal["asks", "sets", "energises", "moves"]
@@ -142,24 +150,21 @@ def _class_of(name: str, here: Path) -> type:
         raise InputError("B-PLAN-010", f"{name!r} is not a plain driver name (a-z, 0-9 and _)", where=name)
     package = package_of_driver(name)
     if lab.own_code("instruments", name) is not None:
-        return _class_of_lab(name)
-    if package is None:
+        if package is not None:
+            raise lab.refused_twice("instruments", name, package.offer.release)
+        own = lab.load("instruments", name)
+        assert own is not None
+        module = own.__name__
+    elif package is None:
         refuse_unknown(f"the driver {name!r}", name, driver_refusals())
         raise InputError("B-PLAN-011", f"there is no driver {name!r} in instruments/", where=name)
-    module = load(f"{package.offer.package}.{name}")
-    driver = getattr(module, "DRIVER", None)
+    else:
+        module = f"{package.offer.package}.{name}"
+    driver = getattr(load(module), "DRIVER", None)
     if not isinstance(driver, type):
+        if whose(module) is not None:
+            raise unusable(module, "names no class as DRIVER")
         raise InputError("B-PLAN-011", f"instruments/{name}.py holds no driver", where=name)
-    return driver
-
-
-def _class_of_lab(name: str) -> type:
-    package = package_of_driver(name)
-    if package is not None:
-        raise lab.refused_twice("instruments", name, package.offer.release)
-    driver = getattr(lab.load("instruments", name), "DRIVER", None)
-    if not isinstance(driver, type):
-        raise lab.unusable("instruments", name, "names no class as DRIVER")
     return driver
 
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TypeVar
 from bench.model import lab
 from bench.model.declaration import AnalysisDeclaration, System
 from bench.model.errors import InstallationError
-from bench.model.installed import OWN, Offer, Refusal, load, offers, part, refuse_unknown, twice, unusable
+from bench.model.installed import OWN, Offer, Refusal, named, offers, refuse_unknown, try_foreign, twice, unusable
 from bench.model.yamlio import StrictModel
 
 _Sections = TypeVar("_Sections", bound=StrictModel)
@@ -63,9 +63,9 @@ def _foreign() -> tuple[list[tuple[System, Offer]], list[Refusal]]:
 
 
 def _declaration(offer: Offer) -> System:
-    declared = part(offer, "declaration", "DECLARATION")
+    declared = named(f"{offer.package}.declaration:DECLARATION")
     if not isinstance(declared, System) or declared.name != offer.name:
-        raise unusable(offer, f"{offer.package}.declaration", f"holds no DECLARATION of {offer.what}")
+        raise unusable(f"{offer.package}.declaration", f"holds no DECLARATION of {offer.what}")
     return declared
 
 
@@ -166,15 +166,27 @@ def _declaration_of_lab(name: str) -> AnalysisDeclaration:
     assert module is not None
     declared = getattr(module, "DECLARATION", None)
     if not isinstance(declared, AnalysisDeclaration) or (declared.name, declared.module) != (name, module.__name__):
-        why = f"holds no DECLARATION with the name {name!r} and the module __name__"
-        raise lab.unusable("analyses", name, why)
+        raise unusable(module.__name__, f"holds no DECLARATION with the name {name!r} and the module __name__")
     if declared.made_of == "logs":
-        raise lab.unusable("analyses", name, "is made of imported logs, which systems analyse")
+        raise unusable(module.__name__, "is made of imported logs, which systems analyse")
     if not declared.methods or getattr(module, "METHODS", None) != declared.methods:
-        raise lab.unusable("analyses", name, "METHODS are not the methods of its DECLARATION")
-    if not callable(getattr(module, "analyse", None)):
-        raise lab.unusable("analyses", name, "has no function 'analyse'")
+        raise unusable(module.__name__, "has METHODS that are not the methods of its DECLARATION")
     return declared
+
+
+def try_analysis(name: str) -> None:
+    """Import all that a campaign will need of a foreign analysis or one of the lab, before it begins.
+
+    Raises: InstallationError B-PKG-004, B-LAB-006.
+    """
+    one, entry = analysis_declaration(name), installed_analysis(name)
+    if one is None:
+        return
+    texts = [f"{one.module}:analyse", one.problems, one.assumptions, one.predicted, one.point, one.design]
+    if entry is not None:
+        made = entry.system.coefficients
+        texts += [entry.system.early, *((made.module, made.header) if made is not None else ())]
+    try_foreign(one.module if entry is None else f"{entry.offer.package}.declaration", filter(None, texts))
 
 
 def system_of_analysis(name: str) -> System | None:
@@ -205,13 +217,6 @@ def with_sections(form: type[StrictModel], sections: Sequence[type[StrictModel]]
                 message = f"{owners[name].__module__} and {fields.__module__} both declare the section {name!r}"
                 raise InstallationError("B-PKG-001", message, next_step="uninstall the system of one of them")
     return (form, *sections)
-
-
-def named(text: str) -> Any:
-    """Import what a declaration names: ``package.module`` or ``package.module:name``. Raises: as ``load``."""
-    module, _, name = text.partition(":")
-    loaded = load(module)
-    return getattr(loaded, name) if name else loaded
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 from bench.maths.stein import LEAST_FIRST
 from bench.model.errors import FitError
+from bench.model.installed import named
 from bench.model.quantities import Values
 from bench.model.stopping import FIRST, SECOND, STAGE, STAGE_INDEX, UNTIL, Point
-from bench.model.systems import declared_by, named
+from bench.model.systems import declared_by
 from bench.model.units import format_quantity, hours
 from bench.plan.deciding import Known, join
 from bench.plan.decision import Branch, PlannedDecision, decisions_of

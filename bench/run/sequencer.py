@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
 from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip
+from bench.model.installed import unforeseen
 from bench.model.ports import drivers_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
@@ -24,7 +25,7 @@ from bench.run.steps.leaving import behind, leave_out
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
-from bench.run.stop import Interruption, Wish, unforeseen
+from bench.run.stop import Interruption, Wish
 from bench.run.watch.outputs import look
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
@@ -115,7 +116,7 @@ class Sequencer:
                 steps = self._context.plan.phase(phase)
                 if steps and steps[-1].number >= start:
                     self._run_phase(steps, max(0, start - steps[0].number))
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             return unforeseen(problem)
         finally:
             self._context.stop.shield()

@@ -13,8 +13,9 @@ from typing import Any
 from bench.maths.stein import LEAST_FIRST, needed
 from bench.model.errors import RunError
 from bench.model.events import DECISION, Decision
+from bench.model.installed import named
 from bench.model.stopping import UNTIL, Point
-from bench.model.systems import declared_by, named
+from bench.model.systems import declared_by
 from bench.plan import FAIL, HOLD, PlannedDecision
 from bench.record import RecordRow
 from bench.run.context import RunContext

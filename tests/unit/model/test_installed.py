@@ -86,7 +86,7 @@ def test_the_shipped_systems_are_registered_as_a_strangers_are() -> None:
 def test_no_analysis_is_loaded_for_a_declaration() -> None:
     named = {declared.module for declared, _, _ in systems.analyses().values()}
     assert len(named) == 23
-    assert all(systems.named(name).analyse for name in sorted(named))
+    assert all(installed.named(name).analyse for name in sorted(named))
 
 
 def test_one_name_of_two_distributions_b_pkg_001(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_a_broken_declaration_stops_who_names_it_b_pkg_004(tmp_path: Path, text:
         with pytest.raises(InstallationError, match=f"the analysis 'curve' is .* of stranger 1.0 {says}") as caught:
             refused({"analysis": "curve"})
         assert caught.value.code == "B-PKG-004"
-        place = tmp_path / name / (f"declaration.py:{line}" if line else "__init__.py")
+        place = tmp_path / name / (f"declaration.py:{line}" if line else "declaration.py")
         assert caught.value.where == str(place)
     assert [system.name for system in systems.systems()] == [offer.name for offer in own_offers("systems")]
 
@@ -239,9 +239,9 @@ def test_what_a_declaration_names_and_cannot_be_loaded_b_pkg_004(tmp_path: Path)
     distribution(tmp_path, "stranger", systems="stranger = stranger_later")
     package(tmp_path, "stranger_later", init="", analysis="import json\njson.loads(None)\n")
     with pytest.raises(InstallationError, match=r"stranger_later\.analysis of stranger 1\.0 cannot be loaded"):
-        systems.named("stranger_later.analysis:analyse")
+        installed.named("stranger_later.analysis:analyse")
     with pytest.raises(ModuleNotFoundError):
-        systems.named("nobody_at_all")
+        installed.named("nobody_at_all")
 
 
 def test_one_analysis_of_two_foreign_systems_is_nobodys_b_pkg_001(tmp_path: Path) -> None:
