@@ -10,14 +10,16 @@ import select
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.console import warn
+from bench.commands.console import console, warn
 from bench.commands.progress import watcher
+from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, WallClock
-from bench.model.errors import BenchError, ExitStatus, OperatorStop, RunError
+from bench.model.errors import BenchError, ExitStatus, FitError, InstallationError, OperatorStop, RunError
 from bench.model.posix import forget_typed, require
 from bench.model.units import parse_quantity, plain_unit
 from bench.plan import Plan
@@ -29,7 +31,11 @@ from bench.run.preflight import Preflight, stay_awake
 from bench.run.session import Beside, Conducted, conduct
 from bench.run.steps.position import Resumption
 from bench.run.watch.clock import clock_watch
-from bench.session.view import KEPT_EVENTS
+from bench.session.finish import finish
+from bench.session.happenings import happenings
+from bench.session.one_unit import serials_of
+from bench.session.units import RESULTS, finish_units
+from bench.session.view import KEPT_EVENTS, SessionView
 
 
 def conduct_watched(
@@ -72,21 +78,48 @@ def how_left(done: Conducted) -> str:
     return f"NOT confirmed safe: {roles}, switch off at the front panel" if roles else "safe"
 
 
-def stopped(done: Conducted, error: BenchError, what_is_left: str, out: Console) -> int:
+def stopped(done: Conducted, error: BenchError, what_is_left: str, as_json: bool) -> int:
     """Tell how a run has ended, how its bench is left and what is; return the exit status of the contract.
 
     What has begun was no bad input, whatever the error says of itself.
     """
     warn(error)
-    out.print(f"The bench is {how_left(done)}; {what_is_left}")
+    console(stderr=as_json).print(f"The bench is {how_left(done)}; {what_is_left}")
     fault = done.outcome.unsafe or error.exit_status is ExitStatus.BAD_INPUT
     return ExitStatus.SAFE_AFTER_FAULT if fault else error.exit_status
 
 
-def left_unsafe(done: Conducted, out: Console) -> int:
-    """Tell as the last line which instruments a run has not left safe; return the exit status of a fault."""
-    out.print(f"The bench is {how_left(done)}")
+def tell_results(view: SessionView, folder: Path, url: str, as_json: bool, done: Conducted | None = None) -> int:
+    """Write results and report of a session whose every step was done, of each unit where several share it; then tell.
+
+    ``done``: the run that ended with it; how it left the bench is told where something is not safe, or has no result.
+    """
+    out = console(stderr=as_json)
+    bench = "" if done is None else f"The bench is {how_left(done)}"
+    told: Callable[[], int]
+    if not view.has_analysis:
+        told = partial(_no_analysis, view, folder, out)
+    elif serials_of(view.manifest):
+        told = partial(print_units, finish_units(folder, url), out)
+        if as_json:
+            sys.stdout.write((folder / RESULTS).read_text(encoding="utf-8"))
+    else:
+        try:
+            told = partial(print_finished, finish(folder, view, url), out, as_json)
+        except (FitError, InstallationError) as error:
+            told = partial(print_without_results, error, folder, out, bench and f"{bench}. ")
+    for line in happenings(view):
+        out.print(line)
+    status = told()
+    if done is None or not done.outcome.unsafe:
+        return status
+    out.print(bench)
     return ExitStatus.SAFE_AFTER_FAULT
+
+
+def _no_analysis(view: SessionView, folder: Path, out: Console) -> int:
+    out.print(f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
+    return ExitStatus.PASS
 
 
 def wall_clock() -> Clock:

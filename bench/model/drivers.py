@@ -1,14 +1,13 @@
 """Finds the driver class a station names, by plain name, so that a YAML cannot run code of its choosing; and what the
 manual of its model says of each command that it sends: one YAML file beside the driver.
 
-The pages in docs/instruments are written from these files, ``bench commission`` walks through them at a real
-instrument, and what a driver sends in the tests must stand in its file.
+The pages in docs/instruments are written from these files (docs/site/manuals.py), ``bench commission`` walks through
+them at a real instrument, and what a driver sends in the tests must stand in its file.
 """
 
 from __future__ import annotations
 
 import re
-import sys
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Literal
@@ -18,7 +17,6 @@ from pydantic import Field
 from bench.model import lab
 from bench.model.errors import InputError
 from bench.model.installed import (
-    driver_packages,
     driver_refusals,
     load,
     package_of_driver,
@@ -31,7 +29,6 @@ from bench.model.yamlio import StrictModel, parse_yaml
 Touch = Literal["asks", "sets", "energises", "moves"]
 State = Literal["confirmed", "derived", "unconfirmed"]
 TOUCHES: tuple[Touch, ...] = ("asks", "sets", "energises", "moves")  # in the order of a first contact
-STATES: tuple[State, ...] = ("confirmed", "derived", "unconfirmed")
 _NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 _CONTROLS = "".join(map(chr, range(33)))
 _ARGUMENT = re.compile(r"\{[^}]*\}")
@@ -89,44 +86,6 @@ def manual_of(driver: str) -> Manual | None:
     return parse_yaml(path.read_bytes(), f"{driver}.yaml", Manual).model
 
 
-def page(driver: str, manual: Manual) -> str:
-    """Return the table of a driver as a page of Markdown."""
-    counts = {state: sum(one.state == state for one in manual.commands.values()) for state in STATES}
-    rows = [
-        f"| `{form}` | {_cell(one.reply)} | {one.touch} | {one.source} | {one.state} |"
-        for form, one in manual.commands.items()
-    ]
-    return "\n".join(
-        [
-            f"# {manual.instrument}",
-            "",
-            f"What the driver `{driver}` sends, as [its file](../../instruments/{driver}.yaml) has it. "
-            + ", ".join(f"{count} {state}" for state, count in counts.items())
-            + "; none of it was tried on hardware by us: [first contact](../first-contact.md).",
-            "",
-            *(f"* {key}: {text}" for key, text in manual.sources.items()),
-            "",
-            "| command | form of the reply | it | source | state |",
-            "|---|---|---|---|---|",
-            *rows,
-            "",
-        ]
-    )
-
-
-def _cell(reply: str) -> str:
-    return f"`{reply}`".replace("|", "\\|") if reply else "–"
-
-
-def write_pages(folder: Path) -> None:
-    """Write the page of every driver that has a table."""
-    for package in driver_packages():
-        for path in sorted(package.folder.glob("*.yaml")):
-            manual = manual_of(path.stem)
-            assert manual is not None
-            (folder / f"{path.stem}.md").write_text(page(path.stem, manual), encoding="utf-8")
-
-
 _PLAIN = re.compile(r"[a-z0-9_]{1,40}")
 
 
@@ -166,7 +125,3 @@ def _class_of(name: str, here: Path) -> type:
             raise unusable(module, "names no class as DRIVER")
         raise InputError("B-PLAN-011", f"instruments/{name}.py holds no driver", where=name)
     return driver
-
-
-if __name__ == "__main__":
-    write_pages(Path(sys.argv[1]))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -171,6 +172,19 @@ def unforeseen(error: BaseException) -> BenchError:
     module, line = next(reversed(_passed(error)), ("?", 0))
     words, advice = lab.in_words(error), "report this with the command you gave"
     return BenchError("B-INT-001", words, where=f"{module}:{line}", next_step=advice)
+
+
+@contextmanager
+def unforeseen_noted(note: str) -> Iterator[None]:
+    """Raise an error that is none of the bench as ``unforeseen`` has it, with a note."""
+    try:
+        yield
+    except BenchError:
+        raise
+    except Exception as error:
+        problem = unforeseen(error)
+        problem.add_note(note)
+        raise problem from error
 
 
 def foreign_fault(error: BaseException) -> InstallationError | None:

@@ -14,7 +14,7 @@ from bench.frame import FrameDefinition, LinkCounts
 from bench.model.clock import Clock, utc_stamp
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
-from bench.model.installed import unforeseen
+from bench.model.installed import unforeseen, unforeseen_noted
 from bench.model.lab import code_texts, recorded_code
 from bench.model.quantities import Values
 from bench.plan import Plan, plan_json
@@ -141,7 +141,8 @@ def conduct(
     check_space(plan, out)
     with StopSwitch() as stop, station_lock(plan.station, "run", clock) as lock:
         transcript = HeldTranscript()
-        bench = _opened(plan, clock, transcript, seed, resumed)
+        with unforeseen_noted("Nothing was sent to the bench, and no session was begun."):
+            bench = open_bench(plan.station, clock, transcript, seed=seed, links=_links_of(plan, resumed))
         try:
             resumed, identities = _identified(bench, clock, resumed)
             judged = None if preflight is None else preflight(plan, bench, clock, out)
@@ -208,18 +209,7 @@ def _closed(writer: SessionWriter, outcome: Outcome) -> Outcome:
     return outcome
 
 
-def _opened(plan: Plan, clock: Clock, transcript: HeldTranscript, seed: int, resumed: Resumption | None) -> OpenBench:
-    try:
-        return open_bench(plan.station, clock, transcript, seed=seed, links=_links_of(plan, resumed))
-    except BenchError:
-        raise
-    except Exception as error:
-        problem = unforeseen(error)
-        problem.add_note("Nothing was sent to the bench, and no session was begun.")
-        raise problem from error
-
-
-def _told(outcome: Outcome, world: World) -> tuple[Outcome, list[dict[str, Any]]]:
+def _told(outcome: Outcome, world: World) -> tuple[Outcome, list[Any]]:
     """Return the truth of a world; one that cannot tell it is the error of a run that had none."""
     try:
         return outcome, world.truth([row.window for row in outcome.rows])

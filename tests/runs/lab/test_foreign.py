@@ -149,6 +149,8 @@ def test_what_cannot_be_loaded_is_told_before_the_run(
          "The bench is safe, and no session was begun."),
         (T100, "    identity_p", "    def __init__(self, *a, **b):\n        1 / 0\n\n    identity_p", FAILED, 2,
          NOTHING),
+        (T100, "    identity_p", "    def make_safe(self):\n        1 / 0\n\n    identity_p", FAILED, 3,
+         "error B-RUN-060: thermometer: not confirmed safe, unreachable"),
         (MODEL, "        super()", "        1 / 0; super()", FAILED, 2, NOTHING),
         (MODEL, "        if not self.on", "        1 / 0\n        if not self.on", FAILED, 3, BEGUN),
         (ROOM, "        super().__init__", "        1 / 0; super().__init__", FAILED, 2, NOTHING),
@@ -174,10 +176,3 @@ def test_what_fails_in_a_run_is_told_with_how_the_bench_is_left(
             del sys.modules[name]
         assert inside("resume", f"out/{NAME}", cwd=lab).returncode == 0
         assert (lab / "out" / NAME / "results.json").is_file()
-
-
-def test_what_cannot_be_made_safe_names_the_code_too(stranger: Path, inside: Inside) -> None:
-    broken(stranger, T100, "    identity_p", "    def make_safe(self):\n        1 / 0\n\n    identity_p")
-    done = inside("run", "air_mean", "--out", "out", cwd=stranger / "lab")
-    assert done.returncode == 3
-    assert f"thermometer: not confirmed safe, unreachable (error B-PKG-006: {stranger / T100}:17: " in done.stderr
