@@ -19,7 +19,7 @@ from bench.commands.console import console, warn
 from bench.commands.progress import watcher
 from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, WallClock
-from bench.model.errors import BenchError, ExitStatus, FitError, InstallationError, OperatorStop, RunError
+from bench.model.errors import ExitStatus, FitError, InstallationError, OperatorStop, RunError
 from bench.model.posix import forget_typed, require
 from bench.model.units import parse_quantity, plain_unit
 from bench.plan import Plan
@@ -72,33 +72,36 @@ def conduct_watched(
         )
 
 
-def how_left(done: Conducted) -> str:
-    """Return how a run has left its bench, in words that end a line."""
-    roles = ", ".join(failure.where for failure in done.outcome.unsafe)
-    return f"NOT confirmed safe: {roles}, switch off at the front panel" if roles else "safe"
+def ended(done: Conducted, view: Callable[[], SessionView], what_is_left: str, url: str, as_json: bool) -> int:
+    """Tell how a run has ended, how its bench is left, and its results or what is left; return the exit status.
 
-
-def stopped(done: Conducted, error: BenchError, what_is_left: str, as_json: bool) -> int:
-    """Tell how a run has ended, how its bench is left and what is; return the exit status of the contract.
-
-    What has begun was no bad input, whatever the error says of itself.
+    ``view``: what is known of its session. What has begun was no bad input, whatever the error says of itself.
     """
-    warn(error)
-    console(stderr=as_json).print(f"The bench is {how_left(done)}; {what_is_left}")
-    fault = done.outcome.unsafe or error.exit_status is ExitStatus.BAD_INPUT
-    return ExitStatus.SAFE_AFTER_FAULT if fault else error.exit_status
+    out, error, unsafe = console(stderr=as_json), done.outcome.error, done.outcome.unsafe
+    for failure in unsafe:
+        warn(failure)
+    roles = ", ".join(failure.where for failure in unsafe)
+    bench = f"The bench is {f'NOT confirmed safe: {roles}, switch off at the front panel' if roles else 'safe'}"
+    if error is None:
+        status = tell_results(view(), done.folder, url, as_json, f"{bench}. ")
+        if unsafe:
+            out.print(bench)
+    else:
+        warn(error)
+        out.print(f"{bench}; {what_is_left}")
+        status = error.exit_status
+    return ExitStatus.SAFE_AFTER_FAULT if unsafe or status == ExitStatus.BAD_INPUT else status
 
 
-def tell_results(view: SessionView, folder: Path, url: str, as_json: bool, done: Conducted | None = None) -> int:
+def tell_results(view: SessionView, folder: Path, url: str, as_json: bool, bench: str = "") -> int:
     """Write results and report of a session whose every step was done, of each unit where several share it; then tell.
 
-    ``done``: the run that ended with it; how it left the bench is told where something is not safe, or has no result.
+    ``bench``: how it was left, told where there is no result.
     """
     out = console(stderr=as_json)
-    bench = "" if done is None else f"The bench is {how_left(done)}"
-    told: Callable[[], int]
+    told: Callable[[], int | None]
     if not view.has_analysis:
-        told = partial(_no_analysis, view, folder, out)
+        told = partial(out.print, f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
     elif serials_of(view.manifest):
         told = partial(print_units, finish_units(folder, url), out)
         if as_json:
@@ -107,19 +110,10 @@ def tell_results(view: SessionView, folder: Path, url: str, as_json: bool, done:
         try:
             told = partial(print_finished, finish(folder, view, url), out, as_json)
         except (FitError, InstallationError) as error:
-            told = partial(print_without_results, error, folder, out, bench and f"{bench}. ")
+            told = partial(print_without_results, error, folder, out, bench)
     for line in happenings(view):
         out.print(line)
-    status = told()
-    if done is None or not done.outcome.unsafe:
-        return status
-    out.print(bench)
-    return ExitStatus.SAFE_AFTER_FAULT
-
-
-def _no_analysis(view: SessionView, folder: Path, out: Console) -> int:
-    out.print(f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
-    return ExitStatus.PASS
+    return told() or ExitStatus.PASS
 
 
 def wall_clock() -> Clock:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.conducting import conduct_watched, stopped, tell_results, wall_clock
+from bench.commands.conducting import conduct_watched, ended, tell_results, wall_clock
 from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.origin import named_file
@@ -19,7 +19,6 @@ from bench.plan import Plan, compile_sequence
 from bench.run.guard.guarding import station_lock
 from bench.run.guard.last_words import guard_lines
 from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
-from bench.run.session import Conducted
 from bench.session.history import check_history_url, chosen_url
 from bench.session.service import read_view
 
@@ -55,7 +54,9 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
         pass
     seed = int(stopped.manifest.get("seed") or 0)
     done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed, uncommissioned=BEGUN)
-    return _ended(done, url, as_json)
+    left = f"{done.folder} can be gone on with: bench resume {done.folder}"
+    # memory knows its last part only
+    return ended(done, lambda: read_view(done.folder), left, url, as_json)
 
 
 def _given(stopped: Stopped, sequence: str) -> Plan:
@@ -89,14 +90,3 @@ def _tell(stopped: Stopped, plan: Plan, event: Resume, out: Console) -> None:
         out.print(f"{name} is {change} on the disk; the session's own copy is gone on with")
     if not plan.station.simulated and (away_s is None or away_s > WARM_UP_S):
         out.print("prompts are not asked again: if the calibrator was off, stop now and let it warm up first")
-
-
-def _ended(done: Conducted, url: str, as_json: bool) -> int:
-    """As at the end of ``bench run``, but from the session: memory knows its last part only."""
-    errors = console(stderr=True)
-    for failure in done.outcome.unsafe:
-        errors.print(str(failure))
-    error = done.outcome.error
-    if error is not None:
-        return stopped(done, error, f"{done.folder} can be gone on with: bench resume {done.folder}", as_json)
-    return tell_results(read_view(done.folder), done.folder, url, as_json, done)

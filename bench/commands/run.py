@@ -8,8 +8,8 @@ import os
 from rich.console import Console
 
 from bench.commands.check import checked_plan
-from bench.commands.conducting import conduct_watched, stopped, tell_results, wall_clock
-from bench.commands.console import console, warn
+from bench.commands.conducting import conduct_watched, ended, wall_clock
+from bench.commands.console import console
 from bench.commands.requests import RunRequest
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import InputError
@@ -24,7 +24,9 @@ from bench.session.view import SessionView
 def run(request: RunRequest) -> int:
     """Run a campaign and return the exit status of the contract."""
     plan, done = conducted(request, console(stderr=True))
-    return _finish(plan, done, request)
+    left = f"{len(done.outcome.rows)} of {plan.record_count} records are in {done.folder}"
+    url = chosen_url(request.history, request.out, os.environ)
+    return ended(done, lambda: view_of(plan, done), left, url, request.json)
 
 
 def conducted(request: RunRequest, errors: Console) -> tuple[Plan, Conducted]:
@@ -49,19 +51,6 @@ def conducted(request: RunRequest, errors: Console) -> tuple[Plan, Conducted]:
         path = done.folder.with_name(done.folder.name + ".truth.json")
         write_file(path, json.dumps({"estimates": done.truth}, sort_keys=True, indent=1) + "\n")
     return plan, done
-
-
-def _finish(plan: Plan, done: Conducted, request: RunRequest) -> int:
-    error = done.outcome.error
-    for failure in done.outcome.unsafe:
-        warn(failure)
-    view = view_of(plan, done)
-    if error is not None:
-        return stopped(
-            done, error, f"{len(view.rows)} of {plan.record_count} records are in {done.folder}", request.json
-        )
-    url = chosen_url(request.history, request.out, os.environ)
-    return tell_results(view, done.folder, url, request.json, done)
 
 
 def view_of(plan: Plan, done: Conducted) -> SessionView:

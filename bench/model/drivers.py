@@ -114,14 +114,12 @@ def _class_of(name: str, here: Path) -> type:
         own = lab.load("instruments", name)
         assert own is not None
         module = own.__name__
-    elif package is None:
-        refuse_unknown(f"the driver {name!r}", name, driver_refusals())
-        raise InputError("B-PLAN-011", f"there is no driver {name!r} in instruments/", where=name)
     else:
-        module = f"{package.offer.package}.{name}"
-    driver = getattr(load(module), "DRIVER", None)
-    if not isinstance(driver, type):
-        if whose(module) is not None:
-            raise unusable(module, "names no class as DRIVER")
-        raise InputError("B-PLAN-011", f"instruments/{name}.py holds no driver", where=name)
-    return driver
+        module = f"{package.offer.package}.{name}" if package is not None else ""
+    driver = getattr(load(module), "DRIVER", None) if module else None
+    if isinstance(driver, type):
+        return driver
+    if module and whose(module) is not None:
+        raise unusable(module, "names no class as DRIVER")
+    refuse_unknown(f"the driver {name!r}", name, driver_refusals())
+    raise InputError("B-PLAN-011", f"there is no driver {name!r} in instruments/", where=name)

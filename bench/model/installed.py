@@ -11,12 +11,10 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.machinery import ModuleSpec
-from importlib.metadata import distribution as metadata_of
 from importlib.metadata import entry_points, packages_distributions
 from importlib.util import find_spec, module_from_spec
 from pathlib import Path
@@ -174,19 +172,6 @@ def unforeseen(error: BaseException) -> BenchError:
     return BenchError("B-INT-001", words, where=f"{module}:{line}", next_step=advice)
 
 
-@contextmanager
-def unforeseen_noted(note: str) -> Iterator[None]:
-    """Raise an error that is none of the bench as ``unforeseen`` has it, with a note."""
-    try:
-        yield
-    except BenchError:
-        raise
-    except Exception as error:
-        problem = unforeseen(error)
-        problem.add_note(note)
-        raise problem from error
-
-
 def foreign_fault(error: BaseException) -> InstallationError | None:
     """Return what an exception is that came through foreign code, B-PKG-006 or B-LAB-008; None for any other."""
     owners = (whose(module) for module, _ in reversed(_passed(error)))
@@ -219,13 +204,7 @@ def _owner(name: str) -> Offer | None:
     packages = [(offer.package, offer) for kind in KINDS for offer in offers(kind)]
     packages += [(package.simulators, package.offer) for package in driver_packages()]
     related = [(package, offer) for package, offer in packages if package.partition(".")[0] == top]
-    related = related or [(package, offer) for package, offer in packages if top in _top_packages(offer.distribution)]
     return max(related, key=lambda pair: name.startswith(pair[0]), default=(None, None))[1]
-
-
-@cache
-def _top_packages(distribution: str) -> set[str]:
-    return {path.parts[0] for path in metadata_of(distribution).files or ()}
 
 
 @cache

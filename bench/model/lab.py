@@ -62,15 +62,19 @@ def _name(file: Path) -> str:
     try:
         content = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError("B-LAB-001", f"cannot be read as TOML: {error}", where=str(file), next_step=_NEXT) from error
+        raise _wrong(file, f"cannot be read as TOML: {error}") from error
     lab = content.pop("lab", None)
-    unknown = [*content, *(key for key in lab if key != "name")] if isinstance(lab, dict) else []
-    if unknown:
-        raise InputError("B-LAB-001", f"unknown key {unknown[0]!r}", where=str(file), next_step=_NEXT)
-    name = lab.get("name") if isinstance(lab, dict) else None
+    keys = lab if isinstance(lab, dict) else {}
+    for unknown in (*content, *(key for key in keys if key != "name")):
+        raise _wrong(file, f"unknown key {unknown!r}")
+    name = keys.get("name")
     if not isinstance(name, str) or not name.strip():
-        raise InputError("B-LAB-001", "does not name the laboratory", where=str(file), next_step=_NEXT)
+        raise _wrong(file, "does not name the laboratory")
     return name.strip()
+
+
+def _wrong(file: Path, message: str) -> InputError:
+    return InputError("B-LAB-001", message, where=str(file), next_step=_NEXT)
 
 
 CodeKind = Literal["instruments", "sim_instruments", "analyses"]
@@ -125,13 +129,6 @@ def load(kind: CodeKind, name: str) -> ModuleType | None:
     """
     source = _source(kind, name)
     return None if source is None else _module_of(source, kind)
-
-
-def check_readable(kind: CodeKind, name: str) -> None:
-    """Raise InstallationError B-LAB-004 if a file of the lab folder would not be loaded; nothing of it is executed."""
-    path = own_code(kind, name)
-    if path is not None:
-        _read(path)
 
 
 def refused_twice(kind: CodeKind, name: str, release: str) -> InstallationError:

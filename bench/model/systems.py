@@ -92,17 +92,16 @@ def systems_named(
     Args:   analysis: that the file names.   names: of its keys; ``names_of`` says which of them are of a system.
     Raises: InstallationError B-PKG-001, B-PKG-004 for an analysis that nothing usable has and a refused system may.
     """
-    own = own_systems()
+    own, asked = own_systems(), analysis if isinstance(analysis, str) else "none"
+    entry = installed_analysis(asked)
+    if entry is None and analysis_declaration(asked) is None:
+        refuse_unknown_analysis(asked)
     others = set(names) - {name for system in own for name in names_of(system)}
-    entry = None if not isinstance(analysis, str) else installed_analysis(analysis)
-    if isinstance(analysis, str) and entry is None and analysis_declaration(analysis) is None:
-        refuse_unknown_analysis(analysis)
-    named = [] if entry is None else [entry.system.name]
-    foreign = [] if not others else [system.name for system, _ in _foreign()[0] if others & set(names_of(system))]
-    own_names = {system.name for system in own}
-    if not {*named, *foreign} - own_names:
+    if not others and (entry is None or entry.system in own):
         return own
-    return tuple(system for system in systems() if system.name in {*own_names, *named, *foreign})
+    wanted = () if entry is None else (entry.system,)
+    foreign = (system for system, _ in _foreign()[0] if system in wanted or others & {*names_of(system)})
+    return tuple(sorted((*own, *foreign), key=lambda system: system.name))
 
 
 def analyses() -> Mapping[str, Entry]:

@@ -14,7 +14,7 @@ from bench.frame import FrameDefinition, LinkCounts
 from bench.model.clock import Clock, utc_stamp
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
-from bench.model.installed import unforeseen, unforeseen_noted
+from bench.model.installed import unforeseen
 from bench.model.lab import code_texts, recorded_code
 from bench.model.quantities import Values
 from bench.plan import Plan, plan_json
@@ -141,8 +141,12 @@ def conduct(
     check_space(plan, out)
     with StopSwitch() as stop, station_lock(plan.station, "run", clock) as lock:
         transcript = HeldTranscript()
-        with unforeseen_noted("Nothing was sent to the bench, and no session was begun."):
+        try:
             bench = open_bench(plan.station, clock, transcript, seed=seed, links=_links_of(plan, resumed))
+        except Exception as error:
+            if not isinstance(error, BenchError):
+                error.add_note("Nothing was sent to the bench, and no session was begun.")
+            raise
         try:
             resumed, identities = _identified(bench, clock, resumed)
             judged = None if preflight is None else preflight(plan, bench, clock, out)

@@ -119,19 +119,9 @@ def open_world(
     return world
 
 
-def options_of(name: str) -> tuple[str, ...]:
-    """Return the names of all options of a kind of world."""
-    return kind_options(name)
-
-
 def check_operation(name: str, what: str, value: Any) -> None:
     """Raises: InputError B-SIM-018, B-SIM-019 if no person can set this at a bench of the kind ``name``."""
     world_class(name).check_operation(what, value)
-
-
-def check_options(name: str, options: Mapping[str, str]) -> None:
-    """Raises: InputError B-SIM-002 if a world of the kind ``name`` cannot be opened with these options."""
-    checked_options(name, options)
 
 
 def possible_faults() -> dict[str, Fault]:

@@ -161,7 +161,7 @@ def _world(draft: Draft[StationFile], world: World) -> None:
         draft.fail("B-PLAN-014", ("world", "name"), f"no world {world.name!r}{known}")
         return
     try_foreign(offer.package, world_parts(offer))
-    options = simulation.options_of(world.name)
+    options = simulation.kind_options(world.name)
     before = len(draft.findings.all())
     for name, value in world.options.items():
         for code, message in option_mistakes(name, value, options):
@@ -169,7 +169,7 @@ def _world(draft: Draft[StationFile], world: World) -> None:
     if len(draft.findings.all()) == before:
         given = {name: option_text(value) for name, value in world.options.items() if value is not None}
         try:
-            simulation.check_options(world.name, given)
+            simulation.checked_options(world.name, given)
         except InputError as error:
             draft.fail("B-PLAN-015", ("world", "options"), error.message, error.next_step)
 

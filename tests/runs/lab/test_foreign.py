@@ -13,7 +13,7 @@ from bench.model import drivers, installed, systems
 from bench.plan import drivers as declared_actions
 
 CACHES = (
-    installed.offers, installed.checked_package, installed._examined_packages, installed._top_packages, systems._own,
+    installed.offers, installed.checked_package, installed._examined_packages,  systems._own,
     systems._foreign, drivers._class_of, drivers.manual_of, declared_actions._declared,
 )  # fmt: skip
 OFFERS = """\

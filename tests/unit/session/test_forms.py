@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
 from bench.record import SessionReader, SessionWriter
 from bench.run.guard.last_words import guard_lines
-from bench.run.guard.lock import GUARD, BenchLock
 from bench.session.acceptances import known_acceptances
 
 OTHER = "of form 2, and this software knows form 1"
@@ -38,14 +36,3 @@ def test_a_log_of_the_guard_confirms_nothing(tmp_path: Path, before: list[dict[s
     assert line.endswith(
         "NOT confirmed: any instrument; it is at it. Next: look again in a minute, until then hands off."
     )
-
-
-def test_a_lock_is_held_whatever_it_says(tmp_path: Path) -> None:
-    clock = VirtualClock()
-    with BenchLock(("A",), GUARD, clock, folder=tmp_path):
-        next(tmp_path.iterdir()).write_text('{"v": 2, "owner": "somebody"}')
-        with pytest.raises(
-            InputError, match=f"the bench is in use by another process, whose lock is {OTHER}"
-        ) as caught:
-            BenchLock(("A",), "run", clock, folder=tmp_path, patience_s=90.0).take()
-    assert (caught.value.code, clock.now_ns() < 1e9) == ("B-RUN-092", True)
