@@ -96,8 +96,7 @@ def _refusals(kind: Kind) -> Iterator[Refusal]:
         tries = [(offer, partial(try_foreign, offer.package, world_parts(offer))) for offer in offers(kind)]
     else:
         yield from driver_refusals()
-        packages = driver_packages()
-        tries = [(one.offer, partial(try_foreign, one.offer.package, one.parts())) for one in packages]
+        tries = [(one.offer, partial(try_foreign, one.offer.package, one.parts())) for one in driver_packages()]
     for offer, attempt in tries:
         try:
             offer_of(kind, offer.name)

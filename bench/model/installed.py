@@ -168,8 +168,8 @@ def unforeseen(error: BaseException) -> BenchError:
     if (fault := foreign_fault(error)) is not None:
         return fault
     module, line = next(reversed(_passed(error)), ("?", 0))
-    words, advice = lab.in_words(error), "report this with the command you gave"
-    return BenchError("B-INT-001", words, where=f"{module}:{line}", next_step=advice)
+    advice = "report this with the command you gave"
+    return BenchError("B-INT-001", lab.in_words(error), where=f"{module}:{line}", next_step=advice)
 
 
 def foreign_fault(error: BaseException) -> InstallationError | None:
@@ -191,7 +191,7 @@ def whose(module: str, own: bool = False) -> lab.Whose | None:
     offer = _owner(module)
     if offer is None or (offer.distribution == OWN and not own):
         return None
-    specs = [spec_of(name) for name in (module, module.partition(".")[0])]
+    specs = (spec_of(module), spec_of(module.partition(".")[0]))
     files = [Path(spec.origin) for spec in specs if spec is not None and spec.origin is not None] or [Path()]
     cure = f"mend {offer.distribution}, install it again or uninstall it; what does not name it goes on without"
     name = f"{module} of {offer.release}"

@@ -155,7 +155,7 @@ class Whose:
 
     def error(self, code: str, why: str, error: BaseException | None = None) -> InstallationError:
         """Return an error that names the code, and of an exception the last line of it that it came through."""
-        trace = traceback.extract_tb(None if error is None else error.__traceback__)
+        trace = traceback.extract_tb(getattr(error, "__traceback__", None))
         places = [(self.place, None), *((frame.filename, frame.lineno) for frame in trace)]
         if isinstance(error, SyntaxError):
             places.append((error.filename or "", error.lineno))

@@ -39,7 +39,9 @@ class CertificateSchema:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        package = _xmlschema()
+        message = "the package xmlschema is not installed, so nothing can be validated"
+        cure = "pip install 'inertial-bench[certificate]', or leave --schema out"
+        package = optional("xmlschema", InputError("B-DCC-010", message, where="--schema", next_step=cure))
         files = _schemas(path, package)
         version = ET.fromstring(files[path.name].read_bytes()).get("version")
         if version != VERSION:
@@ -130,12 +132,6 @@ def _local(uri: str, files: dict[str, Path]) -> str:
     """Return address of a schema -> the file that stands for it."""
     file = files.get(uri.rsplit("/", 1)[-1])
     return uri if file is None else file.resolve().as_uri()
-
-
-def _xmlschema() -> Any:
-    message = "the package xmlschema is not installed, so nothing can be validated"
-    cure = "pip install 'inertial-bench[certificate]', or leave --schema out"
-    return optional("xmlschema", InputError("B-DCC-010", message, where="--schema", next_step=cure))
 
 
 def _unusable(path: Path, message: str, next_step: str) -> InputError:

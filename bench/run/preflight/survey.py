@@ -124,8 +124,7 @@ def _guarded(check: Check, context: PreflightContext) -> Sequence[Finding]:
     except BenchError as error:
         looked = Finding(check.name, Status.FAIL, error.code, "", error.message, of_bench=check.on_bus)
     except Exception as error:  # a check must never be the reason why a bench stands still
-        problem = unforeseen(error)
-        looked = Finding(check.name, Status.WARN, "unknown", "", problem.message)
+        looked = Finding(check.name, Status.WARN, "unknown", "", unforeseen(error).message)
     return [looked] if isinstance(looked, Finding) else looked
 
 

@@ -158,7 +158,7 @@ def test_one_of_another_form_holds_the_bench_whatever_it_says(tmp_path: Path) ->
     clock = VirtualClock()
     with BenchLock(("A",), GUARD, clock, folder=tmp_path):
         next(tmp_path.iterdir()).write_text('{"v": 2, "owner": "somebody"}')
-        with pytest.raises(InputError, match="B-RUN-092: .* lock is of form 2, and this software knows form 1"):
+        with pytest.raises(InputError, match=r"B-RUN-092: .* lock is of form 2, and this software knows form 1"):
             BenchLock(("A",), "run", clock, folder=tmp_path, patience_s=90.0).take()
     assert clock.now_ns() < 1e9
 
