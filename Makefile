@@ -27,7 +27,7 @@ test: $(VENV)/.dev $(VENV)/.broker
 
 # Pages of docs/instruments from the tables beside the drivers.
 manuals: $(VENV)/.dev
-	$(PY) -m bench.model.drivers docs/instruments
+	$(PY) docs/site/manuals.py docs/instruments
 
 mutants: $(VENV)/.dev
 	$(PY) tests/mutants/run.py

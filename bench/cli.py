@@ -32,9 +32,9 @@ from bench.commands.requests import (
     TakeOver,
 )
 from bench.commands.usage import App, completing
-from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.model.errors import ExitStatus, InputError
 from bench.model.extras import extras_named
-from bench.model.installed import OWN, checked_package
+from bench.model.installed import OWN, checked_package, unforeseen
 from bench.model.lab import TRUST
 from bench.model.shipped import find_shipped
 
@@ -282,10 +282,6 @@ def main() -> NoReturn:
         checked_package("bench", OWN)
         with extras_named():
             status = app(sys.argv[1:] or ["--help"], prog_name="bench", standalone_mode=False)
-    except BenchError as error:
-        for line in (str(error), *getattr(error, "__notes__", ())):
-            _tell(line)
-        sys.exit(error.exit_status)
     except TyperException as error:
         text = " ".join(error.format_message().split())
         _tell(str(InputError("B-CLI-011", text, next_step="add --help to see how the command is used")))
@@ -293,9 +289,9 @@ def main() -> NoReturn:
     except (Abort, KeyboardInterrupt):
         _tell("ended by the operator")
         sys.exit(ExitStatus.SAFE_BY_OPERATOR)
-    except Exception as error:  # the last line of defence: a technician never sees a traceback
-        text = " ".join(str(error).split())
-        message = f"error B-INT-001: {type(error).__name__}: {text} Next: report this with the command you gave"
-        _tell(message)
-        sys.exit(ExitStatus.INTERNAL)
+    except (Exception, SystemExit) as error:  # the last line of defence: a technician never sees a traceback
+        problem = unforeseen(error)
+        for line in (str(problem), *getattr(error, "__notes__", ())):
+            _tell(line)
+        sys.exit(problem.exit_status)
     sys.exit(status or 0)

@@ -13,11 +13,13 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any, TypeVar
 
+import pyvisa
 from pyvisa.constants import StatusCode
 from pyvisa.resources import MessageBasedResource
 
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import BenchError
+from bench.model.installed import foreign_fault
 from bench.model.ports import Transcript
 from instruments.aside import Aside, NotReturnedError
 
@@ -255,6 +257,10 @@ class Wire:
         except (BenchError, UnicodeDecodeError):
             raise
         except Exception as error:
+            # a bus fails with errors of VISA or of the system; others are mistakes in somebody's simulator
+            fault = None if isinstance(error, pyvisa.Error | OSError) else foreign_fault(error)
+            if fault is not None:
+                raise fault from error
             raise BusError(error, began_ns, limit_s) from error
 
     def heard(self) -> None:

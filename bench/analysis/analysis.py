@@ -21,9 +21,9 @@ from bench.analysis.material import Material
 from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
 from bench.model.declaration import AnalysisDeclaration
-from bench.model.errors import BenchError, FitError
-from bench.model.lab import failed, own_code
-from bench.model.systems import analyses, analysis_declaration, named, refuse_unknown_analysis
+from bench.model.errors import FitError
+from bench.model.installed import named, unforeseen, unusable
+from bench.model.systems import analyses, analysis_declaration, refuse_unknown_analysis
 
 Documents = list[dict[str, Any]]
 
@@ -76,15 +76,6 @@ def check_method(method: str, methods: Sequence[str]) -> None:
         raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(methods)}")
 
 
-class AnalysisModule(Protocol):
-    """A module of a system, as far as it is an analysis."""
-
-    METHODS: tuple[str, ...]
-
-    def analyse(self, material: Material, method: str = ...) -> Analysis:
-        """Return estimates from records and the manifest's constants."""
-
-
 def declared_analysis(name: str) -> AnalysisDeclaration:
     """Return the declaration of an analysis. Raises: FitError B-FIT-011 for an unknown name; InstallationError."""
     declared = analysis_declaration(name)
@@ -100,60 +91,41 @@ def declared_analysis(name: str) -> AnalysisDeclaration:
     )
 
 
-def analysis_module(name: str) -> AnalysisModule:
-    """Load the module of an analysis. Raises: FitError B-FIT-011 for an unknown name."""
-    module: AnalysisModule = named(declared_analysis(name).module)
-    return module
-
-
 def analyse(material: Material, method: str | None = None) -> Analysis:
     """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise.
 
     An imported log is surveyed first; what the sequence expects of the values it names is judged beside the analysis.
-    Raises: FitError, B-FIT-004 for an unknown method, B-FIT-143 where equations have no solution, B-LAB-008 where an
-            analysis of a lab folder fails.
+    Raises: FitError, B-FIT-004 for an unknown method, B-FIT-143 where equations have no solution; InstallationError
+            B-PKG-006, B-LAB-008 where a foreign analysis or one of a lab folder fails.
     """
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
-    module, chosen = analysis_module(declared.name), method or declared.methods[0]
+    chosen = method or declared.methods[0]
     check_method(chosen, declared.methods)
     if not material.series:
-        return with_expected(_analysed(declared.name, module, material, chosen), material)
+        return with_expected(_analysed(declared, material, chosen), material)
     from bench.analysis.survey import surveyed  # of logs alone
 
     survey = surveyed(material)
-    analysis = _analysed(declared.name, module, survey.material, chosen).leaving_out(survey.left_out, survey.notes)
+    analysis = _analysed(declared, survey.material, chosen).leaving_out(survey.left_out, survey.notes)
     analysis = with_expected(analysis, material)
     return replace(analysis, evidence=[*survey.evidence, *analysis.evidence])
 
 
-def _analysed(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:
-    if own_code("analyses", name) is None:
-        try:
-            return module.analyse(material, method)
-        except LinAlgError as error:  # of any estimator: data that no check of its own foresaw
-            raise FitError(
-                "B-FIT-143",
-                f"the equations of the fit have no solution ({error}): the records do not hold what is to be found",
-                where=name,
-                next_step="look for a jump, a constant column or a gap ('bench export'), and leave it out",
-            ) from error
-    return _by_lab(name, module, material, method)
-
-
-def _by_lab(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:
-    """Run an analysis of the lab folder; whatever it raises or returns. Raises: FitError B-LAB-008, or its own."""
+def _analysed(declared: AnalysisDeclaration, material: Material, method: str) -> Analysis:
+    analyse = named(f"{declared.module}:analyse")
     try:
-        analysis: object = module.analyse(material, method)
-    except BenchError:
-        raise
-    except Exception as error:
-        where, message = failed("analyses", name, error)
+        analysis: object = analyse(material, method)
+    except LinAlgError as error:  # of any estimator: data that no check of its own foresaw
         raise FitError(
-            "B-LAB-008", message, where=where, next_step="correct the file, then 'bench fit SESSION'"
+            "B-FIT-143",
+            f"the equations of the fit have no solution ({error}): the records do not hold what is to be found",
+            where=declared.name,
+            next_step="look for a jump, a constant column or a gap ('bench export'), and leave it out",
         ) from error
+    except (Exception, SystemExit) as error:
+        raise unforeseen(error) from error
     if not isinstance(analysis, Analysis):
-        message = f"'analyse' returned {type(analysis).__name__}, and an Analysis is due"
-        raise FitError("B-LAB-008", message, where=f"analyses/{name}.py", next_step="correct the file")
+        raise unusable(declared.module, f"gives {type(analysis).__name__} for its 'analyse', and an Analysis is due")
     return analysis
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.archive.places import Kind, reason_of
+from bench.archive.places import Kind
 from bench.model.errors import BenchError, SessionDamaged
 from bench.model.events import End, Resume, event_of
 from bench.model.segments import OPEN_MARKER
@@ -87,10 +87,3 @@ def _ended(reader: SessionReader, is_shorter: bool) -> tuple[Kind, BenchError | 
 
 def _not_ended(text: str, next_step: str) -> StoreError:
     return StoreError("B-STORE-013", text, next_step=next_step)
-
-
-def as_fault(error: Exception) -> BenchError:
-    """Return whatever a session or its analysis provoked as an error of that session, which ends no other."""
-    if isinstance(error, BenchError):
-        return error
-    return BenchError("B-INT-001", reason_of(error), next_step="report this with the session")

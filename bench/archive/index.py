@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import DOUBTFUL, REFUSED, estimates_of
-from bench.archive.diagnosis import Recording, as_fault, diagnosed
+from bench.archive.diagnosis import Recording, diagnosed
 from bench.archive.issued import issued_of, standards_of
 from bench.archive.places import Finding, Kind, brought_here, list_places, unreadable
 from bench.archive.refit import computed_results, differences
 from bench.archive.work import Compute, Outcome, in_parts
 from bench.maths.verdict import worst
 from bench.model.errors import InputError, InstallationError, SessionDamaged
+from bench.model.installed import unforeseen
 from bench.record import SessionReader
 from bench.report import CERTIFICATE_FILE, SPECIMEN_FILE
 from bench.session.released import began_utc_ns
@@ -57,7 +58,7 @@ def examined(task: Examination) -> Finding:
     except (OSError, InstallationError):
         raise
     except Exception as error:  # of a session that nobody foresaw, too; it ends no other
-        fault = as_fault(error)
+        fault = unforeseen(error)
         known = replace(known, code=fault.code, fault=fault.message)
         return Finding(task.location, Kind.DAMAGED, fault.code, fault.message, fault.next_step, known)
     return Finding(task.location, Kind.ENTERED, session=known)

@@ -12,9 +12,10 @@ from typing import Any
 
 from bench.analysis import Estimate, Estimates, estimates_of, results_json
 from bench.archive.changes import is_changed, is_flip
-from bench.archive.diagnosis import as_fault, diagnosed
+from bench.archive.diagnosis import diagnosed
 from bench.archive.places import brought_here
 from bench.model.errors import FitError
+from bench.model.installed import unforeseen
 from bench.record import SessionReader
 from bench.session.one_unit import extract, serials_of
 from bench.session.register import Register
@@ -75,7 +76,7 @@ def refit(task: RefitTask) -> list[Row]:
     except OSError:
         raise
     except Exception as error:  # a fault of an analysis is the row of this session, and ends no other
-        fault = as_fault(error)
+        fault = unforeseen(error)
         rows = [{"code": fault.code, "fault": fault.message}]
     return [{**_EMPTY, **task.head, "software": SOFTWARE, **row} for row in rows]
 

@@ -20,6 +20,7 @@ from typing import Any
 from bench import __version__
 from bench.analysis import Task
 from bench.model.errors import BenchError, InputError, RunError
+from bench.model.lab import in_words
 
 EXTRA = "cluster"
 CONNECT_s, WORKERS_s = 15, 60
@@ -153,7 +154,7 @@ def _check(where: str, client: Any) -> None:
     try:
         by_worker: Mapping[str, Mapping[str, str]] = client.run(software_here)
     except Exception as error:  # whatever it is that an unknown worker lacks
-        text = f"the workers cannot run the bench: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        text = f"the workers cannot run the bench: {in_words(error)[:200]}"
         raise _other_software(where, text) from error
     here = {**software_here(), **dict.fromkeys(THREADS, "1")}
     for worker, versions in by_worker.items():
@@ -181,7 +182,7 @@ def outcome_of(future: Any) -> tuple[Any, str]:
     try:
         result, wrong = future.result()
     except (Exception, asyncio.CancelledError) as error:
-        return None, f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+        return None, in_words(error)[:300]
     return result, wrong
 
 

@@ -10,14 +10,16 @@ import select
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.console import warn
+from bench.commands.console import console, warn
 from bench.commands.progress import watcher
+from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, WallClock
-from bench.model.errors import ExitStatus, OperatorStop, RunError
+from bench.model.errors import ExitStatus, FitError, InstallationError, OperatorStop, RunError
 from bench.model.posix import forget_typed, require
 from bench.model.units import parse_quantity, plain_unit
 from bench.plan import Plan
@@ -29,7 +31,11 @@ from bench.run.preflight import Preflight, stay_awake
 from bench.run.session import Beside, Conducted, conduct
 from bench.run.steps.position import Resumption
 from bench.run.watch.clock import clock_watch
-from bench.session.view import KEPT_EVENTS
+from bench.session.finish import finish
+from bench.session.happenings import happenings
+from bench.session.one_unit import serials_of
+from bench.session.units import RESULTS, finish_units
+from bench.session.view import KEPT_EVENTS, SessionView
 
 
 def conduct_watched(
@@ -66,16 +72,48 @@ def conduct_watched(
         )
 
 
-def how_left(done: Conducted) -> str:
-    """Return how a run has left its bench, in words that end a line."""
-    roles = ", ".join(failure.where for failure in done.outcome.unsafe)
-    return f"NOT confirmed safe: {roles}, switch off at the front panel" if roles else "safe"
+def ended(done: Conducted, view: Callable[[], SessionView], what_is_left: str, url: str, as_json: bool) -> int:
+    """Tell how a run has ended, how its bench is left, and its results or what is left; return the exit status.
+
+    ``view``: what is known of its session. What has begun was no bad input, whatever the error says of itself.
+    """
+    out, error, unsafe = console(stderr=as_json), done.outcome.error, done.outcome.unsafe
+    for failure in unsafe:
+        warn(failure)
+    roles = ", ".join(failure.where for failure in unsafe)
+    bench = f"The bench is {f'NOT confirmed safe: {roles}, switch off at the front panel' if roles else 'safe'}"
+    if error is None:
+        status = tell_results(view(), done.folder, url, as_json, f"{bench}. ")
+        if unsafe:
+            out.print(bench)
+    else:
+        warn(error)
+        out.print(f"{bench}; {what_is_left}")
+        status = error.exit_status
+    return ExitStatus.SAFE_AFTER_FAULT if unsafe or status == ExitStatus.BAD_INPUT else status
 
 
-def left_unsafe(done: Conducted, out: Console) -> int:
-    """Tell as the last line which instruments a run has not left safe; return the exit status of a fault."""
-    out.print(f"The bench is {how_left(done)}")
-    return ExitStatus.SAFE_AFTER_FAULT
+def tell_results(view: SessionView, folder: Path, url: str, as_json: bool, bench: str = "") -> int:
+    """Write results and report of a session whose every step was done, of each unit where several share it; then tell.
+
+    ``bench``: how it was left, told where there is no result.
+    """
+    out = console(stderr=as_json)
+    told: Callable[[], int | None]
+    if not view.has_analysis:
+        told = partial(out.print, f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
+    elif serials_of(view.manifest):
+        told = partial(print_units, finish_units(folder, url), out)
+        if as_json:
+            sys.stdout.write((folder / RESULTS).read_text(encoding="utf-8"))
+    else:
+        try:
+            told = partial(print_finished, finish(folder, view, url), out, as_json)
+        except (FitError, InstallationError) as error:
+            told = partial(print_without_results, error, folder, out, bench)
+    for line in happenings(view):
+        out.print(line)
+    return told() or ExitStatus.PASS
 
 
 def wall_clock() -> Clock:

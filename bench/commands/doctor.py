@@ -7,6 +7,7 @@ import platform
 import zipfile
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -17,17 +18,16 @@ from bench.model.clock import WallClock
 from bench.model.errors import InstallationError
 from bench.model.installed import (
     KINDS,
-    OWN,
     Kind,
-    Offer,
     Refusal,
     driver_packages,
     driver_refusals,
-    load,
     offer_of,
     offers,
+    try_foreign,
+    world_parts,
 )
-from bench.model.systems import system_refusals
+from bench.model.systems import analyses, system_refusals, try_analysis
 from bench.plan import Findings, Station, check_station, load_station
 from bench.run.bench.opener import missing_buses
 from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
@@ -91,18 +91,16 @@ def _refusals(kind: Kind) -> Iterator[Refusal]:
     """Yield the foreign offers of a kind that cannot be used."""
     if kind == "systems":
         yield from system_refusals()
-        return
-    parts: dict[Offer, list[str]]
-    if kind == "worlds":
-        parts = {offer: ["world", "options"] for offer in offers(kind)}
+        tries = [(entry.offer, partial(try_analysis, name)) for name, entry in analyses().items()]
+    elif kind == "worlds":
+        tries = [(offer, partial(try_foreign, offer.package, world_parts(offer))) for offer in offers(kind)]
     else:
         yield from driver_refusals()
-        parts = {package.offer: package.drivers() for package in driver_packages()}
-    for offer, modules in parts.items():
+        tries = [(one.offer, partial(try_foreign, one.offer.package, one.parts())) for one in driver_packages()]
+    for offer, attempt in tries:
         try:
             offer_of(kind, offer.name)
-            for module in () if offer.distribution == OWN else modules:
-                load(f"{offer.package}.{module}")
+            attempt()
         except InstallationError as error:
             yield Refusal(offer, error)
 

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
-from bench.commands.console import console, warn
+from bench.commands.conducting import conduct_watched, ended, tell_results, wall_clock
+from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.origin import named_file
-from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, VirtualClock
-from bench.model.errors import BenchError, ExitStatus, FitError, InputError
+from bench.model.errors import ExitStatus, InputError
 from bench.model.events import Resume
 from bench.plan import Plan, compile_sequence
-from bench.record import SessionReader
 from bench.run.guard.guarding import station_lock
 from bench.run.guard.last_words import guard_lines
 from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
-from bench.run.session import Conducted
-from bench.session.finish import finish
-from bench.session.happenings import happenings
 from bench.session.history import check_history_url, chosen_url
-from bench.session.one_unit import serials_of
 from bench.session.service import read_view
-from bench.session.units import finish_units
 
 ENDED = "B-RES-001"
 BEGUN = "the run that is gone on with had begun so"
@@ -51,7 +43,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     except InputError as error:
         if error.code != ENDED or all((folder / name).is_file() for name in RESULTS):
             raise
-        return _of_all_units(folder, url, as_json)
+        return tell_results(read_view(folder), folder, url, as_json)
     for line in guard_lines(folder):
         out.print(line)
     plan = stopped.plan if sequence is None else _given(stopped, sequence)
@@ -62,7 +54,9 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
         pass
     seed = int(stopped.manifest.get("seed") or 0)
     done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed, uncommissioned=BEGUN)
-    return _ended(done, url, as_json)
+    left = f"{done.folder} can be gone on with: bench resume {done.folder}"
+    # memory knows its last part only
+    return ended(done, lambda: read_view(done.folder), left, url, as_json)
 
 
 def _given(stopped: Stopped, sequence: str) -> Plan:
@@ -96,47 +90,3 @@ def _tell(stopped: Stopped, plan: Plan, event: Resume, out: Console) -> None:
         out.print(f"{name} is {change} on the disk; the session's own copy is gone on with")
     if not plan.station.simulated and (away_s is None or away_s > WARM_UP_S):
         out.print("prompts are not asked again: if the calibrator was off, stop now and let it warm up first")
-
-
-def _ended(done: Conducted, url: str, as_json: bool) -> int:
-    """As at the end of ``bench run``, but from the session: memory knows its last part only."""
-    out, errors = console(stderr=as_json), console(stderr=True)
-    for failure in done.outcome.unsafe:
-        errors.print(str(failure))
-    error = done.outcome.error
-    if error is not None:
-        return _stopped_again(error, done, out)
-    status = _of_all_units(done.folder, url, as_json)
-    return left_unsafe(done, out) if done.outcome.unsafe else status
-
-
-def _of_all_units(folder: Path, url: str, as_json: bool) -> int:
-    """Results and report of a session whose every step was done, of each unit where several share it."""
-    if not serials_of(SessionReader(folder).manifest):
-        return _results(folder, url, as_json)
-    outcomes = finish_units(folder, url)
-    if as_json:
-        sys.stdout.write((folder / "results.json").read_text(encoding="utf-8"))
-    return print_units(outcomes, console(stderr=as_json))
-
-
-def _results(folder: Path, url: str, as_json: bool) -> int:
-    """Results and report of a session of one unit."""
-    out = console(stderr=as_json)
-    view = read_view(folder)
-    for line in happenings(view):
-        out.print(line)
-    if not view.has_analysis:
-        out.print(f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
-        return ExitStatus.PASS
-    try:
-        finished = finish(folder, view, url)
-    except FitError as error:
-        return print_without_results(error, folder, out)
-    return print_finished(finished, out, as_json)
-
-
-def _stopped_again(error: BenchError, done: Conducted, out: Console) -> int:
-    warn(error)
-    out.print(f"The bench is {how_left(done)}; {done.folder} can be gone on with: bench resume {done.folder}")
-    return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status

@@ -4,32 +4,29 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 
 from rich.console import Console
 
 from bench.commands.check import checked_plan
-from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
-from bench.commands.console import console, warn
+from bench.commands.conducting import conduct_watched, ended, wall_clock
+from bench.commands.console import console
 from bench.commands.requests import RunRequest
-from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, VirtualClock
-from bench.model.errors import ExitStatus, FitError, InputError
+from bench.model.errors import InputError
 from bench.model.events import event_of
 from bench.plan import Plan
 from bench.run.session import Conducted, texts_of
-from bench.session.finish import finish
-from bench.session.happenings import happenings
 from bench.session.history import check_history_url, chosen_url
 from bench.session.output import make_folder, write_file
-from bench.session.units import RESULTS, finish_units
 from bench.session.view import SessionView
 
 
 def run(request: RunRequest) -> int:
     """Run a campaign and return the exit status of the contract."""
     plan, done = conducted(request, console(stderr=True))
-    return _finish(plan, done, request)
+    left = f"{len(done.outcome.rows)} of {plan.record_count} records are in {done.folder}"
+    url = chosen_url(request.history, request.out, os.environ)
+    return ended(done, lambda: view_of(plan, done), left, url, request.json)
 
 
 def conducted(request: RunRequest, errors: Console) -> tuple[Plan, Conducted]:
@@ -54,51 +51,6 @@ def conducted(request: RunRequest, errors: Console) -> tuple[Plan, Conducted]:
         path = done.folder.with_name(done.folder.name + ".truth.json")
         write_file(path, json.dumps({"estimates": done.truth}, sort_keys=True, indent=1) + "\n")
     return plan, done
-
-
-def _finish(plan: Plan, done: Conducted, request: RunRequest) -> int:
-    out = console(stderr=request.json)
-    error = done.outcome.error
-    for failure in done.outcome.unsafe:
-        warn(failure)
-    view = view_of(plan, done)
-    if error is not None:
-        warn(error)
-        records = f"{len(view.rows)} of {plan.record_count} records"
-        out.print(f"The bench is {how_left(done)}; {records} are in {done.folder}")
-        return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status
-    told = _units if plan.units else _results
-    status = told(view, done, request, out) if view.has_analysis else ExitStatus.PASS
-    if not view.has_analysis:
-        _say_happenings(view, out)
-        out.print(f"{len(view.rows)} records in {done.folder}; the sequence asks for no analysis")
-    return left_unsafe(done, out) if done.outcome.unsafe else status
-
-
-def _units(view: SessionView, done: Conducted, request: RunRequest, out: Console) -> int:
-    """As ``_results``, of each unit of a campaign that several share."""
-    outcomes = finish_units(done.folder, chosen_url(request.history, request.out, os.environ))
-    _say_happenings(view, out)
-    if request.json:
-        sys.stdout.write((done.folder / RESULTS).read_text(encoding="utf-8"))
-    return print_units(outcomes, out)
-
-
-def _results(view: SessionView, done: Conducted, request: RunRequest, out: Console) -> int:
-    """Write first, tell afterwards."""
-    url = chosen_url(request.history, request.out, os.environ)
-    try:
-        finished = finish(done.folder, view, url)
-    except FitError as error:
-        _say_happenings(view, out)
-        return print_without_results(error, done.folder, out)
-    _say_happenings(view, out)
-    return print_finished(finished, out, request.json)
-
-
-def _say_happenings(view: SessionView, out: Console) -> None:
-    for line in happenings(view):
-        out.print(line)
 
 
 def view_of(plan: Plan, done: Conducted) -> SessionView:

@@ -13,8 +13,8 @@ from bench.commands.requests import StudyRequest
 from bench.maths.verdict import passed
 from bench.model.errors import ExitStatus, InputError
 from bench.model.extras import missing_extra
-from bench.model.installed import refuse_unknown
-from bench.model.systems import named, own_systems, system_refusals, systems
+from bench.model.installed import named, refuse_unknown
+from bench.model.systems import own_systems, system_refusals, systems
 from bench.report import study_html
 from bench.session.output import make_folder, write_file
 from bench.session.view import SOFTWARE

@@ -21,7 +21,7 @@ from bench import analysis
 from bench.analysis import Analysis, Estimate, doubt_lines, estimates_of, limits_of, stated_value
 from bench.commands.console import plain_table, warn
 from bench.maths.verdict import WORST_FIRST, passed, verdict_words, worst
-from bench.model.errors import ExitStatus, FitError
+from bench.model.errors import BenchError, ExitStatus, InstallationError
 
 if TYPE_CHECKING:
     from bench.report import Table
@@ -98,13 +98,23 @@ def print_written(finished: Finished, out: Console) -> None:
         warn(text)
 
 
-def print_without_results(error: FitError, folder: Path, out: Console) -> int:
-    """Tell where a whole session without any result is and what is left to do; return the exit status."""
+def print_without_results(error: BenchError, folder: Path, out: Console, left: str) -> int:
+    """Tell where a whole session without any result is and what is left to do; return the exit status.
+
+    ``left``: how the bench was left, "" where that is not known.
+    """
     warn(error)
-    out.print(
-        f"Every step was done; no result can be computed from {folder}: "
-        f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
-    )
+    if isinstance(error, InstallationError):
+        done = (
+            f"the session {folder} is whole: once that is mended, 'bench fit' computes its results and 'bench resume' "
+            "writes them"
+        )
+    else:
+        done = (
+            f"no result can be computed from {folder}: 'bench recover {folder}' says which records are not valid and "
+            "can write a sequence for them"
+        )
+    out.print(f"{left}Every step was done; {done}")
     return ExitStatus.VERDICT_FAIL
 
 

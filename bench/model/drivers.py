@@ -1,14 +1,13 @@
 """Finds the driver class a station names, by plain name, so that a YAML cannot run code of its choosing; and what the
 manual of its model says of each command that it sends: one YAML file beside the driver.
 
-The pages in docs/instruments are written from these files, ``bench commission`` walks through them at a real
-instrument, and what a driver sends in the tests must stand in its file.
+The pages in docs/instruments are written from these files (docs/site/manuals.py), ``bench commission`` walks through
+them at a real instrument, and what a driver sends in the tests must stand in its file.
 """
 
 from __future__ import annotations
 
 import re
-import sys
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Literal
@@ -17,13 +16,19 @@ from pydantic import Field
 
 from bench.model import lab
 from bench.model.errors import InputError
-from bench.model.installed import driver_packages, driver_refusals, load, package_of_driver, refuse_unknown
+from bench.model.installed import (
+    driver_refusals,
+    load,
+    package_of_driver,
+    refuse_unknown,
+    unusable,
+    whose,
+)
 from bench.model.yamlio import StrictModel, parse_yaml
 
 Touch = Literal["asks", "sets", "energises", "moves"]
 State = Literal["confirmed", "derived", "unconfirmed"]
 TOUCHES: tuple[Touch, ...] = ("asks", "sets", "energises", "moves")  # in the order of a first contact
-STATES: tuple[State, ...] = ("confirmed", "derived", "unconfirmed")
 _NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 _CONTROLS = "".join(map(chr, range(33)))
 _ARGUMENT = re.compile(r"\{[^}]*\}")
@@ -85,44 +90,6 @@ def _manual(path: Path) -> Manual:
     return parse_yaml(path.read_bytes(), path.name, Manual).model
 
 
-def page(driver: str, manual: Manual) -> str:
-    """Return the table of a driver as a page of Markdown."""
-    counts = {state: sum(one.state == state for one in manual.commands.values()) for state in STATES}
-    rows = [
-        f"| `{form}` | {_cell(one.reply)} | {one.touch} | {one.source} | {one.state} |"
-        for form, one in manual.commands.items()
-    ]
-    return "\n".join(
-        [
-            f"# {manual.instrument}",
-            "",
-            f"What the driver `{driver}` sends, as [its file](../../instruments/{driver}.yaml) has it. "
-            + ", ".join(f"{count} {state}" for state, count in counts.items())
-            + "; none of it was tried on hardware by us: [first contact](../first-contact.md).",
-            "",
-            *(f"* {key}: {text}" for key, text in manual.sources.items()),
-            "",
-            "| command | form of the reply | it | source | state |",
-            "|---|---|---|---|---|",
-            *rows,
-            "",
-        ]
-    )
-
-
-def _cell(reply: str) -> str:
-    return f"`{reply}`".replace("|", "\\|") if reply else "–"
-
-
-def write_pages(folder: Path) -> None:
-    """Write the page of every driver that has a table."""
-    for package in driver_packages():
-        for path in sorted(package.folder.glob("*.yaml")):
-            manual = manual_of(path.stem)
-            assert manual is not None
-            (folder / f"{path.stem}.md").write_text(page(path.stem, manual), encoding="utf-8")
-
-
 _PLAIN = re.compile(r"[a-z0-9_]{1,40}")
 
 
@@ -146,26 +113,17 @@ def _class_of(name: str, here: Path) -> type:
         raise InputError("B-PLAN-010", f"{name!r} is not a plain driver name (a-z, 0-9 and _)", where=name)
     package = package_of_driver(name)
     if lab.own_code("instruments", name) is not None:
-        return _class_of_lab(name)
-    if package is None:
-        refuse_unknown(f"the driver {name!r}", name, driver_refusals())
-        raise InputError("B-PLAN-011", f"there is no driver {name!r} in instruments/", where=name)
-    module = load(f"{package.offer.package}.{name}")
-    driver = getattr(module, "DRIVER", None)
-    if not isinstance(driver, type):
-        raise InputError("B-PLAN-011", f"instruments/{name}.py holds no driver", where=name)
-    return driver
-
-
-def _class_of_lab(name: str) -> type:
-    package = package_of_driver(name)
-    if package is not None:
-        raise lab.refused_twice("instruments", name, package.offer.release)
-    driver = getattr(lab.load("instruments", name), "DRIVER", None)
-    if not isinstance(driver, type):
-        raise lab.unusable("instruments", name, "names no class as DRIVER")
-    return driver
-
-
-if __name__ == "__main__":
-    write_pages(Path(sys.argv[1]))
+        if package is not None:
+            raise lab.refused_twice("instruments", name, package.offer.release)
+        own = lab.load("instruments", name)
+        assert own is not None
+        module = own.__name__
+    else:
+        module = f"{package.offer.package}.{name}" if package is not None else ""
+    driver = getattr(load(module), "DRIVER", None) if module else None
+    if isinstance(driver, type):
+        return driver
+    if module and whose(module) is not None:
+        raise unusable(module, "names no class as DRIVER")
+    refuse_unknown(f"the driver {name!r}", name, driver_refusals())
+    raise InputError("B-PLAN-011", f"there is no driver {name!r} in instruments/", where=name)

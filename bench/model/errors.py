@@ -5,9 +5,10 @@ Every error has a stable code ``B-AREA-NNN`` (listed in docs/errors.md) and maps
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 MAX_LISTED = 100
 
@@ -54,6 +55,18 @@ class InputError(BenchError):
     """A file or an argument is wrong; nothing was started."""
 
     exit_status = ExitStatus.BAD_INPUT
+
+
+NEXT_FORM = "go on with the version of the bench that wrote it; nothing was changed"
+
+
+def unknown_form(document: Mapping[str, Any], key: str = "v") -> str:
+    """Return what a document is whose form this software does not know, in words; "" for the first form.
+
+    ``key``: names the form; old documents of the first one have none.
+    """
+    form = document.get(key, 1)
+    return "" if form == 1 else f"of form {form}, and this software knows form 1"
 
 
 class InputErrors(InputError):

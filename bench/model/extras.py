@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
+from importlib import import_module
+from typing import Any, NamedTuple
 
-from bench.model.errors import InputError
+from bench.model.errors import BenchError, InputError
 
 
 class Extra(NamedTuple):
@@ -53,6 +54,16 @@ def missing_extra(error: ModuleNotFoundError) -> InputError:
         f"{extra.gives} needs {package}, which is not installed",
         next_step=f"pip install 'inertial-bench[{extra.name}]'",
     )
+
+
+def optional(name: str, missing: BenchError) -> Any:
+    """Return a module that may not be installed. Raises: ``missing`` if its package is not."""
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name not in (name, name.partition(".")[0]):
+            raise
+        raise missing from error
 
 
 @contextmanager

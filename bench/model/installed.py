@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -18,6 +18,7 @@ from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points, packages_distributions
 from importlib.util import find_spec, module_from_spec
 from pathlib import Path
+from traceback import walk_tb
 from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
@@ -114,36 +115,94 @@ def load(name: str) -> ModuleType:
     except BenchError:
         raise
     except (Exception, SystemExit) as error:  # a stranger's module may do anything, also end the process
-        offer = _owner(name)
         missing = isinstance(error, ModuleNotFoundError) and error.name == name
-        if offer is None or (offer.distribution == OWN and not missing):
+        if (owner := whose(name, own=missing)) is None:
             raise
-        raise unusable(offer, name, f"cannot be loaded: {lab.in_words(error)}", error) from error
+        raise owner.error(owner.unusable, f"cannot be loaded: {lab.in_words(error)}", error) from error
 
 
-def part(offer: Offer, module: str, name: str) -> Any:
-    """Return what a module of an offer holds under a name. Raises: InstallationError B-PKG-004 if it does not."""
-    loaded = load(f"{offer.package}.{module}")
-    if not hasattr(loaded, name):
-        raise unusable(offer, loaded.__name__, f"holds no {name}")
-    return getattr(loaded, name)
+def named(text: str) -> Any:
+    """Import what a part names: ``package.module`` or ``package.module:name``. Raises: as ``load``, and B-PKG-004."""
+    module, _, name = text.partition(":")
+    loaded = load(module)
+    if name and not hasattr(loaded, name):
+        raise unusable(module, f"holds no {name}")
+    return getattr(loaded, name) if name else loaded
 
 
-def unusable(offer: Offer, module: str, why: str, error: BaseException | None = None) -> InstallationError:
-    """Return the error of an offer that cannot be used, B-PKG-004; ``error``: that came from its code, for the line."""
-    spec = spec_of(offer.package.partition(".")[0])
-    origin = "" if spec is None or spec.origin is None else spec.origin
-    folder = Path(origin).parent if origin.endswith("__init__.py") else Path(origin)
-    where = lab.place_of(error, folder) if origin and error is not None else origin
+def try_foreign(by: str, texts: Iterable[str]) -> None:
+    """Import what a module names, unless it is of the bench itself, whose tests do. Raises: as ``named``."""
+    if (owner := whose(by)) is None:
+        return
+    for text in texts:
+        module = text.partition(":")[0]
+        if module not in sys.modules and spec_of(module) is None:
+            lines = Path(owner.place).read_text("utf-8").splitlines()
+            line = next((f":{number}" for number, line in enumerate(lines, 1) if module in line), "")
+            error = owner.error(owner.unusable, f"names {module}, which is not there")
+            error.where += line
+            raise error
+        named(text)
+
+
+def world_parts(offer: Offer) -> tuple[str, ...]:
+    """Return what is imported of a world: its class, and its options that are switches, numbers and texts."""
+    options = (f"{offer.package}.options:{group}" for group in ("OPTIONS", "NUMBERS", "TEXTS"))
+    return f"{offer.package}.world:WORLD", *options
+
+
+def unusable(module: str, why: str) -> InstallationError:
+    """Return the error of a module that is not what it should be, B-PKG-004 or B-LAB-006."""
+    owner = whose(module, own=True)
+    assert owner is not None
+    return owner.error(owner.unusable, why)
+
+
+def unforeseen(error: BaseException) -> BenchError:
+    """Return an error of the bench as it is; any other names the code that it came from.
+
+    B-PKG-006 or B-LAB-008 if it came through a foreign part or code of a lab, else B-INT-001 with module and line.
+    """
+    if isinstance(error, BenchError):
+        return error
+    if (fault := foreign_fault(error)) is not None:
+        return fault
+    module, line = next(reversed(_passed(error)), ("?", 0))
+    advice = "report this with the command you gave"
+    return BenchError("B-INT-001", lab.in_words(error), where=f"{module}:{line}", next_step=advice)
+
+
+def foreign_fault(error: BaseException) -> InstallationError | None:
+    """Return what an exception is that came through foreign code, B-PKG-006 or B-LAB-008; None for any other."""
+    owners = (whose(module) for module, _ in reversed(_passed(error)))
+    owner = next(filter(None, owners), None)
+    return None if owner is None else owner.error(owner.failed, f"failed: {lab.in_words(error)}", error)
+
+
+def _passed(error: BaseException) -> list[tuple[str, int]]:
+    """Return module and line of each call that an exception came through."""
+    return [(frame.f_globals.get("__name__", "?"), line) for frame, line in walk_tb(error.__traceback__)]
+
+
+def whose(module: str, own: bool = False) -> lab.Whose | None:
+    """Return whose code a module is, None for one that nobody offers or, unless ``own``, that is of the bench."""
+    if module.startswith(lab.MODULES):
+        return lab.whose(module, Path(str(sys.modules[module].__file__)))
+    offer = _owner(module)
+    if offer is None or (offer.distribution == OWN and not own):
+        return None
+    specs = (spec_of(module), spec_of(module.partition(".")[0]))
+    files = [Path(spec.origin) for spec in specs if spec is not None and spec.origin is not None] or [Path()]
     cure = f"mend {offer.distribution}, install it again or uninstall it; what does not name it goes on without"
-    return InstallationError("B-PKG-004", f"{module} of {offer.release} {why}", where=where, next_step=cure)
+    name = f"{module} of {offer.release}"
+    return lab.Whose(name, str(files[0]), files[-1].parent, "B-PKG-004", "B-PKG-006", cure)
 
 
 def _owner(name: str) -> Offer | None:
     """Return the offer whose package a module is of, or at least its distribution; None for neither."""
+    top = name.partition(".")[0]
     packages = [(offer.package, offer) for kind in KINDS for offer in offers(kind)]
     packages += [(package.simulators, package.offer) for package in driver_packages()]
-    top = name.partition(".")[0]
     related = [(package, offer) for package, offer in packages if package.partition(".")[0] == top]
     return max(related, key=lambda pair: name.startswith(pair[0]), default=(None, None))[1]
 
@@ -223,6 +282,13 @@ class DriverPackage:
     def drivers(self) -> list[str]:
         """Return the names of its drivers, by the text of its modules: nothing is executed."""
         return sorted(path.stem for path in self.folder.glob("*.py") if "\nDRIVER = " in path.read_text("utf-8"))
+
+    def parts(self) -> Iterator[str]:
+        """Yield what is imported of its drivers and simulators."""
+        for name in self.drivers():
+            yield f"{self.offer.package}.{name}:DRIVER"
+            if self.simulators and spec_of(module := f"{self.simulators}.{name}") is not None:
+                yield f"{module}:SIMULATOR"
 
 
 @cache

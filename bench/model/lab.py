@@ -62,19 +62,24 @@ def _name(file: Path) -> str:
     try:
         content = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError("B-LAB-001", f"cannot be read as TOML: {error}", where=str(file), next_step=_NEXT) from error
+        raise _wrong(file, f"cannot be read as TOML: {error}") from error
     lab = content.pop("lab", None)
-    unknown = [*content, *(key for key in lab if key != "name")] if isinstance(lab, dict) else []
-    if unknown:
-        raise InputError("B-LAB-001", f"unknown key {unknown[0]!r}", where=str(file), next_step=_NEXT)
-    name = lab.get("name") if isinstance(lab, dict) else None
+    keys = lab if isinstance(lab, dict) else {}
+    for unknown in (*content, *(key for key in keys if key != "name")):
+        raise _wrong(file, f"unknown key {unknown!r}")
+    name = keys.get("name")
     if not isinstance(name, str) or not name.strip():
-        raise InputError("B-LAB-001", "does not name the laboratory", where=str(file), next_step=_NEXT)
+        raise _wrong(file, "does not name the laboratory")
     return name.strip()
+
+
+def _wrong(file: Path, message: str) -> InputError:
+    return InputError("B-LAB-001", message, where=str(file), next_step=_NEXT)
 
 
 CodeKind = Literal["instruments", "sim_instruments", "analyses"]
 CODE: tuple[CodeKind, ...] = ("instruments", "sim_instruments", "analyses")
+MODULES = "lab_folder."
 TRUST = "BENCH_TRUST_LAB"
 """Environment variable by which ``--trust-lab`` reaches the processes that a command starts."""
 
@@ -126,13 +131,6 @@ def load(kind: CodeKind, name: str) -> ModuleType | None:
     return None if source is None else _module_of(source, kind)
 
 
-def check_readable(kind: CodeKind, name: str) -> None:
-    """Raise InstallationError B-LAB-004 if a file of the lab folder would not be loaded; nothing of it is executed."""
-    path = own_code(kind, name)
-    if path is not None:
-        _read(path)
-
-
 def refused_twice(kind: CodeKind, name: str, release: str) -> InstallationError:
     """Return the error of a lab's file that has the name of something installed, B-LAB-005."""
     message = f"{name!r} is the name of what {release} brings; code of a lab folder never stands in for it"
@@ -140,17 +138,37 @@ def refused_twice(kind: CodeKind, name: str, release: str) -> InstallationError:
     return InstallationError("B-LAB-005", message, where=where, next_step="give the file another name")
 
 
-def unusable(kind: CodeKind, name: str, why: str) -> InstallationError:
-    """Return the error of a lab's file that is not what its folder is for, B-LAB-006."""
-    cure = "docs/lab-folder.md says what a file in this folder holds"
-    return InstallationError("B-LAB-006", why, where=str(own_code(kind, name)), next_step=cure)
+@dataclass(frozen=True)
+class Whose:
+    """Whose code a module is, as errors name it: of a lab folder, or of a distribution.
+
+    ``place``: its file.   ``below``: file or folder of its lines.
+    ``unusable``, ``failed``: codes of what cannot be used as it is, and of an exception.
+    """
+
+    name: str
+    place: str
+    below: Path
+    unusable: str
+    failed: str
+    cure: str
+
+    def error(self, code: str, why: str, error: BaseException | None = None) -> InstallationError:
+        """Return an error that names the code, and of an exception the last line of it that it came through."""
+        trace = traceback.extract_tb(getattr(error, "__traceback__", None))
+        places = [(self.place, None), *((frame.filename, frame.lineno) for frame in trace)]
+        if isinstance(error, SyntaxError):
+            places.append((error.filename or "", error.lineno))
+        file, line = [place for place in places if Path(place[0]).is_relative_to(self.below)][-1]
+        where = file if line is None else f"{file}:{line}"
+        return InstallationError(code, f"{self.name} {why}", where=where, next_step=self.cure)
 
 
-def failed(kind: CodeKind, name: str, error: Exception) -> tuple[str, str]:
-    """Return where in a lab's file an exception came from, and the exception in words."""
-    path = own_code(kind, name)
-    assert path is not None
-    return place_of(error, path), f"{kind}/{name}.py failed: {in_words(error)}"
+def whose(module: str, path: Path) -> Whose:
+    """Return how errors name a file of the lab folder, by the name of its module."""
+    place = f"{module.removeprefix(MODULES).replace('.', '/')}.py"
+    cure = "correct the file; docs/lab-folder.md says what it holds"
+    return Whose(place, str(path), path, "B-LAB-006", "B-LAB-008", cure)
 
 
 def code_used(drivers: Collection[str], *, simulated: bool = False, analysis: str = "none") -> dict[str, str]:
@@ -298,7 +316,7 @@ def _module_of(source: _Source, kind: CodeKind) -> ModuleType:
 
 def _executed(source: _Source, kind: CodeKind) -> ModuleType:
     """Return the module of a file. Raises: InstallationError B-LAB-006 with file, line and exception."""
-    name = f"lab_folder.{kind}.{source.path.stem}"
+    name = f"{MODULES}{kind}.{source.path.stem}"
     module = ModuleType(name)
     module.__file__, module.__package__ = str(source.path), ""  # in no package: no relative import finds anything
     sys.modules[name] = module
@@ -306,22 +324,9 @@ def _executed(source: _Source, kind: CodeKind) -> ModuleType:
         exec(compile(source.content, str(source.path), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise _not_loaded(source, kind, error) from error
+        of_lab = whose(name, source.path)
+        raise of_lab.error(of_lab.unusable, f"cannot be loaded: {in_words(error)}", error) from error
     return module
-
-
-def _not_loaded(source: _Source, kind: CodeKind, error: BaseException) -> InstallationError:
-    message = f"{kind}/{source.path.name} cannot be loaded: {in_words(error)}"
-    return InstallationError("B-LAB-006", message, where=place_of(error, source.path), next_step="correct the file")
-
-
-def place_of(error: BaseException, below: Path) -> str:
-    """Return the file that an exception came through last and the line in it, of those that are or lie below a path."""
-    places = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
-    if isinstance(error, SyntaxError):
-        places.append((error.filename or "", error.lineno))
-    inside = [f"{name}:{line}" for name, line in places if Path(name).is_relative_to(below)]
-    return inside[-1] if inside else str(below)
 
 
 def in_words(error: BaseException) -> str:

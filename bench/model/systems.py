@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, TypeVar
 from bench.model import lab
 from bench.model.declaration import AnalysisDeclaration, System
 from bench.model.errors import InstallationError
-from bench.model.installed import OWN, Offer, Refusal, load, offers, part, refuse_unknown, twice, unusable
+from bench.model.installed import OWN, Offer, Refusal, named, offers, refuse_unknown, try_foreign, twice, unusable
 from bench.model.yamlio import StrictModel
 
 _Sections = TypeVar("_Sections", bound=StrictModel)
@@ -63,9 +63,9 @@ def _foreign() -> tuple[list[tuple[System, Offer]], list[Refusal]]:
 
 
 def _declaration(offer: Offer) -> System:
-    declared = part(offer, "declaration", "DECLARATION")
+    declared = named(f"{offer.package}.declaration:DECLARATION")
     if not isinstance(declared, System) or declared.name != offer.name:
-        raise unusable(offer, f"{offer.package}.declaration", f"holds no DECLARATION of {offer.what}")
+        raise unusable(f"{offer.package}.declaration", f"holds no DECLARATION of {offer.what}")
     return declared
 
 
@@ -92,17 +92,16 @@ def systems_named(
     Args:   analysis: that the file names.   names: of its keys; ``names_of`` says which of them are of a system.
     Raises: InstallationError B-PKG-001, B-PKG-004 for an analysis that nothing usable has and a refused system may.
     """
-    own = own_systems()
+    own, asked = own_systems(), analysis if isinstance(analysis, str) else "none"
+    entry = installed_analysis(asked)
+    if entry is None and analysis_declaration(asked) is None:
+        refuse_unknown_analysis(asked)
     others = set(names) - {name for system in own for name in names_of(system)}
-    entry = None if not isinstance(analysis, str) else installed_analysis(analysis)
-    if isinstance(analysis, str) and entry is None and analysis_declaration(analysis) is None:
-        refuse_unknown_analysis(analysis)
-    named = [] if entry is None else [entry.system.name]
-    foreign = [] if not others else [system.name for system, _ in _foreign()[0] if others & set(names_of(system))]
-    own_names = {system.name for system in own}
-    if not {*named, *foreign} - own_names:
+    if not others and (entry is None or entry.system in own):
         return own
-    return tuple(system for system in systems() if system.name in {*own_names, *named, *foreign})
+    wanted = () if entry is None else (entry.system,)
+    foreign = (system for system, _ in _foreign()[0] if system in wanted or others & {*names_of(system)})
+    return tuple(sorted((*own, *foreign), key=lambda system: system.name))
 
 
 def analyses() -> Mapping[str, Entry]:
@@ -166,15 +165,27 @@ def _declaration_of_lab(name: str) -> AnalysisDeclaration:
     assert module is not None
     declared = getattr(module, "DECLARATION", None)
     if not isinstance(declared, AnalysisDeclaration) or (declared.name, declared.module) != (name, module.__name__):
-        why = f"holds no DECLARATION with the name {name!r} and the module __name__"
-        raise lab.unusable("analyses", name, why)
+        raise unusable(module.__name__, f"holds no DECLARATION with the name {name!r} and the module __name__")
     if declared.made_of == "logs":
-        raise lab.unusable("analyses", name, "is made of imported logs, which systems analyse")
+        raise unusable(module.__name__, "is made of imported logs, which systems analyse")
     if not declared.methods or getattr(module, "METHODS", None) != declared.methods:
-        raise lab.unusable("analyses", name, "METHODS are not the methods of its DECLARATION")
-    if not callable(getattr(module, "analyse", None)):
-        raise lab.unusable("analyses", name, "has no function 'analyse'")
+        raise unusable(module.__name__, "has METHODS that are not the methods of its DECLARATION")
     return declared
+
+
+def try_analysis(name: str) -> None:
+    """Import all that a campaign will need of a foreign analysis or one of the lab, before it begins.
+
+    Raises: InstallationError B-PKG-004, B-LAB-006.
+    """
+    one, entry = analysis_declaration(name), installed_analysis(name)
+    if one is None:
+        return
+    texts = [f"{one.module}:analyse", one.problems, one.assumptions, one.predicted, one.point, one.design]
+    if entry is not None:
+        made = entry.system.coefficients
+        texts += [entry.system.early, *((made.module, made.header) if made is not None else ())]
+    try_foreign(one.module if entry is None else f"{entry.offer.package}.declaration", filter(None, texts))
 
 
 def system_of_analysis(name: str) -> System | None:
@@ -205,13 +216,6 @@ def with_sections(form: type[StrictModel], sections: Sequence[type[StrictModel]]
                 message = f"{owners[name].__module__} and {fields.__module__} both declare the section {name!r}"
                 raise InstallationError("B-PKG-001", message, next_step="uninstall the system of one of them")
     return (form, *sections)
-
-
-def named(text: str) -> Any:
-    """Import what a declaration names: ``package.module`` or ``package.module:name``. Raises: as ``load``."""
-    module, _, name = text.partition(":")
-    loaded = load(module)
-    return getattr(loaded, name) if name else loaded
 
 
 @dataclass(frozen=True)

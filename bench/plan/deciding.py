@@ -15,9 +15,10 @@ from typing import Any
 
 from bench.maths.stein import LEAST_FIRST
 from bench.model.errors import FitError
+from bench.model.installed import named
 from bench.model.quantities import Values
 from bench.model.stopping import FIRST, SECOND, STAGE, STAGE_INDEX, UNTIL, Point
-from bench.model.systems import declared_by, named
+from bench.model.systems import declared_by
 from bench.model.units import format_quantity, hours, likely, read_quantity
 from bench.plan.decision import CHOOSE, DONE, FAIL, GO_ON, HOLD, IF, WHILE, Branch, PlannedDecision, decisions_of
 from bench.plan.expand import Expander, Node

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bench.model.errors import InputError
+from bench.model.errors import NEXT_FORM, InputError
 from bench.model.posix import ALONE, lock_file
 from bench.model.quantities import Values
 from bench.record.layout import Files, OsFiles, canonical_json
@@ -195,7 +195,6 @@ def _entry(text: bytes, where: str) -> JournalEntry:
             f"the step journal was written by another version of the bench: its sum is right, and its fields "
             f"{', '.join(sorted(kinds)) or 'are none'} are not {', '.join(sorted(_FIELDS))}",
             where=where,
-            next_step="go on with the version that wrote it, the one that 'software' in the session's manifest names; "
-            "nothing was changed",
+            next_step=NEXT_FORM,
         )
     return JournalEntry(fields["n"], fields["p"], fields["t"], fields["c"], fields.get("s", {}))

@@ -11,7 +11,7 @@ from os import SEEK_END
 from pathlib import Path
 from typing import Any
 
-from bench.model.errors import SessionDamaged
+from bench.model.errors import NEXT_FORM, InputError, SessionDamaged, unknown_form
 from bench.model.events import Closed
 from bench.model.segments import session_segments
 from bench.record import layout
@@ -107,7 +107,7 @@ class SessionReader:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """The manifest. Raises SessionDamaged B-REC-012 if it is lost, B-REC-014 if it is no JSON."""
+        """The manifest. Raises SessionDamaged B-REC-012 (lost), B-REC-014; InputError B-REC-007 (unknown form)."""
         manifest = self._head[0]
         if manifest is None:
             raise SessionDamaged(
@@ -116,6 +116,9 @@ class SessionReader:
                 where=str(self.segments[0]),
                 next_step="'bench recover' lists what the session still holds",
             )
+        if why := unknown_form(manifest, "schema"):
+            where = str(self.segments[0])
+            raise InputError("B-REC-007", f"the manifest is {why}", where=where, next_step=NEXT_FORM)
         return manifest
 
     @property

@@ -10,13 +10,13 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from bench.analysis import Chapter, estimates_of
 from bench.maths.verdict import meaning_of, passed, worst
 from bench.model.errors import InputError
+from bench.model.extras import optional
 from bench.model.texts import ENGLISH, Texts, told
 from bench.report.first import FirstPage, first_page
 from bench.report.fonts import check_font, families, folders
@@ -165,15 +165,9 @@ def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Sect
 
 def typeset(files: dict[str, bytes], **form: Any) -> Any:
     """Return a document set by typst; ``form``: what it is written as. Raises: InputError B-REP-001."""
-    try:
-        compiler = import_module("typst").compile
-    except ImportError as error:
-        raise InputError(
-            "B-REP-001",
-            "a PDF needs typst, which is not installed",
-            where="--pdf",
-            next_step="pip install 'inertial-bench[pdf]'; report.html prints to paper too",
-        ) from error
+    cure = "pip install 'inertial-bench[pdf]'; report.html prints to paper too"
+    missing = InputError("B-REP-001", "a PDF needs typst, which is not installed", where="--pdf", next_step=cure)
+    compiler = optional("typst", missing).compile
     fonts = list(map(str, folders()))
     return compiler(files, font_paths=fonts, ignore_system_fonts=True, timestamp=_NO_DATE, **form)
 

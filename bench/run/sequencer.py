@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
 from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip, UnitLeftOut
+from bench.model.installed import unforeseen
 from bench.model.ports import Effect, drivers_of
 from bench.plan import CHAMBER, UNIT, PlannedRecord, PlannedUnit, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
@@ -27,7 +28,7 @@ from bench.run.steps.position import in_point, point_start, point_stop, readings
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
 from bench.run.steps.setpoints import drives
-from bench.run.stop import Interruption, Wish, unforeseen
+from bench.run.stop import Interruption, Wish
 from bench.run.watch.outputs import look
 
 # A link that is silent or lost for longer than a hold, no or a wrong answer, another unit, its own wiring, and what is
@@ -198,7 +199,7 @@ class Sequencer:
                 steps = self._context.plan.phase(phase)
                 if steps and steps[-1].number >= start:
                     self._run_phase(steps, max(0, start - steps[0].number))
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             return unforeseen(problem)
         finally:
             self._context.stop.shield()

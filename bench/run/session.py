@@ -14,12 +14,13 @@ from bench.frame import FrameDefinition, LinkCounts
 from bench.model.clock import Clock, utc_stamp
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
+from bench.model.installed import unforeseen
 from bench.model.lab import code_texts, recorded_code
 from bench.model.quantities import Values
 from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
-from bench.run.bench.opener import OpenBench, open_bench
+from bench.run.bench.opener import OpenBench, World, open_bench
 from bench.run.context import RunContext, Timeline
 from bench.run.control.operator import Operator
 from bench.run.guard.guarding import station_lock
@@ -42,7 +43,7 @@ from bench.run.sequencer import Outcome, Sequencer
 from bench.run.steps.position import Resumption
 from bench.run.steps.reentry import enter
 from bench.run.steps.setpoints import differences, read_back
-from bench.run.stop import StopSwitch, repeated, unforeseen
+from bench.run.stop import StopSwitch, repeated
 from bench.run.watch.disk import disk_watch
 from bench.run.watch.environment import PERIOD_S, note_temperatures
 
@@ -140,7 +141,12 @@ def conduct(
     check_space(plan, out)
     with StopSwitch() as stop, station_lock(plan.station, "run", clock) as lock:
         transcript = HeldTranscript()
-        bench = open_bench(plan.station, clock, transcript, seed=seed, links=_links_of(plan, resumed))
+        try:
+            bench = open_bench(plan.station, clock, transcript, seed=seed, links=_links_of(plan, resumed))
+        except Exception as error:
+            if not isinstance(error, BenchError):
+                error.add_note("Nothing was sent to the bench, and no session was begun.")
+            raise
         try:
             resumed, identities = _identified(bench, clock, resumed)
             judged = None if preflight is None else preflight(plan, bench, clock, out)
@@ -155,8 +161,8 @@ def conduct(
             frames, earlier = plan.definitions(), transcript.earlier
             run = _Run(plan, bench, frames, writer, observers, clock, stop, beside, resumed, manifest, earlier)
             outcome = _closed(writer, run.outcome_of(operator))
-            has_past = bench.world is not None and resumed is None  # a world begun anew does not know what was before
-            truth = bench.world.truth([row.window for row in outcome.rows]) if bench.world and has_past else []
+            # a world begun anew does not know what was before
+            outcome, truth = _told(outcome, bench.world) if bench.world and resumed is None else (outcome, [])
         finally:
             bench.close()
     counts, offset_ns = run.counts(), run.utc_offset_ns
@@ -207,6 +213,14 @@ def _closed(writer: SessionWriter, outcome: Outcome) -> Outcome:
     return outcome
 
 
+def _told(outcome: Outcome, world: World) -> tuple[Outcome, list[Any]]:
+    """Return the truth of a world; one that cannot tell it is the error of a run that had none."""
+    try:
+        return outcome, world.truth([row.window for row in outcome.rows])
+    except Exception as error:
+        return replace(outcome, error=outcome.error or unforeseen(error)), []
+
+
 def _links_of(plan: Plan, resumed: Resumption | None) -> bool | list[str]:
     """Return the links of the units that share a campaign and are not left out; all where there is one."""
     read = () if resumed is None else resumed.read
@@ -253,7 +267,7 @@ class _Run:
         """Run the plan; whatever goes wrong beside its steps is the error of the run, whose session is closed."""
         try:
             return self._sequence(operator)
-        except Exception as problem:
+        except (Exception, SystemExit) as problem:
             return replace(self._outcome, error=unforeseen(problem))
 
     def _sequence(self, operator: Operator) -> Outcome:

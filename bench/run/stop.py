@@ -20,6 +20,7 @@ from typing import Any, Literal
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, OperatorStop
+from bench.model.installed import unforeseen
 
 SEQUENCER, WRITER, LINKS = "sequencer", "writer", "links"
 CHAMBER_AIR, UNIT = "chamber_air_degC", "unit_degC"
@@ -110,7 +111,6 @@ HOLD_LIMIT_S = 4 * 3600.0  # a cause that nobody removed by then will not go awa
 AWAY_LIMIT_S = 1800.0  # a switch of a network that restarts is back long before
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it
-_INTERNAL = "B-INT-001"
 
 
 @dataclass(frozen=True)
@@ -326,21 +326,6 @@ class StopSwitch:
             raise OperatorStop("B-RUN-010", f"stopped by the operator ({self.requested})")
 
 
-def unforeseen(error: Exception) -> BenchError:
-    """Return the error itself if it is one the bench raises on purpose, else B-INT-001 with the place in the source."""
-    if isinstance(error, BenchError):
-        return error
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    module = trace.tb_frame.f_globals.get("__name__", "?") if trace is not None else "?"
-    place = f"{module}:{trace.tb_lineno}" if trace is not None else "?"
-    text = " ".join(str(error).split())
-    return BenchError(
-        _INTERNAL, f"{type(error).__name__}: {text}", where=place, next_step="report this with the command you gave"
-    )
-
-
 @contextmanager
 def repeated(clock: Clock, stop: StopSwitch, *duties: tuple[float, Callable[[], None]]) -> Iterator[None]:
     """Do each duty again and again while this is entered, each after its own seconds; an error ends the run safely."""
@@ -358,7 +343,7 @@ def guarded(callback: Callable[[], None], stop: StopSwitch) -> Callable[[], None
     def call() -> None:
         try:
             callback()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             stop.fail(unforeseen(error))
 
     return call

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.analysis import Acceptances, Accepted, Document, acceptable, check_form, estimates_of, results_json
 from bench.model.clock import utc_text
-from bench.model.errors import InputError
+from bench.model.errors import NEXT_FORM, InputError, unknown_form
 from bench.session.output import write_file
 from bench.session.shelf import ACCEPTANCES
 
@@ -27,6 +27,8 @@ def known_acceptances(folder: Path, session_sha256: str) -> tuple[tuple[Accepted
         return (), []
     except (OSError, ValueError) as error:
         raise InputError("B-ACC-004", f"cannot be read: {error}", where=str(path), next_step=_NEXT) from error
+    if isinstance(document, dict) and (why := unknown_form(document, "schema")):
+        raise InputError("B-ACC-004", f"is {why}", where=str(path), next_step=NEXT_FORM)
     check_form(Acceptances, document, "B-ACC-004", str(path), _NEXT)
     if document["session_sha256"] != session_sha256:
         return (), [f"{ACCEPTANCES} is of another recording: nothing in it counts."]

@@ -17,7 +17,8 @@ from bench.analysis import (
 )
 from bench.model.declaration import CoefficientsDeclaration
 from bench.model.errors import InputError
-from bench.model.systems import named, system_of_analysis, systems
+from bench.model.installed import named
+from bench.model.systems import system_of_analysis, systems
 from bench.session.output import write_file
 
 

@@ -22,7 +22,8 @@ from bench.design import (
     refuse_below_floor,
 )
 from bench.model.errors import InputError
-from bench.model.systems import analysis_declaration, named
+from bench.model.installed import named
+from bench.model.systems import analysis_declaration
 from bench.model.texts import quantity_title
 from bench.plan import Plan, PlannedSoak, decisions_of
 from bench.session.predicted import predicted

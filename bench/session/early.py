@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import Check, link_checks
-from bench.model.errors import BenchError
+from bench.model.installed import named, unforeseen
 from bench.model.posix import give_way
-from bench.model.systems import named, system_of_analysis
+from bench.model.systems import system_of_analysis
 from bench.session.service import read_view
 from bench.session.view import analysis_of
 
@@ -32,8 +32,8 @@ def verdict(folder: Path, limits: Mapping[str, float]) -> dict[str, Any]:
     if view.has_analysis and system is not None and system.early:
         try:
             checks.extend(named(system.early).checks(view.rows, campaign, lambda: analysis_of(view), limits))
-        except BenchError as error:  # most often: too few records yet
-            checks.append(Check("partial fit", None, None, 0.0, error.message))
+        except Exception as error:  # most often: too few records yet
+            checks.append(Check("partial fit", None, None, 0.0, unforeseen(error).message))
     judged = [check.ok for check in checks if check.ok is not None]
     ok = all(judged) if judged else None
     return {"ok": ok, "records": len(view.rows), "checks": [asdict(check) for check in checks]}

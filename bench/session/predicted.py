@@ -31,9 +31,10 @@ from bench.analysis import (
 from bench.maths.verdict import chance_of_pass
 from bench.model.clock import NS
 from bench.model.errors import FitError
+from bench.model.installed import named
 from bench.model.ports import RecordWindow
 from bench.model.quantities import key_of_value
-from bench.model.systems import declared_by, named
+from bench.model.systems import declared_by
 from bench.model.texts import quantity_title
 from bench.model.units import format_quantity, read_quantity
 from bench.plan import (

@@ -10,7 +10,8 @@ from typing import Any
 
 from bench.analysis import count_problem, flag_problem
 from bench.model.events import Skip
-from bench.model.systems import declared_by, named
+from bench.model.installed import named
+from bench.model.systems import declared_by
 from bench.plan import MEASUREMENT, PlannedRecord, Step, left_out_by
 from bench.record import SHORTER, RecordRow
 from bench.replay import Replayed

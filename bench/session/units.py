@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import results_json, validate_results
-from bench.model.errors import ExitStatus, FitError
+from bench.model.errors import BenchError, ExitStatus, FitError, InstallationError
 from bench.plan import UNIT
 from bench.record import SessionReader
 from bench.session.finish import Finished, finish
@@ -31,13 +31,13 @@ class UnitFinished:
     serial: str
     folder: Path
     finished: Finished | None = None
-    error: FitError | None = None
+    error: BenchError | None = None
 
 
 def finish_units(folder: Path, history: str) -> list[UnitFinished]:
     """Write results, report and coefficients of each unit, enter each in the history, then the list of all.
 
-    Raises: BenchError of an analysis that is no FitError, or of the disk.
+    Raises: BenchError of the disk; what an analysis raises is told of its unit.
     """
     outcomes = []
     for serial in serials_of(SessionReader(folder).manifest):
@@ -46,7 +46,7 @@ def finish_units(folder: Path, history: str) -> list[UnitFinished]:
                 done = finish(home, read_view(home), history)
                 done.written = [(kind, path) for kind, path in done.written if kind != "session"]  # it is gone again
                 outcomes.append(UnitFinished(serial, home, done))
-            except FitError as error:
+            except (FitError, InstallationError) as error:
                 outcomes.append(UnitFinished(serial, home, error=error))
     documents = {done.serial: done.finished.results for done in outcomes if done.finished is not None}
     if documents:

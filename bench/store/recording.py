@@ -11,6 +11,7 @@ from typing import Any, Literal
 from sqlalchemy import Connection, Table, select
 
 from bench.model.clock import Clock, WallClock
+from bench.model.lab import in_words
 from bench.store import tables
 from bench.store.adjustments import add_state
 from bench.store.contents import Contents, Row, contents_of
@@ -68,7 +69,7 @@ def record_calibration(
     except Exception as error:
         raise StoreError(
             "B-STORE-014",
-            f"the history failed in a way nobody foresaw ({type(error).__name__}: {' '.join(str(error).split())})",
+            f"the history failed in a way nobody foresaw ({in_words(error)})",
             where=str(document.get("session", "")),
             next_step="'bench history import SESSION' tries again; please report it",
         ) from error

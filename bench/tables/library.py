@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 from bench.model.errors import InputError
+from bench.model.extras import optional
 
 EXTRAS = {
     "pandas": "python", "xarray": "xarray", "h5py": "hdf5", "pyarrow": "parquet", "mcap": "mcap", "rosbags": "ros",
@@ -15,17 +15,9 @@ EXTRAS = {
 def library(name: str) -> Any:
     """Return a library of tables, or a module of it. Raises: InputError B-TAB-001 if it is not installed."""
     package = name.partition(".")[0]
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name != package:
-            raise
-        raise InputError(
-            "B-TAB-001",
-            f"{package} is not installed, and tables of this kind need it",
-            where=package,
-            next_step=f"install it with: pip install 'inertial-bench[{EXTRAS[package]}]'",
-        ) from error
+    message = f"{package} is not installed, and tables of this kind need it"
+    cure = f"install it with: pip install 'inertial-bench[{EXTRAS[package]}]'"
+    return optional(name, InputError("B-TAB-001", message, where=package, next_step=cure))
 
 
 def pandas() -> Any:

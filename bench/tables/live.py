@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
-from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from bench.model.clock import WallClock
 from bench.model.errors import InputError
-from bench.model.extras import extras_named
+from bench.model.extras import extras_named, optional
 from bench.plan import suggestion
 from bench.record import OPEN_MARKER, is_being_written
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
@@ -29,22 +28,15 @@ def watch(path: str | Path, signal: str) -> None:
     Raises: InputError B-RUN-100 if no run of this session answers, at once or because it died; B-TAB-010 (no such
             signal), B-TAB-011 (no Jupyter), B-PKG-005 (matplotlib missing).
     """
-    display = _display()
+    display = optional("IPython.display", InputError(
+        "B-TAB-011", "a living run is drawn in Jupyter, and IPython is not installed", where="watch",
+        next_step="call it in a notebook; 'bench top' shows a run in a terminal",
+    ))  # fmt: skip
     handle = display.DisplayHandle()
     show = handle.display
     for reply in _replies(Path(path)):
         show(display.Image(_picture(reply, signal)))
         show = handle.update
-
-
-def _display() -> Any:
-    try:
-        return import_module("IPython.display")
-    except ModuleNotFoundError as error:
-        raise InputError(
-            "B-TAB-011", "a living run is drawn in Jupyter, and IPython is not installed", where="watch",
-            next_step="call it in a notebook; 'bench top' shows a run in a terminal",
-        ) from error  # fmt: skip
 
 
 def _replies(folder: Path) -> Iterator[FeedReply]:

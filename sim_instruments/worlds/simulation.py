@@ -14,7 +14,17 @@ from pyvisa import rname
 
 from bench.model.clock import Clock
 from bench.model.errors import InputError
-from bench.model.installed import Offer, driver_packages, load, offer_of, offers, part, simulator_module, spec_of
+from bench.model.installed import (
+    Offer,
+    driver_packages,
+    load,
+    named,
+    offer_of,
+    offers,
+    simulator_module,
+    spec_of,
+    world_parts,
+)
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.faults.fault import Fault
 from sim_instruments.faults.named import every_fault
@@ -52,13 +62,12 @@ def checked_options(name: str, options: Mapping[str, str]) -> dict[str, Any]:
 
 def world_class(name: str) -> type[World]:
     """Return the world of one kind; it is made from (clock, seed, options). Raises: as ``_offer``, and B-PKG-004."""
-    kind: type[World] = part(_offer(name), "world", "WORLD")
+    kind: type[World] = named(world_parts(_offer(name))[0])
     return kind
 
 
 def _offered(name: str) -> _Offered:
-    offer = _offer(name)
-    return _Offered(*(part(offer, "options", group) for group in ("OPTIONS", "NUMBERS", "TEXTS")))
+    return _Offered(*map(named, world_parts(_offer(name))[1:]))
 
 
 def _offer(name: str) -> Offer:
@@ -110,19 +119,9 @@ def open_world(
     return world
 
 
-def options_of(name: str) -> tuple[str, ...]:
-    """Return the names of all options of a kind of world."""
-    return kind_options(name)
-
-
 def check_operation(name: str, what: str, value: Any) -> None:
     """Raises: InputError B-SIM-018, B-SIM-019 if no person can set this at a bench of the kind ``name``."""
     world_class(name).check_operation(what, value)
-
-
-def check_options(name: str, options: Mapping[str, str]) -> None:
-    """Raises: InputError B-SIM-002 if a world of the kind ``name`` cannot be opened with these options."""
-    checked_options(name, options)
 
 
 def possible_faults() -> dict[str, Fault]:

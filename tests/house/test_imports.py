@@ -20,7 +20,8 @@ from tree import PRODUCT, TOP, module_of, python_files, text_of
 
 from bench import cli
 from bench.maths.verdict import coverage_factor
-from bench.model.systems import named, own_systems
+from bench.model.installed import named
+from bench.model.systems import own_systems
 
 CONFIGURATION = read_configuration(str(TOP / ".importlinter"))
 CONTRACTS = {str(options["id"]): options for options in CONFIGURATION["contracts_options"]}

@@ -1,13 +1,15 @@
 """Each driver has a table of its commands, and its page in docs/instruments is written from it (``make manuals``)."""
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
 
-from bench.model.drivers import manual_of, page
+from bench.model.drivers import manual_of
 
 TOP = Path(__file__).resolve().parents[2]
+page = runpy.run_path(str(TOP / "docs" / "site" / "manuals.py"))["page"]
 DRIVERS = sorted(path.stem for path in (TOP / "instruments").glob("*.yaml"))
 
 

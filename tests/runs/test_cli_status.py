@@ -241,7 +241,8 @@ def test_70_an_error_nobody_foresaw(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     said = capsys.readouterr()
     assert said.out == ""
     (line,) = said.err.splitlines()
-    assert line.startswith("error B-INT-001: RuntimeError: two lines [/red] Next: ")
+    assert line.startswith("error B-INT-001: test_cli_status:")
+    assert ": RuntimeError: two lines [/red]. Next: " in line
 
 
 def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(

@@ -27,10 +27,11 @@ from unittest.mock import patch
 
 from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
 
-from bench.analysis import Estimate, Table, analysis_module, estimates_of, is_sound
+from bench.analysis import Estimate, Table, declared_analysis, estimates_of, is_sound
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, FitError
+from bench.model.installed import named
 from bench.model.quantities import Quality
 from bench.plan import Plan, check_plan, compile_sequence, load_station
 from bench.record.writer import RETIRED_FILES
@@ -366,7 +367,7 @@ class HourlyClock(VirtualClock):
 
 def hourly_clock(campaign: Campaign) -> HourlyClock:
     """Return a clock that looks each hour; what the analysis imports is no growth and comes before."""
-    analysis_module(str(campaign.plan.campaign["analysis"]))
+    named(declared_analysis(str(campaign.plan.campaign["analysis"])).module)
     return HourlyClock()
 
 

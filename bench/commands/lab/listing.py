@@ -14,7 +14,7 @@ from rich.table import Table
 from bench.commands.console import console, print_json, say
 from bench.model.errors import InputError, InstallationError
 from bench.model.installed import Refusal, driver_packages, driver_refusals
-from bench.model.lab import CodeKind, Lab, check_readable, lab_here, own_code_names, refused_twice
+from bench.model.lab import CodeKind, Lab, lab_here, own_code_names, refused_twice, sha256_of
 from bench.model.shipped import KINDS, Kind, own_names, shipped_folder, shipped_names
 from bench.model.systems import analyses, system_refusals
 from bench.model.yamlio import load_yaml
@@ -88,7 +88,7 @@ def _own_code(kind: CodeKind, lab: Lab | None, installed: Mapping[str, str]) -> 
         try:
             if name in installed:
                 raise refused_twice(kind, name, installed[name])
-            check_readable(kind, name)
+            sha256_of(kind, name)
         except InstallationError as error:
             title = f"refused: {error.message}"
         yield Entry(kind, name, title, f"{lab.name}, {kind}/{name}.py")

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 
 from bench.model.declaration import AnalysisDeclaration, Limit
 from bench.model.lab import lab_here, own_code_names
-from bench.model.systems import analyses, analysis_declaration, declared_by, system_of_analysis
+from bench.model.systems import analyses, analysis_declaration, declared_by, system_of_analysis, try_analysis
 from bench.model.units import parse_quantity
 from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.sequence import Sequence
@@ -81,6 +81,7 @@ def check_asked(plan: Plan, findings: Findings) -> None:
     asked = declared_by(plan.campaign)
     if asked is not None and asked.made_of != "logs":
         _Asked(asked, plan, findings).check()
+        try_analysis(asked.name)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import Any
 from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
-from bench.model.installed import offer_of, offers, simulator_module
+from bench.model.installed import offer_of, offers, simulator_module, try_foreign, world_parts
 from bench.model.shipped import find_beside
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import parse_yaml
@@ -128,7 +128,10 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
         return
     _limits(draft, role, entry)
     _options(draft, role, entry, driver)
-    if draft.model.simulated and simulator_module(entry.driver) is None:
+    simulator = simulator_module(entry.driver) if draft.model.simulated else ""
+    if simulator:
+        try_foreign(simulator, [f"{simulator}:SIMULATOR"])
+    if simulator is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
         draft.fail("B-PLAN-016", path, message, "use a driver that has one")
 
@@ -161,11 +164,12 @@ def _limits(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
 
 def _world(draft: Draft[StationFile], world: World) -> None:
     simulation = import_module(SIMULATION)
-    if offer_of("worlds", world.name) is None:
+    if (offer := offer_of("worlds", world.name)) is None:
         known = suggestion(world.name, [offer.name for offer in offers("worlds")])
         draft.fail("B-PLAN-014", ("world", "name"), f"no world {world.name!r}{known}")
         return
-    options = simulation.options_of(world.name)
+    try_foreign(offer.package, world_parts(offer))
+    options = simulation.kind_options(world.name)
     before = len(draft.findings.all())
     for name, value in world.options.items():
         for code, message in option_mistakes(name, value, options):
@@ -173,7 +177,7 @@ def _world(draft: Draft[StationFile], world: World) -> None:
     if len(draft.findings.all()) == before:
         given = {name: option_text(value) for name, value in world.options.items() if value is not None}
         try:
-            simulation.check_options(world.name, given)
+            simulation.checked_options(world.name, given)
         except InputError as error:
             draft.fail("B-PLAN-015", ("world", "options"), error.message, error.next_step)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from bench.model.errors import InputError
+from bench.model.extras import optional
 from bench.report.dcc.elements import DCC, SI, VERSION, lines_of
 
 _XS = "{http://www.w3.org/2001/XMLSchema}"
@@ -39,7 +39,9 @@ class CertificateSchema:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        package = _xmlschema()
+        message = "the package xmlschema is not installed, so nothing can be validated"
+        cure = "pip install 'inertial-bench[certificate]', or leave --schema out"
+        package = optional("xmlschema", InputError("B-DCC-010", message, where="--schema", next_step=cure))
         files = _schemas(path, package)
         version = ET.fromstring(files[path.name].read_bytes()).get("version")
         if version != VERSION:
@@ -130,18 +132,6 @@ def _local(uri: str, files: dict[str, Path]) -> str:
     """Return address of a schema -> the file that stands for it."""
     file = files.get(uri.rsplit("/", 1)[-1])
     return uri if file is None else file.resolve().as_uri()
-
-
-def _xmlschema() -> Any:
-    try:
-        return importlib.import_module("xmlschema")
-    except ImportError as error:
-        raise InputError(
-            "B-DCC-010",
-            "the package xmlschema is not installed, so nothing can be validated",
-            where="--schema",
-            next_step="pip install 'inertial-bench[certificate]', or leave --schema out",
-        ) from error
 
 
 def _unusable(path: Path, message: str, next_step: str) -> InputError:

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bench.model.clock import Clock
-from bench.model.errors import BenchError, InputError, InstrumentError
+from bench.model.errors import BenchError, InputError, InstallationError, InstrumentError
+from bench.model.installed import unforeseen
 from bench.model.ports import Identity
 from bench.plan import Plan, Station, summarise
 from bench.run.bench.opener import OpenBench
 from bench.run.bench.safety import make_safe
 from bench.run.bench.side_by_side import asked
-from bench.run.stop import unforeseen
 
 SPACE_FACTOR = 2
 SILENT = "B-INST-001"
@@ -38,6 +38,8 @@ def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
         for failure in unsafe:
             if failure is not problem:
                 problem.add_note(str(failure))
+        if isinstance(problem, InstallationError) and not unsafe:
+            problem.add_note("The bench is safe, and no session was begun.")
         raise problem
     return identities
 

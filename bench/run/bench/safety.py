@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import BenchError, RunError
+from bench.model.installed import unforeseen
 from bench.model.ports import Instrument
 
 ATTEMPTS = 3
@@ -139,7 +140,7 @@ def states_of(failures: Iterable[RunError]) -> dict[str, SafeState]:
 
 
 def _not_safe(role: str, state: SafeState, error: Exception | None) -> RunError:
-    why = " ".join(str(error).split()) if error is not None else "it answered once, and might still do what came before"
+    why = "it answered once, and might still do what came before" if error is None else str(unforeseen(error))
     failure = RunError(
         "B-RUN-060",
         f"not confirmed safe, {state} ({why})",

@@ -19,6 +19,7 @@ from pathlib import Path
 from bench.model.clock import NS, Clock, to_ns, utc_moment
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
+from bench.model.installed import unforeseen
 from bench.model.ports import Effect, Instrument, actions_of, effects_of
 from bench.run.bench.safety import SafeState, WayToSafe, hurried
 from bench.run.guard.decision import Action, Address, Brief
@@ -184,7 +185,7 @@ class _Bench:
             if self._turn.mine:
                 way.attempt(quick=quick)
                 error = way.failures.get(role)
-                text = "answered, and is asked once more" if error is None else " ".join(str(error).split())
+                text = "answered, and is asked once more" if error is None else str(unforeseen(error))
                 now_ns = self._clock.now_ns()
                 again_s = NOTE_S if now_ns - began_ns < to_ns(LONG_S) else LONG_S
                 if way.left and (text != said or now_ns >= noted_ns + to_ns(again_s)):

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS, Clock, utc_moment
+from bench.model.errors import NEXT_FORM, unknown_form
 from bench.model.posix import ALONE
 
 DIARY = "guard.jsonl"  # in the folder of a session
 
 
 class Diary:
-    """Appends ``{"utc": ..., "t_s": seconds since the guard acted, "what": ..., ...}``; never raises."""
+    """Appends ``{"utc": ..., "t_s": seconds since the guard acted, "v": 1, "what": ..., ...}``; never raises."""
 
     def __init__(self, path: Path, clock: Clock) -> None:
         self._clock = clock
@@ -37,7 +38,7 @@ class Diary:
         utc_ns = self._clock.utc_ns()
         utc = utc_moment(utc_ns).replace(microsecond=utc_ns % NS // 1000)
         t_s = round((self._clock.now_ns() - self._start_ns) / NS, 3)
-        entry = {"utc": utc.isoformat(timespec="milliseconds"), "t_s": t_s, "what": what, **fields}
+        entry = {"utc": utc.isoformat(timespec="milliseconds"), "t_s": t_s, "v": 1, "what": what, **fields}
         self._lines.put(json.dumps(entry, separators=(",", ":"), default=str).encode() + b"\n")
 
     def close(self, limit_s: float) -> None:
@@ -77,6 +78,9 @@ def guard_word(folder: Path) -> Mapping[str, Any] | None:
     """
     word: dict[str, Any] | None = None
     for entry in read_diary(folder / DIARY):
+        if why := unknown_form(entry):  # it may say that something is on, or that nothing is
+            reason = f"its log is {why}: {NEXT_FORM}"
+            return {"reason": reason, "safe": None, "unsafe": {}, "utc": entry.get("utc"), "by": ""}
         what = entry.get("what")
         if what in ("ready", "dismissed"):
             word = None

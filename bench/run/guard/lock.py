@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import Clock, to_ns, utc_moment
-from bench.model.errors import InputError
+from bench.model.errors import InputError, unknown_form
 from bench.model.posix import ALONE, NO_LINK, lock_file, read_at, require, user_name, write_at
 from bench.model.quantities import Values
 from bench.run.bench.side_by_side import bus_of
@@ -77,7 +77,7 @@ class BenchLock:
         self._held: list[int] = []
         since = utc_moment(clock.utc_ns()).isoformat()
         who = {"pid": os.getpid(), "host": socket.gethostname(), "user": user_name()}
-        self._holder: dict[str, Any] = {**who, "what": what, "since": since}
+        self._holder: dict[str, Any] = {"v": 1, **who, "what": what, "since": since}
 
     def __enter__(self) -> BenchLock:
         self.take()
@@ -180,6 +180,8 @@ class BenchLock:
         while True:
             with suppress(ValueError, OSError):
                 holder: dict[str, Any] = json.loads(read_at(descriptor, _NAME_BYTES, 0))
+                if why := unknown_form(holder):
+                    return {"form": why}
                 if holder.get("host") != self._holder["host"] or _lives(int(holder["pid"])):
                     return holder
             if self._clock.now_ns() >= end_ns:
@@ -200,6 +202,8 @@ def _lives(pid: int) -> bool:
 def _named(holder: Values) -> str:
     if not holder:
         return "another process that has not named itself"
+    if "form" in holder:
+        return f"another process, whose lock is {holder['form']}"
     session = f", session {holder['session']}" if "session" in holder else ""
     who = f"'{holder['what']}' of {holder['user']}@{holder['host']}"
     return f"{who}, pid {holder['pid']}, since {holder['since']}{session}"

@@ -19,10 +19,11 @@ from operator import lt
 from typing import Any, Protocol
 
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
+from bench.model.installed import unforeseen
 from bench.plan import PlannedUnit
 from bench.run.links.port import InstrumentLink, PortThread, descriptor_of
 from bench.run.links.reader import TEMPERATURE, LinkReader, of_unit, status_of, thermometer
-from bench.run.stop import StopSwitch, guarded, unforeseen
+from bench.run.stop import StopSwitch, guarded
 
 VIRTUAL_POLL_S = 1.0
 VIRTUAL_DECODE_BYTES = 1_000_000

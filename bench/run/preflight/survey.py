@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from bench.model import events
 from bench.model.clock import Clock
 from bench.model.errors import BenchError, InstrumentError
+from bench.model.installed import unforeseen
 from bench.model.ports import ByteLink, Instrument
 from bench.plan import Plan, Station
 from bench.run.bench.opener import (
@@ -123,8 +124,7 @@ def _guarded(check: Check, context: PreflightContext) -> Sequence[Finding]:
     except BenchError as error:
         looked = Finding(check.name, Status.FAIL, error.code, "", error.message, of_bench=check.on_bus)
     except Exception as error:  # a check must never be the reason why a bench stands still
-        text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        looked = Finding(check.name, Status.WARN, "unknown", "", text)
+        looked = Finding(check.name, Status.WARN, "unknown", "", unforeseen(error).message)
     return [looked] if isinstance(looked, Finding) else looked
 
 

@@ -22,9 +22,10 @@ from bench.maths.stein import LEAST_FIRST, needed
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
 from bench.model.events import DECISION, Answer, Decision, Exchange, Overrun, Slip
+from bench.model.installed import named
 from bench.model.quantities import QUANTITY
 from bench.model.stopping import UNTIL, Point
-from bench.model.systems import declared_by, named
+from bench.model.systems import declared_by
 from bench.plan import (
     FAIL,
     HOLD,

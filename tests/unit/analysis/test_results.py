@@ -25,7 +25,6 @@ from bench.analysis import (
     Material,
     agreements,
     analyse,
-    analysis_module,
     build_results,
     by_foreseen_name,
     compensation_of_unit,
@@ -44,7 +43,8 @@ from bench.analysis import (
 )
 from bench.analysis.doubt import FALSE_DOUBT, LEAST_MOVE, base_quantity, stated, weigh
 from bench.model.errors import FitError, InputError
-from bench.model.systems import assumptions_of
+from bench.model.installed import named
+from bench.model.systems import analysis_declaration, assumptions_of
 from bench.store.contents import contents_of
 
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "1"}
@@ -107,7 +107,7 @@ def test_text_is_canonical_and_keeps_every_bit(document: dict[str, Any]) -> None
 
 
 def test_analysis_by_name() -> None:
-    assert analysis_module("scale_factor").METHODS == ("gls", "paper", "ols")
+    assert named(analysis_declaration("scale_factor").module).METHODS == ("gls", "paper", "ols")
     with pytest.raises(FitError, match=r"B-FIT-011: .*unknown analysis 'scale_facto'.*Next: .*scale_factor"):
         analyse(Material([], {"analysis": "scale_facto"}, {}))
 
@@ -116,7 +116,7 @@ def test_equations_without_a_solution_are_an_error_of_the_records(monkeypatch: p
     def singular(material: Material, method: str) -> Any:
         return np.linalg.inv(np.zeros((2, 2)))
 
-    monkeypatch.setattr(analysis_module("scale_factor"), "analyse", singular)
+    monkeypatch.setattr(named(analysis_declaration("scale_factor").module), "analyse", singular)
     with pytest.raises(FitError, match=r"B-FIT-143: scale_factor: .*no solution.*Next: ") as caught:
         analyse(Material([], {"analysis": "scale_factor"}, {}))
     assert caught.value.exit_status == 2

@@ -28,7 +28,7 @@ from bench.analysis import (
     value_and_uncertainty,
     with_uncertainty,
 )
-from bench.analysis.analysis import analyse, analysis_module, with_expected
+from bench.analysis.analysis import analyse, with_expected
 from bench.analysis.values import number_of
 from bench.model.declaration import Limit
 from bench.model.errors import FitError
@@ -264,7 +264,7 @@ def test_an_unusable_limit_says_what_to_do(name: str, unit: str, says: str, next
 def test_a_method_that_an_analysis_does_not_have(name: str) -> None:
     with pytest.raises(FitError, match="B-FIT-004: unknown method 'no_such'") as caught:
         analyse(Material((), {"analysis": name}, {}), "no_such")
-    assert caught.value.next_step == f"use one of: {', '.join(analysis_module(name).METHODS)}"
+    assert caught.value.next_step == f"use one of: {', '.join(analyses()[name].analysis.methods)}"
 
 
 @pytest.mark.parametrize(

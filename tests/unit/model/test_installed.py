@@ -20,7 +20,6 @@ from bench.model.errors import InstallationError
 from bench.plan import language_of_mapping
 from bench.plan.language.sequence import language_of_sequence
 from bench.run.preflight import Status
-from sim_instruments.worlds.simulation import kind_options, world_class
 
 CACHES = (
     installed.offers,
@@ -86,7 +85,7 @@ def test_the_shipped_systems_are_registered_as_a_strangers_are() -> None:
 def test_no_analysis_is_loaded_for_a_declaration() -> None:
     named = {declared.module for declared, _, _ in systems.analyses().values()}
     assert len(named) == 23
-    assert all(systems.named(name).analyse for name in sorted(named))
+    assert all(installed.named(name).analyse for name in sorted(named))
 
 
 def test_one_name_of_two_distributions_b_pkg_001(tmp_path: Path) -> None:
@@ -187,7 +186,7 @@ def test_a_broken_declaration_stops_who_names_it_b_pkg_004(tmp_path: Path, text:
         with pytest.raises(InstallationError, match=f"the analysis 'curve' is .* of stranger 1.0 {says}") as caught:
             refused({"analysis": "curve"})
         assert caught.value.code == "B-PKG-004"
-        place = tmp_path / name / (f"declaration.py:{line}" if line else "__init__.py")
+        place = tmp_path / name / (f"declaration.py:{line}" if line else "declaration.py")
         assert caught.value.where == str(place)
     assert [system.name for system in systems.systems()] == [offer.name for offer in own_offers("systems")]
 
@@ -207,41 +206,17 @@ def test_only_the_declaration_that_is_named_is_read(tmp_path: Path) -> None:
         language_of_sequence(None).model_validate({**BARE, "uut": {"model": "X", "serial": "1", "probes": 2}})
 
 
-@pytest.mark.parametrize(("module", "text"), [("world", "raise OSError(5, 'no port')\n"), ("options", "1 / 0\n")])
-def test_a_world_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(tmp_path: Path, module: str, text: str) -> None:
-    name = f"stranger_{module}"
-    distribution(tmp_path, "stranger", worlds=f"strange = {name}")
-    sound = {"world": "", "options": "OPTIONS, NUMBERS, TEXTS = {}, {}, {}\n"}
-    package(tmp_path, name, init="", **{**sound, module: text})
-    assert kind_options("fog_north")
-    asked = world_class if module == "world" else kind_options
-    with pytest.raises(InstallationError, match=r"of stranger 1\.0 cannot be loaded: (OSError|ZeroDiv)") as caught:
-        asked("strange")
-    assert caught.value.where == str(tmp_path / name / f"{module}.py:1")
-
-
-@pytest.mark.parametrize("broken", ["init", "probe_9"])
-def test_a_driver_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(tmp_path: Path, broken: str) -> None:
+def test_drivers_that_cannot_be_loaded_stop_who_names_them_b_pkg_004(tmp_path: Path) -> None:
     distribution(tmp_path, "stranger", instruments="stranger = stranger_broken")
-    modules = {"init": OWN_DRIVERS, "probe_9": "\nDRIVER = int\n"}
-    modules[broken] += "raise ValueError('a stranger')\n"
-    package(tmp_path, "stranger_broken", **modules)
+    package(
+        tmp_path, "stranger_broken", init=f"{OWN_DRIVERS}raise ValueError('a stranger')\n", probe_9="DRIVER = int\n"
+    )
     assert driver_class("hp_3458a").__name__ == "Hp3458A"
     assert installed.simulator_module("hp_3458a") == "sim_instruments.hp_3458a"
     assert "stranger_broken" not in sys.modules
     with pytest.raises(InstallationError, match=r"stranger_broken\.probe_9 of stranger 1\.0 .* a stranger") as caught:
         driver_class("probe_9")
-    file = "__init__.py:4" if broken == "init" else "probe_9.py:3"
-    assert caught.value.where == str(tmp_path / "stranger_broken" / file)
-
-
-def test_what_a_declaration_names_and_cannot_be_loaded_b_pkg_004(tmp_path: Path) -> None:
-    distribution(tmp_path, "stranger", systems="stranger = stranger_later")
-    package(tmp_path, "stranger_later", init="", analysis="import json\njson.loads(None)\n")
-    with pytest.raises(InstallationError, match=r"stranger_later\.analysis of stranger 1\.0 cannot be loaded"):
-        systems.named("stranger_later.analysis:analyse")
-    with pytest.raises(ModuleNotFoundError):
-        systems.named("nobody_at_all")
+    assert caught.value.where == str(tmp_path / "stranger_broken" / "__init__.py:4")
 
 
 def test_one_analysis_of_two_foreign_systems_is_nobodys_b_pkg_001(tmp_path: Path) -> None:

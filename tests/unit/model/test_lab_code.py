@@ -12,8 +12,8 @@ from own_lab import ANALYSIS, DRIVER, SIMULATOR, copied
 from bench.model import lab as code
 from bench.model.drivers import driver_class
 from bench.model.errors import ExitStatus, InputError, InstallationError
-from bench.model.installed import simulator_module
-from bench.model.systems import analysis_declaration, named
+from bench.model.installed import named, simulator_module
+from bench.model.systems import analysis_declaration, try_analysis
 
 OTHER = 4242  # a user that is nobody here
 
@@ -179,8 +179,8 @@ def test_a_driver_is_named_by_its_file(lab: Path) -> None:
         ('"air_mean", __name__', '"another", __name__', "holds no DECLARATION with the name 'air_mean'"),
         ('"readings"', '"logs"', "is made of imported logs"),
         ("DECLARATION =", "DECLARED =", "holds no DECLARATION"),
-        ("__name__, METHODS,", '__name__, ("other",),', "METHODS are not the methods"),
-        ("def analyse", "def analyze", "has no function 'analyse'"),
+        ("__name__, METHODS,", '__name__, ("other",),', "has METHODS that are not the methods"),
+        ("def analyse", "def analyze", "holds no analyse"),
     ],
 )
 def test_an_analysis_is_what_it_declares(lab: Path, old: str, new: str, says: str) -> None:
@@ -188,7 +188,7 @@ def test_an_analysis_is_what_it_declares(lab: Path, old: str, new: str, says: st
     assert old in text
     (lab / ANALYSIS).write_text(text.replace(old, new, 1))
     with pytest.raises(InstallationError, match=f"B-LAB-006: .*{says}"):
-        analysis_declaration("air_mean")
+        try_analysis("air_mean")
 
 
 def test_names_that_are_none_are_not_looked_for(lab: Path) -> None:

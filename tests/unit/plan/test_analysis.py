@@ -11,8 +11,8 @@ from plan_sample import ROOT, reworded
 from rehearsal import compiled
 from stop_plan import stopping_plan, stopping_text
 
-from bench.analysis import analysis_module
 from bench.model.errors import InputErrors
+from bench.model.installed import named
 from bench.model.stopping import STAGE, UNTIL
 from bench.model.systems import analyses
 from bench.plan import Plan, PlannedRecord, check_plan, compile_sequence, decisions_of, load_station, summarise
@@ -32,7 +32,7 @@ def shipped_mistakes(folder: Path, shipped: str, *changes: tuple[str, str]) -> l
 
 @pytest.mark.parametrize("name", analyses())
 def test_what_is_declared_is_what_the_analysis_has(name: str) -> None:
-    assert analyses()[name][0].methods == analysis_module(name).METHODS
+    assert analyses()[name][0].methods == named(analyses()[name][0].module).METHODS
 
 
 SYNC = "time_sync_linear"

@@ -154,6 +154,15 @@ def test_one_that_has_not_named_itself_is_given_some_time(tmp_path: Path) -> Non
         assert 3.0 <= clock.now_ns() / 1e9 < 3.5
 
 
+def test_one_of_another_form_holds_the_bench_whatever_it_says(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    with BenchLock(("A",), GUARD, clock, folder=tmp_path):
+        next(tmp_path.iterdir()).write_text('{"v": 2, "owner": "somebody"}')
+        with pytest.raises(InputError, match=r"B-RUN-092: .* lock is of form 2, and this software knows form 1"):
+            BenchLock(("A",), "run", clock, folder=tmp_path, patience_s=90.0).take()
+    assert clock.now_ns() < 1e9
+
+
 def test_a_lock_that_cannot_be_opened_is_said(tmp_path: Path) -> None:
     with lock(tmp_path, ("A",)):
         path = next(tmp_path.iterdir())

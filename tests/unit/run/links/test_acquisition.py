@@ -13,12 +13,13 @@ from run_rig import Listener, Rig
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, LinkError
 from bench.model.events import Disk
+from bench.model.installed import unforeseen
 from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.links import keeper as link_keeper
 from bench.run.links.keeper import keep_links
 from bench.run.observers import AtTerminal, Observers, patient
-from bench.run.stop import Interruption, StopSwitch, guarded, repeated, unforeseen
+from bench.run.stop import Interruption, StopSwitch, guarded, repeated
 from bench.run.watch.environment import PERIOD_S, note_temperatures
 
 

@@ -16,7 +16,6 @@ from sim_instruments.worlds.simulation import (
     checked_options,
     kind_options,
     open_world,
-    options_of,
     world_class,
 )
 
@@ -97,7 +96,7 @@ def test_every_option_says_what_it_is(name: str) -> None:
     told = [*options.OPTIONS.values(), *(entry[0] for entry in (*options.NUMBERS.values(), *options.TEXTS.values()))]
     assert len(told) == len(kind_options(name))
     assert all(told)
-    assert set(options_of(name)) == {*options.OPTIONS, *options.NUMBERS, *options.TEXTS}
+    assert set(kind_options(name)) == {*options.OPTIONS, *options.NUMBERS, *options.TEXTS}
     assert checked_options(name, dict.fromkeys(options.OPTIONS, "off")) == dict.fromkeys(options.OPTIONS, False)
 
 

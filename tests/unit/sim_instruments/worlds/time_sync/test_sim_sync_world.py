@@ -10,7 +10,7 @@ from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
 from bench.systems.time_sync.estimators.sar.response import impulse_response
-from sim_instruments.worlds.simulation import options_of
+from sim_instruments.worlds.simulation import kind_options
 from sim_instruments.worlds.time_sync.flight.egi import egi_error_runs
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments, imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
@@ -286,7 +286,7 @@ def test_truth_is_the_offset_at_the_middle_its_drift_and_the_biases_of_its_recor
 
 
 def test_options_have_names_and_what_is_not_given_is_drawn_within_its_limits():
-    assert {"noise", "offset_s", "drift_ppm", "imu_clock_ppm", "egi_latency_s"} <= set(options_of("time_sync"))
+    assert {"noise", "offset_s", "drift_ppm", "imu_clock_ppm", "egi_latency_s"} <= set(kind_options("time_sync"))
     drawn = []
     for seed in range(30):
         rig = Rig(seed)
