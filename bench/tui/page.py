@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.text import Text
 
 from bench.model.units import plain_quantity, plain_unit
-from bench.run.feed.outputs import figures_of
+from bench.run.feed.bench_state import figures_of
 from bench.run.guard.last_words import roles_in_words
 from bench.tui.folding import cut, folded, joined, spread
 from bench.tui.look import Look, duration
@@ -78,12 +78,10 @@ def _head(seen: Seen, look: Look) -> list[Text]:
 
 
 def _bench(seen: Seen, look: Look) -> list[Text]:
-    """Return what is on, since when that is known, and what stays dangerous; of a run that is gone nothing is known."""
+    """Return what is on, since when that is known, and what stays dangerous."""
     bench = seen.document.get("bench")
     if bench is None:
         return []
-    if seen.lost:
-        return [Text(f" {look.texts('bench.unknown')} ", style=BENCH["unknown"])]
     word, confirmed = str(bench["state"]), bench.get("confirmed_utc_s")
     parts = [f" {look.texts(f'bench.{word}')}"]
     if confirmed is not None and bench.get("ended_utc_s") is not None:

@@ -1,14 +1,14 @@
 """Looks at everything that can be on, again and again, so that the state of the bench that people see is never old.
 
 Asked are the questions by which a driver knows whether it is on (``Tells``); what the replies say is worked out by
-bench.run.feed.outputs, from the transcript. A look waits for a moment in which the steps leave the bus alone, and for
+``BenchState``, from the transcript. A look waits for a moment in which the steps leave the bus alone, and for
 at most one more period.
 
 What is on and leads or drives a stimulus, or moves, is asked each second whether it is there, unless it has just
 answered a step. One that is silent for longer than ``LOST_S`` holds the run, which opens its path over what still
 answers and takes the point again. Only on the wall clock: a bench inside this process has no network.
 
-What is on though no step up to now may have switched it on, as the steps declare it, holds the run too.
+What answers that it is on, though the steps up to now leave it off as they declare it, holds the run too.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from typing import Any
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.events import UNDECLARED
-from bench.model.ports import ENERGISING, Instrument, drivers_of, effects_of
+from bench.model.ports import DE_ENERGISING, ENERGISING, SWITCHED_OFF, Instrument, drivers_of, effects_of
 from bench.plan import Step
 from bench.run.bench.safety import QUICK_S, hurried
 from bench.run.context import RunContext
-from bench.run.feed.outputs import LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs
+from bench.run.feed.bench_state import LOOK_VIRTUAL_S, LOOK_WALL_S, BenchState
 from bench.run.observers import Following, Observer, Order
 from bench.run.steps.setpoints import goes_off
 from bench.run.stop import repeated
@@ -102,9 +102,11 @@ class Contact(Observer):
 
 
 class Declared(Observer):
-    """Knows what the steps up to now may have switched on; holds the run once for anything else that goes on.
+    """Compares what each instrument answers with what the steps up to now declare; holds the run once for each.
 
-    What has not answered that it is off was on before, and is none of the run's.
+    ``off``: roles that must answer so: a step that takes all energy away is done, or none up to now brings any and the
+    instrument has answered once that it is off; before that it is as its last user left it. A step that a decision has
+    left out may have brought energy, and takes none away. On the run's own way back to a point nothing is judged.
     """
 
     order = Order.SAFETY
@@ -112,32 +114,47 @@ class Declared(Observer):
 
     def __init__(self, context: RunContext) -> None:
         self._context, self._drivers = context, drivers_of(context.instruments)
-        self._unasked = {role for role, one in context.instruments.items() if effects_of(type(one)) & ENERGISING}
-        self._outputs = _outputs(context, self._unasked)
-        self._off: set[str] = set()
-        self._begun = 0  # steps
+        self._judged = {role for role, one in context.instruments.items() if effects_of(type(one)) & ENERGISING}
+        self._untouched, self._off = set(self._judged), set[str]()
+        self._outputs = _outputs(context, self._judged)
+        self._begun = set[int]()
+        self._newest = 0
 
     def step(self, step: Step, at_s: float) -> None:
-        for begun in self._context.plan.steps[self._begun : step.number + 1]:
-            if begun.effects(self._drivers.get(begun.role, {})) & ENERGISING:
-                self._unasked.discard(begun.role)
-        self._begun = max(self._begun, step.number + 1)
+        if again := step.number in self._begun or step.number < self._newest:
+            self._begun = {number for number in self._begun if number < step.number}
+            self._off &= self._untouched
+        for before in self._context.plan.steps[0 if again else self._newest : step.number]:
+            self._declare(before, done=before.number in self._begun)
+        self._declare(step, done=False)
+        self._begun.add(step.number)
+        self._newest = step.number
+
+    def _declare(self, step: Step, *, done: bool) -> None:
+        effects = step.effects(self._drivers.get(step.role, {}))
+        if effects and (effects <= DE_ENERGISING or step.name in SWITCHED_OFF):
+            if done:
+                self._off.add(step.role)
+        elif effects & ENERGISING:
+            self._untouched.discard(step.role)
+            self._off.discard(step.role)
 
     def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         stop = self._context.stop
-        if role not in self._unasked:
+        if role not in self._judged:
             return
         self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
-        if self._outputs.off_since(role, -math.inf):
+        if role in self._untouched and self._outputs.off_since(role, -math.inf):
             self._off.add(role)
-        elif role in self._off and self._begun and stop.interruptible and self._outputs.answers_on(role):
-            self._unasked.discard(role)
-            stop.holds.hold(UNDECLARED, f"{role} answers that it is on, and no step up to now switches it on")
+        on = direction == "rx" and role in self._off and self._outputs.answers_on(role)
+        if on and self._begun and stop.interruptible and not stop.deferred:
+            self._judged.discard(role)
+            stop.holds.hold(UNDECLARED, f"{role} answers that it is on, though the steps up to now leave it off")
 
 
-def _outputs(context: RunContext, roles: Iterable[str]) -> Outputs:
+def _outputs(context: RunContext, roles: Iterable[str]) -> BenchState:
     entries = context.plan.station.instruments
-    return Outputs({role: (entries[role].driver, entries[role].resource) for role in roles}, math.inf)
+    return BenchState({role: (entries[role].driver, entries[role].resource) for role in roles}, math.inf)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from bench.commands.progress import doing
 from bench.model.clock import VirtualClock
 from bench.model.events import event_of
 from bench.record import OPEN_MARKER, SessionWriter
-from bench.run.feed.outputs import bench_in_words
+from bench.run.feed.bench_state import bench_in_words
 from bench.run.feed.state import RunState
 from bench.run.guard.diary import DIARY
 from bench.run.guard.last_words import guard_lines

@@ -12,11 +12,11 @@ import pytest
 from report_sample import unsound
 
 from bench.record import OPEN_MARKER, SessionWriter
+from bench.session.recorded_state import RecordedState
 from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import results_of, session_row
 from bench.web.recorded.outcome import SessionOutcome, outcome_of
 from bench.web.recorded.past import Past
-from bench.web.recorded.recording import RecordedState
 
 SAFE = ("safe", {"failures": []})
 END = {"steps": 3, "records": 1, "slip_s": 0.0, "overruns": 0, "retaken": 0, "lateness_ms": [0.0, 0.0, 0.0]}
