@@ -156,7 +156,7 @@ class RecordedState:
         self._taken = count
         document = self._builder.document(t_utc_s)
         if count == len(self.recording.messages) and document["outcome"] is None:
-            document["state"] = "stopped"  # nothing follows, and it did not end
+            document |= {"state": "stopped", "bench": dict(UNHEARD)}  # nothing follows, and it did not end
         return document
 
     def _anew(self) -> RunState:

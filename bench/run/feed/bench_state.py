@@ -60,6 +60,7 @@ class _Part:
         touch = _touch(self.driver, text)
         if touch in ("energises", "moves"):
             self.switched_on_s = t
+            self.said = {question: said for question, said in self.said.items() if said[0]}  # off was before it
         elif touch is None and "?" not in text:
             self.disturbed_s = t
 
@@ -89,7 +90,7 @@ class _Part:
             return True, max(on)
         complete = len(off) == len(self.tells.on)
         oldest = min(off, default=-math.inf)
-        if self.switched_on_s > oldest or (not complete and self.switched_on_s > -math.inf):
+        if not complete and self.switched_on_s > -math.inf:
             return True, self.switched_on_s
         if not complete or self.disturbed_s > oldest:
             return None, None
