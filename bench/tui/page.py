@@ -25,6 +25,7 @@ STYLES = {
     "ending": "bold cyan", "ended": "bold", "stopped": "bold yellow", "failed": "bold red", "lost": "bold red reverse",
 }  # fmt: skip
 BENCH = {"off": "bold green", "energised": "bold cyan", "moving": "bold cyan", "unknown": "bold red"}
+LIVING = ("running", "waiting", "holding")  # red with the worst alarm
 BAND = "bold black on yellow"
 BAR = 24  # columns
 NARROW = 70
@@ -59,7 +60,8 @@ def _head(seen: Seen, look: Look) -> list[Text]:
     document = seen.document
     band = [_band(look)] if document.get("simulated") else []
     state = state_of(seen)
-    word = Text(f" {look.glyphs.state(state)} {look.texts(f'state.{state}')} ", style=STYLES[state])
+    style = FAULT if state in LIVING and document.get("attention") == "much" else STYLES[state]
+    word = Text(f" {look.glyphs.state(state)} {look.texts(f'state.{state}')} ", style=style)
     lines = [
         *band,
         *spread(
@@ -102,13 +104,14 @@ def _bench(seen: Seen, look: Look) -> list[Text]:
 
 def _guard(seen: Seen, look: Look) -> list[Text]:
     """Return whether the bench was left safe by the guard of a run that is gone."""
-    if seen.guard is None:
+    guard = seen.document.get("guard")
+    if guard is None:
         return []
-    key = {True: "guard.safe", False: "guard.unsafe", None: "guard.acting"}[seen.guard["safe"]]
-    key = "guard.taken_over" if seen.guard["by"] else key
-    said = {"reason": seen.guard["reason"], "roles": roles_in_words(seen.guard["unsafe"]), "by": seen.guard["by"]}
+    key = {True: "guard.safe", False: "guard.unsafe", None: "guard.acting"}[guard["safe"]]
+    key = "guard.taken_over" if guard["by"] else key
+    said = {"reason": guard["reason"], "roles": roles_in_words(guard["unsafe"]), "by": guard["by"]}
     text = look.texts(key, **{name: look.clean(value) for name, value in said.items()})
-    return folded(text, look.width, "bold green" if seen.guard["safe"] else STYLES["lost"], " ", " ")
+    return folded(text, look.width, "bold green" if guard["safe"] else STYLES["lost"], " ", " ")
 
 
 def _band(look: Look) -> Text:

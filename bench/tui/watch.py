@@ -90,7 +90,7 @@ class Trend:
 class Seen:
     """The contents of a page. ``age_s``: since the run answered last. ``last``: newest value of a signal.
 
-    ``guard``: what the guard of a run that does not answer did.   ``estimates``: those of the records so far, as in the
+    ``estimates``: those of the records so far, as in the
     state document of the page server; None while nobody has fitted them.
     """
 
@@ -100,7 +100,6 @@ class Seen:
     lost: bool = False
     last: dict[str, float] = field(default_factory=dict)
     trend: Trend = field(default_factory=Trend)
-    guard: Mapping[str, Any] | None = None
     estimates: Mapping[str, Any] | None = None
 
     def keep_trend(self, t_utc_s: NDArray[np.float64], low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
@@ -158,12 +157,11 @@ class Watch:
         elif seen.age_s > OLD_S:
             seen.document = {**seen.document, **unheard(self._folder)}
             seen.lost = True
-        seen.guard = seen.document.get("guard")
 
     def _take(self, reply: Points) -> None:
         header, seen = reply.header, self.seen
         self._heard_ns = self._clock.now_ns()
-        seen.age_s, seen.lost, seen.guard = 0.0, False, None
+        seen.age_s, seen.lost = 0.0, False
         if header["boot_id"] != self._boot:
             self._boot, self._since = header["boot_id"], 0
         if header.get("state"):

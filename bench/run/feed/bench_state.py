@@ -85,16 +85,12 @@ class _Part:
         if self.tells is None:
             return None, None
         on = [t for is_on, t in self.said.values() if is_on]
-        off = [t for is_on, t in self.said.values() if not is_on]
         if on:
             return True, max(on)
-        complete = len(off) == len(self.tells.on)
-        oldest = min(off, default=-math.inf)
-        if not complete and self.switched_on_s > -math.inf:
-            return True, self.switched_on_s
-        if not complete or self.disturbed_s > oldest:
-            return None, None
-        return False, oldest
+        if len(self.said) < len(self.tells.on):
+            return (True, self.switched_on_s) if self.switched_on_s > -math.inf else (None, None)
+        oldest = min((t for _, t in self.said.values()), default=-math.inf)
+        return (None, None) if self.disturbed_s > oldest else (False, oldest)
 
     def number(self, name: str) -> float:
         """Return the newest figure of a name, NaN without one."""
@@ -142,6 +138,11 @@ class BenchState:
             del self._unconfirmed[role]
             return event
         return None
+
+    @property
+    def on(self) -> set[str]:
+        """Roles that are on, by what they answered and were told since."""
+        return {role for role, part in self._parts.items() if part.known()[0]}
 
     def answers_on(self, role: str) -> bool:
         """Return whether the newest reply of an instrument says that it is on, whatever it was told."""
@@ -338,11 +339,8 @@ class InstrumentPanel:
 
     def documents(self) -> dict[str, dict[str, Any]]:
         """Return all lines, as part of the state document."""
-        return {role: _document(line) for role, line in self._lines.items()}
-
-
-def _document(line: _Line) -> dict[str, Any]:
-    return {name: value for name, value in vars(line).items() if name != "sent_utc_s"}
+        lines = {role: vars(line).items() for role, line in self._lines.items()}
+        return {role: {name: value for name, value in line if name != "sent_utc_s"} for role, line in lines.items()}
 
 
 def _judge(line: _Line) -> None:

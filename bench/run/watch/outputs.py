@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -69,38 +69,6 @@ class OutputsWatch:
             look(context.instruments, context.in_use)
 
 
-class Contact(Observer):
-    """Knows by the traffic what is on, and asks it whether it is still there."""
-
-    order = Order.SAFETY  # not vital: nothing here may keep a command from its instrument
-    loss = "nobody watches any more whether what is on can be reached"
-
-    def __init__(self, context: RunContext) -> None:
-        self._context, self._lock = context, threading.Lock()
-        off = {role: instrument for role, instrument in context.instruments.items() if goes_off(type(instrument))}
-        self._asked = {role: instrument for role, instrument in off.items() if hasattr(instrument, "silence_s")}
-        self._outputs = _outputs(context, self._asked)
-
-    def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
-        with self._lock:
-            self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
-
-    def take(self) -> None:
-        """Ask what is on and has not answered for a second; hold the run for what does not answer."""
-        context, stop = self._context, self._context.stop
-        if stop.over or not stop.interruptible or stop.holds.reasons:
-            return
-        with self._lock:
-            parts = self._outputs.document(context.clock.now_ns() / NS)["parts"]
-        for role in (part["role"] for part in parts if part["state"] == "on"):
-            instrument: Any = self._asked[role]
-            if instrument.heard_s() >= CONTACT_S and role not in context.in_use:
-                look({role: instrument})
-            silence_s = instrument.silence_s()
-            if silence_s > LOST_S:
-                context.wait_for(role, f"it is on and has not answered for {silence_s:.1f} s")
-
-
 class Declared(Observer):
     """Compares what each instrument answers with what the steps up to now declare; holds the run once for each.
 
@@ -116,7 +84,9 @@ class Declared(Observer):
         self._context, self._drivers = context, drivers_of(context.instruments)
         self._judged = {role for role, one in context.instruments.items() if effects_of(type(one)) & ENERGISING}
         self._untouched, self._off = set(self._judged), set[str]()
-        self._outputs = _outputs(context, self._judged)
+        places = ((role, context.plan.station.instruments[role]) for role in self._judged)
+        self._bench = BenchState({role: (entry.driver, entry.resource) for role, entry in places}, math.inf)
+        self._lock = threading.Lock()
         self._begun = set[int]()
         self._newest = 0
 
@@ -139,22 +109,45 @@ class Declared(Observer):
             self._untouched.discard(step.role)
             self._off.discard(step.role)
 
+    @property
+    def on(self) -> set[str]:
+        """Roles that are on, by what they answer and were told."""
+        with self._lock:
+            return self._bench.on
+
     def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         stop = self._context.stop
-        if role not in self._judged:
-            return
-        self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
-        if role in self._untouched and self._outputs.off_since(role, -math.inf):
-            self._off.add(role)
-        on = direction == "rx" and role in self._off and self._outputs.answers_on(role)
+        with self._lock:
+            self._bench.on_traffic(role, direction, text, t_mono_ns / NS)
+            if role in self._untouched and self._bench.off_since(role, -math.inf):
+                self._off.add(role)
+            on = direction == "rx" and role in self._off and role in self._judged and self._bench.answers_on(role)
         if on and self._begun and stop.interruptible and not stop.deferred:
             self._judged.discard(role)
-            stop.holds.hold(UNDECLARED, f"{role} answers that it is on, though the steps up to now leave it off")
+            found = f"{role} answers that it is on, though the steps up to now leave it off"
+            stop.holds.hold(UNDECLARED, f"{found}; find out what switched it on, then let the run go on")
 
 
-def _outputs(context: RunContext, roles: Iterable[str]) -> BenchState:
-    entries = context.plan.station.instruments
-    return BenchState({role: (entries[role].driver, entries[role].resource) for role in roles}, math.inf)
+class Contact:
+    """Asks what is on whether it is still there. Args: declared: knows by the traffic what is on."""
+
+    def __init__(self, context: RunContext, declared: Declared) -> None:
+        self._context, self._declared = context, declared
+        off = {role: instrument for role, instrument in context.instruments.items() if goes_off(type(instrument))}
+        self._asked = {role: instrument for role, instrument in off.items() if hasattr(instrument, "silence_s")}
+
+    def take(self) -> None:
+        """Ask what is on and has not answered for a second; hold the run for what does not answer."""
+        context, stop = self._context, self._context.stop
+        if stop.over or not stop.interruptible or stop.holds.reasons:
+            return
+        for role in self._declared.on & self._asked.keys():
+            instrument: Any = self._asked[role]
+            if instrument.heard_s() >= CONTACT_S and role not in context.in_use:
+                look({role: instrument})
+            silence_s = instrument.silence_s()
+            if silence_s > LOST_S:
+                context.wait_for(role, f"it is on and has not answered for {silence_s:.1f} s")
 
 
 @contextmanager
@@ -163,10 +156,9 @@ def outputs_watch(context: RunContext, following: Following) -> Iterator[None]:
     watch = OutputsWatch(context, following)
     wake_s = LOOK_VIRTUAL_S if context.clock.virtual else WAKE_S
     duties = [(wake_s, watch.take)]
-    context.observers.add(Declared(context))
+    declared = Declared(context)
+    context.observers.add(declared)
     if not context.clock.virtual:
-        contact = Contact(context)
-        context.observers.add(contact)
-        duties.append((CONTACT_WAKE_S, contact.take))
+        duties.append((CONTACT_WAKE_S, Contact(context, declared).take))
     with repeated(context.clock, context.stop, *duties):
         yield

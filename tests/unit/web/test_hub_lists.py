@@ -334,12 +334,8 @@ def in_list(met: Met) -> str:
 
 
 def in_top(met: Met) -> str:
-    state = document(**{**met.state, "bench": met.state["bench"]}) if met.guard is None else document()
-    page = page_of(
-        Seen(state, str(met.folder), lost=met.guard is not None, guard=met.guard), Look(catalogue(), width=400)
-    )
-    said = " ".join(line.plain for line in page.head)
-    return f"{said} OUTPUTS OFF" if "has switched the outputs off, and confirmed it" in said else said
+    seen = Seen(document(**met.state), str(met.folder), lost=met.guard is not None)
+    return " ".join(line.plain for line in page_of(seen, Look(catalogue(), width=400)).head)
 
 
 def in_metrics(met: Met) -> str:
