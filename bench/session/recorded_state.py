@@ -173,8 +173,8 @@ class RecordedState:
 def state_at_the_end(recording: Recording, scenery: Scenery) -> dict[str, Any]:
     """Return the state document as a recording ends; what its guard did behind that replaces what was recorded."""
     state = RecordedState(recording, scenery).at(recording.last_utc_s)
-    guard = guard_word(recording.folder)
-    return state if guard is None else {**state, "guard": guard, "bench": guarded_bench(guard)}
+    told = unheard(recording.folder)
+    return {**state, **told} if told["guard"] else state
 
 
 def unheard(folder: Path) -> dict[str, Any]:

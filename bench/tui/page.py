@@ -25,7 +25,6 @@ STYLES = {
     "ending": "bold cyan", "ended": "bold", "stopped": "bold yellow", "failed": "bold red", "lost": "bold red reverse",
 }  # fmt: skip
 BENCH = {"off": "bold green", "energised": "bold cyan", "moving": "bold cyan", "unknown": "bold red"}
-LIVING = ("running", "waiting", "holding")  # red with the worst alarm
 BAND = "bold black on yellow"
 BAR = 24  # columns
 NARROW = 70
@@ -60,7 +59,7 @@ def _head(seen: Seen, look: Look) -> list[Text]:
     document = seen.document
     band = [_band(look)] if document.get("simulated") else []
     state = state_of(seen)
-    style = FAULT if state in LIVING and document.get("attention") == "much" else STYLES[state]
+    style = STYLES[state] if seen.lost or document.get("attention") != "much" else FAULT
     word = Text(f" {look.glyphs.state(state)} {look.texts(f'state.{state}')} ", style=style)
     lines = [
         *band,
@@ -74,9 +73,7 @@ def _head(seen: Seen, look: Look) -> list[Text]:
     if seen.lost:
         said = look.texts("lost.head", age=duration(seen.age_s))
         lines += folded(f"{said}. {look.texts('lost.advice')}", look.width, STYLES["lost"], " ", " ")
-    if seen.lost or state in ("ended", "failed"):
-        lines += _guard(seen, look)
-    return lines
+    return lines + _guard(seen, look)
 
 
 def _bench(seen: Seen, look: Look) -> list[Text]:

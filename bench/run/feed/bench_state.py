@@ -129,15 +129,11 @@ class BenchState:
         part = self._parts.get(role)
         if part is None:
             return None
-        if direction == "tx":
-            part.on_command(text.strip(), t_utc_s)
-        else:
-            part.on_reply(text.strip(), t_utc_s)
-        event, told_s = self._unconfirmed.get(role, (None, t_utc_s))
-        if event is not None and self.off_since(role, told_s):
-            del self._unconfirmed[role]
-            return event
-        return None
+        (part.on_command if direction == "tx" else part.on_reply)(text.strip(), t_utc_s)
+        told = self._unconfirmed.get(role)
+        if told is None or not self.off_since(role, told[1]):
+            return None
+        return self._unconfirmed.pop(role)[0]
 
     @property
     def on(self) -> set[str]:
@@ -226,7 +222,8 @@ def bench_in_words(bench: Mapping[str, Any]) -> str:
     silent = [part["role"] for part in bench["parts"] if part["state"] == "unknown"]
     unknown = [f"{role} not known" for role in silent if role not in unconfirmed]
     said = "; ".join(unsafe + on + unknown)
-    return f"{WORDS[bench['state']]}: {said}" if said else WORDS[bench["state"]]
+    word = WORDS[bench["state"]]
+    return f"{word}: {said}" if said else word
 
 
 def figures_of(part: Mapping[str, Any]) -> str:

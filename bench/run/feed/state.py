@@ -225,8 +225,8 @@ class RunState:
             self._place.first_air(event.air_degC)
 
     def _on_end(self, event: End) -> None:
-        known = self._last_error is not None and self._last_error.code == event.error
-        text = self._last_error.text if self._last_error is not None and known else ""
+        error = self._last_error
+        text = error.text if error is not None and error.code == event.error else ""
         self._outcome = {"error": event.error, "text": text if event.error else "done"}
         self._holds, self._hold_since, self._prompt = {}, None, None
 

@@ -124,8 +124,11 @@ class Declared(Observer):
             on = direction == "rx" and role in self._off and role in self._judged and self._bench.answers_on(role)
         if on and self._begun and stop.interruptible and not stop.deferred:
             self._judged.discard(role)
-            found = f"{role} answers that it is on, though the steps up to now leave it off"
-            stop.holds.hold(UNDECLARED, f"{found}; find out what switched it on, then let the run go on")
+            stop.holds.hold(
+                UNDECLARED,
+                f"{role} answers that it is on, though the steps up to now leave it off; "
+                "find out what switched it on, then let the run go on",
+            )
 
 
 class Contact:
@@ -133,8 +136,11 @@ class Contact:
 
     def __init__(self, context: RunContext, declared: Declared) -> None:
         self._context, self._declared = context, declared
-        off = {role: instrument for role, instrument in context.instruments.items() if goes_off(type(instrument))}
-        self._asked = {role: instrument for role, instrument in off.items() if hasattr(instrument, "silence_s")}
+        self._asked = {
+            role: instrument
+            for role, instrument in context.instruments.items()
+            if goes_off(type(instrument)) and hasattr(instrument, "silence_s")
+        }
 
     def take(self) -> None:
         """Ask what is on and has not answered for a second; hold the run for what does not answer."""

@@ -114,9 +114,9 @@ def _add_run(table: _Table, of: dict[str, str], run: SeenRun) -> None:
 
 def _add_bench(table: _Table, of: dict[str, str], run: SeenRun, in_use: Container[object]) -> None:
     """Add what is on; a run that is over does not say off of a station that another run has in use."""
-    bench, is_living = _mapping(run.state.get("bench")), run.state.get("state") in _LIVING
+    bench = _mapping(run.state.get("bench"))
     word = bench.get("state") or "unknown"
-    if is_living or word != "off" or run.state.get("station") not in in_use:
+    if word != "off" or run.state.get("state") in _LIVING or run.state.get("station") not in in_use:
         about = "What is on, by the replies of the instruments."
         table.states("bench_outputs_state", about, of, OUTPUTS, word)
     left, unconfirmed = "Instruments that were to be made safe and have not confirmed it.", bench.get("unconfirmed")

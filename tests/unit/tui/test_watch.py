@@ -111,16 +111,6 @@ def test_a_session_that_is_closed_has_ended_and_is_not_asked_again() -> None:
     assert len(rig.feed.asked) == asked
 
 
-def test_what_was_not_confirmed_at_the_end_is_not_off_whatever_was_heard_before() -> None:
-    bench = {"state": "off", "confirmed_utc_s": NOW_S, "parts": [], "remains": [], "unconfirmed": {}}
-    rig = Rig(bench=bench)
-    end = {**bench, "state": "unknown", "confirmed_utc_s": None, "unconfirmed": {"calibrator": ""}}
-    rig.feed.silent, rig.end = True, {**GOOD, "bench": end}
-    head = " ".join(line.plain for line in page_of(rig.watch.look(), Look(catalogue())).head)
-    assert "UNKNOWN what is on  NOT confirmed off: calibrator" in head
-    assert "OUTPUTS OFF" not in head
-
-
 def test_what_is_drawn_does_not_change_under_the_drawing() -> None:
     rig = Rig()
     before = rig.watch.look()

@@ -87,11 +87,6 @@ def test_what_ended_a_run_counts_before_its_results(tmp_path: Path, code: str, w
     )
 
 
-def test_an_end_that_was_not_confirmed_off_says_so(tmp_path: Path) -> None:
-    folder = written(tmp_path / "x", ("safe", {"failures": ["supply"]}), ("end", {**END, "error": None}))
-    assert outcome_of(folder, {}).off is False
-
-
 def test_a_run_that_is_gone_is_stopped_or_ended_by_its_guard(session: Path) -> None:
     (session / OPEN_MARKER).touch()
     assert (outcome(session).word, outcome(session).off) == ("stopped", None)
