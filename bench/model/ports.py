@@ -74,9 +74,12 @@ class Effect(Enum):
 
 ENERGISING = frozenset(effect for effect in Effect if effect.energises)
 """Effects of actions that switch something on or let it move."""
+DE_ENERGISING = frozenset({Effect.STIMULUS_OFF, Effect.ROUTES_OPEN, Effect.MOTION_OFF})
+"""Effects of actions behind which the whole instrument is off."""
 
 SWITCHED_ON = ("output_on", "operate", "run", "start")
-SWITCHES = (*SWITCHED_ON, "output_off", "standby", "stop", "open_all", "route")
+SWITCHED_OFF = ("output_off", "standby", "stop", "open_all")
+SWITCHES = (*SWITCHED_ON, *SWITCHED_OFF, "route")
 """Actions of one instrument of which the later counts."""
 
 

@@ -13,7 +13,7 @@ from rich.cells import cell_len
 from rich.text import Text
 
 from bench.model.units import plain_quantity, plain_unit
-from bench.run.feed.outputs import figures_of
+from bench.run.feed.bench_state import figures_of
 from bench.run.guard.last_words import roles_in_words
 from bench.tui.folding import cut, folded, joined, spread
 from bench.tui.look import Look, duration
@@ -59,7 +59,8 @@ def _head(seen: Seen, look: Look) -> list[Text]:
     document = seen.document
     band = [_band(look)] if document.get("simulated") else []
     state = state_of(seen)
-    word = Text(f" {look.glyphs.state(state)} {look.texts(f'state.{state}')} ", style=STYLES[state])
+    style = STYLES[state] if seen.lost or document.get("attention") != "much" else FAULT
+    word = Text(f" {look.glyphs.state(state)} {look.texts(f'state.{state}')} ", style=style)
     lines = [
         *band,
         *spread(
@@ -72,18 +73,14 @@ def _head(seen: Seen, look: Look) -> list[Text]:
     if seen.lost:
         said = look.texts("lost.head", age=duration(seen.age_s))
         lines += folded(f"{said}. {look.texts('lost.advice')}", look.width, STYLES["lost"], " ", " ")
-    if seen.lost or state in ("ended", "failed"):
-        lines += _guard(seen, look)
-    return lines
+    return lines + _guard(seen, look)
 
 
 def _bench(seen: Seen, look: Look) -> list[Text]:
-    """Return what is on, since when that is known, and what stays dangerous; of a run that is gone nothing is known."""
+    """Return what is on, since when that is known, and what stays dangerous."""
     bench = seen.document.get("bench")
     if bench is None:
         return []
-    if seen.lost:
-        return [Text(f" {look.texts('bench.unknown')} ", style=BENCH["unknown"])]
     word, confirmed = str(bench["state"]), bench.get("confirmed_utc_s")
     parts = [f" {look.texts(f'bench.{word}')}"]
     if confirmed is not None and bench.get("ended_utc_s") is not None:
@@ -104,13 +101,14 @@ def _bench(seen: Seen, look: Look) -> list[Text]:
 
 def _guard(seen: Seen, look: Look) -> list[Text]:
     """Return whether the bench was left safe by the guard of a run that is gone."""
-    if seen.guard is None:
+    guard = seen.document.get("guard")
+    if guard is None:
         return []
-    key = {True: "guard.safe", False: "guard.unsafe", None: "guard.acting"}[seen.guard["safe"]]
-    key = "guard.taken_over" if seen.guard["by"] else key
-    said = {"reason": seen.guard["reason"], "roles": roles_in_words(seen.guard["unsafe"]), "by": seen.guard["by"]}
+    key = {True: "guard.safe", False: "guard.unsafe", None: "guard.acting"}[guard["safe"]]
+    key = "guard.taken_over" if guard["by"] else key
+    said = {"reason": guard["reason"], "roles": roles_in_words(guard["unsafe"]), "by": guard["by"]}
     text = look.texts(key, **{name: look.clean(value) for name, value in said.items()})
-    return folded(text, look.width, "bold green" if seen.guard["safe"] else STYLES["lost"], " ", " ")
+    return folded(text, look.width, "bold green" if guard["safe"] else STYLES["lost"], " ", " ")
 
 
 def _band(look: Look) -> Text:

@@ -5,7 +5,7 @@ A session for which nobody answers any more says from its folder how it ended, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError
-from bench.model.events import End, Error, Resume, Safe, event_of
-from bench.record import OPEN_MARKER, SessionReader, TrendReader
-from bench.run.guard.diary import guard_word
+from bench.record import OPEN_MARKER, TrendReader
+from bench.session.recorded_state import read_recording, scenery_of, state_at_the_end, unheard
 
 AIR, UNIT = "bench.air", "bench.unit"
 OLD_S = 3.0  # a run that has said nothing for so long is called lost
@@ -91,7 +90,7 @@ class Trend:
 class Seen:
     """The contents of a page. ``age_s``: since the run answered last. ``last``: newest value of a signal.
 
-    ``guard``: what the guard of a run that does not answer did.   ``estimates``: those of the records so far, as in the
+    ``estimates``: those of the records so far, as in the
     state document of the page server; None while nobody has fitted them.
     """
 
@@ -101,7 +100,6 @@ class Seen:
     lost: bool = False
     last: dict[str, float] = field(default_factory=dict)
     trend: Trend = field(default_factory=Trend)
-    guard: Mapping[str, Any] | None = None
     estimates: Mapping[str, Any] | None = None
 
     def keep_trend(self, t_utc_s: NDArray[np.float64], low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
@@ -152,25 +150,18 @@ class Watch:
     def _missed(self) -> None:
         seen = self.seen
         seen.age_s = (self._clock.now_ns() - self._heard_ns) / NS
-        end, seen.guard = self._ended(), guard_word(self._folder)
+        end = self._ended()
         if end is not None:
-            unconfirmed = () if seen.guard and seen.guard["safe"] else end.get("unconfirmed") or ()
-            seen.document = {
-                **seen.document,
-                "state": "ended",
-                "outcome": end.get("outcome"),
-                "bench": _at_the_end(seen.document.get("bench"), unconfirmed),
-                "wait": None,
-                "holds": {},
-            }
+            seen.document = {**seen.document, "wait": None, "holds": {}, **end, "state": "ended"}
             seen.lost = False
-        else:
-            seen.lost = seen.age_s > OLD_S
+        elif seen.age_s > OLD_S:
+            seen.document = {**seen.document, **unheard(self._folder)}
+            seen.lost = True
 
     def _take(self, reply: Points) -> None:
         header, seen = reply.header, self.seen
         self._heard_ns = self._clock.now_ns()
-        seen.age_s, seen.lost, seen.guard = 0.0, False, None
+        seen.age_s, seen.lost = 0.0, False
         if header["boot_id"] != self._boot:
             self._boot, self._since = header["boot_id"], 0
         if header.get("state"):
@@ -191,14 +182,6 @@ class Watch:
             self.seen.keep_trend(reply.t_utc_s, low, high)
 
 
-def _at_the_end(bench: Mapping[str, Any] | None, unconfirmed: Sequence[str]) -> Mapping[str, Any] | None:
-    """Return what was heard of the bench last: not off any more if an instrument was not confirmed safe at the end."""
-    if bench is None or not unconfirmed:
-        return bench
-    word = "unknown" if bench["state"] == "off" else bench["state"]
-    return {**bench, "state": word, "confirmed_utc_s": None, "unconfirmed": dict.fromkeys(unconfirmed, "")}
-
-
 def remember_earlier(seen: Seen, folder: Path) -> None:
     """Fill the last hour of the trend; a session without one, or one that cannot be read, begins now."""
     now = seen.document.get("t_utc_s")
@@ -212,30 +195,14 @@ def remember_earlier(seen: Seen, folder: Path) -> None:
 
 
 def ending(folder: Path) -> Mapping[str, Any] | None:
-    """Return ``{"outcome": ...}`` of the state document; None while the recorder has the session open, or died with it.
+    """Return what of the state document the end of a session says; None while it is open, or its recorder died with it.
 
-    The outcome is null if the session does not say how it ended; "unconfirmed" has what was not confirmed safe then.
+    The outcome is null if the session does not say how it ended; of one that cannot be read only the guard is heard.
     """
     if (folder / OPEN_MARKER).exists() or not folder.is_dir():
         return None
     try:
-        return _ending(folder)
+        recording = read_recording(folder)
+        return state_at_the_end(recording, scenery_of(recording))
     except (BenchError, OSError):
-        return {"outcome": None, "unconfirmed": ()}
-
-
-def _ending(folder: Path) -> Mapping[str, Any]:
-    outcome: Mapping[str, Any] | None = None
-    unconfirmed: Sequence[str] = ()
-    text = ""
-    for kind, _, fields in SessionReader(folder).events():
-        match event_of(kind, fields):
-            case Error(text=said):
-                text = said
-            case Resume():
-                outcome, unconfirmed = None, ()
-            case Safe() as safe:
-                unconfirmed = safe.unconfirmed
-            case End(error=code):
-                outcome = {"error": code, "text": text if code else ""}
-    return {"outcome": outcome, "unconfirmed": unconfirmed}
+        return {"outcome": None, **unheard(folder)}

@@ -23,7 +23,7 @@ from bench.run.feed.client import (
     request,
     understood,
 )
-from bench.web.now import silent_row
+from bench.session.recorded_state import unheard
 from bench.web.points import MISSING_BEFORE, Points
 from bench.web.room import Room
 
@@ -92,8 +92,7 @@ class LiveRun:
             await pause(BEAT_S)
             self.room.beat(self._clock.utc_ns() / NS, round(self.age_s, 3))
             if self.age_s > LOST_S and self.room.state.get("state") != "ended":
-                now = silent_row(self.folder)["now"]
-                self.room.change(state="lost", attention=now["attention"], bench=now["bench"], guard=now["guard"])
+                self.room.change(state="lost", attention="much", **unheard(self.folder))
 
     async def poll(self) -> None:
         """Ask once. Raises: FeedGone if nobody answers."""

@@ -24,6 +24,7 @@ from soak_campaign import (
     ALLOCATOR,
     ROOT,
     SHORT,
+    TURN,
     Campaign,
     Hour,
     Soaked,
@@ -36,17 +37,41 @@ from soak_campaign import (
 )
 
 from bench.analysis import Estimate
+from bench.model.clock import VIRTUAL_START_UTC_NS
+from bench.model.events import UNDECLARED
+from bench.plan import PlannedCall
+from bench.plan.plan import no_effect
 from bench.run import sequencer
+from bench.run.feed import bench_state, state
 
-SEEDS = 8
 SHORT_INTERVAL_S = 50.0  # between faults: so short that as many faults are drawn as in 13 campaigns of make soak
 
 
-@pytest.mark.slow
-def test_mixed_faults_short(tmp_path: Path) -> None:
-    campaign = campaign_of(SHORT, tmp_path, SHORT_INTERVAL_S)
-    found = {seed: campaign.soaked(seed, tmp_path / str(seed)).violations for seed in range(SEEDS)}
-    assert not any(found.values()), found
+def violations(tmp_path: Path, seeds: range, name: str = SHORT) -> dict[str, list[str]]:
+    campaign = campaign_of(name, tmp_path, SHORT_INTERVAL_S)
+    found = {f"{name} {seed}": campaign.soaked(seed, tmp_path / name / str(seed)).violations for seed in seeds}
+    return {seed: wrong for seed, wrong in found.items() if wrong}
+
+
+@pytest.mark.parametrize("seeds", [pytest.param(8, marks=pytest.mark.slow), pytest.param(267, marks=pytest.mark.sweep)])
+def test_mixed_faults_short(tmp_path: Path, seeds: int) -> None:
+    assert violations(tmp_path, range(seeds)) | violations(tmp_path, range(seeds // 8), TURN) == {}
+
+
+def test_a_kind_of_step_with_a_falsely_empty_set_of_effects_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PlannedCall, "effects", no_effect)
+    (found,) = violations(tmp_path, range(1)).values()
+    assert any(text.startswith(UNDECLARED) and "leave it off" in text for text in found)
+
+
+def test_every_view_that_shows_off_what_is_on_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_state._Part, "known", lambda part: (False, VIRTUAL_START_UTC_NS / 1e9))
+    monkeypatch.setattr(state, "GOOD_FOR", 1000.0)
+    (found,) = violations(tmp_path, range(1)).values()
+    views = {text.partition(":")[0] for text in found}
+    assert {"page", "top", "metrics", "message", "recorded page", "recorded top", "recorded metrics"} <= views
 
 
 def test_a_seed_is_reproduced(tmp_path: Path) -> None:

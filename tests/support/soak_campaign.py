@@ -26,6 +26,7 @@ from typing import Any
 from unittest.mock import patch
 
 from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
+from soak_views import Views
 
 from bench.analysis import Estimate, Table, declared_analysis, estimates_of, is_sound
 from bench.commands.run import view_of
@@ -38,9 +39,11 @@ from bench.record.writer import RETIRED_FILES
 from bench.replay import replay_rows
 from bench.run.besides import besides
 from bench.run.control.operator import SimulatedOperator
+from bench.run.feed.live import LiveFeed
 from bench.run.guard.guarding import guard_beside
 from bench.run.session import Conducted, conduct
 from bench.session.view import KEPT_EVENTS, analyse_view
+from sim_instruments.seeds import generator
 from sim_instruments.served.process import OutputWatch
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
@@ -53,6 +56,8 @@ MEAN_INTERVAL_S, LONG_INTERVAL_S = 80.0, 1800.0
 LIVED_THROUGH = (
     "bit_errors", "drop", "duplicate", "late", "garbled", "nan", "overload", "reference_lost", "stuck", "unplug",
 )  # fmt: skip
+TURN = "time_sync_turn"  # the shortest campaign with a table
+OF_A_TABLE = tuple(kind for kind in DRAWS if not kind.startswith(("calibrator", "chamber", "reference", "trip")))
 MOST_SIGMA = 5.0
 HEAT_MAY_STAY_degC = 1.0  # above the hard limit, until the guard has looked and acted
 HOUR_S = 3600.0
@@ -119,11 +124,15 @@ class Campaign:
     ) -> Soaked:
         """Run one seed under the faults it draws, or under these, and judge it."""
         drawn = self.faults(seed) if faults is None else faults
-        return soak_one(self.plan, seed, folder, drawn, self.besides, clock())
+        views = self.duration_s <= LONG_INTERVAL_S  # hours of them would be a growth
+        return soak_one(self.plan, seed, folder, drawn, self.besides, clock(), views=views)
 
 
 def campaign_of(name: str, folder: Path, mean_interval_s: float | None = None) -> Campaign:
     """Compile the short campaign or that of a sequence; ``folder`` is for the station of the short one."""
+    if name == TURN:
+        plan = compile_sequence(ROOT / "sequences" / f"{TURN}.yaml", None, {})
+        return Campaign(name, plan, watchers(plan), plan.prepare_s + plan.duration_s, MEAN_INTERVAL_S, OF_A_TABLE)
     if name == SHORT:
         plan = soak_plan(folder)
         interval_s = mean_interval_s or MEAN_INTERVAL_S
@@ -135,35 +144,44 @@ def campaign_of(name: str, folder: Path, mean_interval_s: float | None = None) -
 
 
 def soak_one(
-    plan: Plan, seed: int, folder: Path, faults: Sequence[TimedFault], besides: Any, clock: VirtualClock
+    plan: Plan, seed: int, folder: Path, faults: Sequence[TimedFault], besides: Any, clock: VirtualClock, *, views: bool
 ) -> Soaked:
-    """Run the campaign of one seed under these faults and judge it."""
+    """Run the campaign of one seed under these faults and judge it, with ``views`` also what each view shows as off."""
     watches: list[OutputWatch] = []
+    shown = Views(clock, float(generator(seed, "kill").uniform(0.0, plan.duration_s))) if views else None
     plain = simulation.open_world
 
     def open_world(*words: Any, **options: Any) -> World:
         world = plain(*words, **options)
         watches.append(OutputWatch(world))
+        if shown is not None:
+            shown.begin(world)
         schedule(world, faults)
         return world
 
     soaked = Soaked(seed, faults)
-    with patch.object(simulation, "open_world", open_world):
+    fed = LiveFeed.__init__ if shown is None else shown.fed(LiveFeed.__init__)
+    with patch.object(simulation, "open_world", open_world), patch.object(LiveFeed, "__init__", fed):
         try:
             done = conduct(
                 plan, clock=clock, seed=seed, out=folder, operator=SimulatedOperator(), listener=QUIET,
-                keep_events=KEPT_EVENTS, beside=besides,
+                keep_events=(*KEPT_EVENTS, "hold"), beside=besides,
             )  # fmt: skip
         except Exception as error:  # before a session exists: still the bench must be safe
             soaked.ended = f"refused: {getattr(error, 'code', type(error).__name__)}"
             done = None
     soaked.hours = clock.now_ns() / NS / HOUR_S
-    soaked.violations += _unsafe(watches[-1].state(), done, plan.station.guard_limits_degC["chamber_air_degC"])
+    soaked.violations += _unsafe(
+        watches[-1].state(), done, plan.station.guard_limits_degC.get("chamber_air_degC", math.inf)
+    )
     if done is not None:
         soaked.ended = "done" if done.outcome.error is None else done.outcome.error.code
         if soaked.ended.startswith("B-INT"):
             soaked.violations.append(f"internal error: {done.outcome.error}")
         soaked.violations += _invalid(done)
+        if shown is not None:
+            shown.end(done)
+            soaked.violations += [f"{view}: {why}" for view, why in shown.wrong.items()]
         _judge(plan, done, soaked)
     elif "B-" not in soaked.ended:
         soaked.violations.append(soaked.ended)

@@ -25,14 +25,20 @@ from bench.model.events import (
     PromptAlarm,
     Release,
     Resume,
-    Safe,
     StimulusAlarm,
     by_instrument,
 )
 from bench.model.quantities import Values
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
-from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, InstrumentPanel, Outputs, bench_in_words
+from bench.run.feed.bench_state import (
+    GOOD_FOR,
+    LOOK_VIRTUAL_S,
+    LOOK_WALL_S,
+    BenchState,
+    InstrumentPanel,
+    bench_in_words,
+)
 from bench.run.feed.place import Place, Temperature, wait_document, wait_of
 from bench.run.feed.planned import PlannedRun, Remaining, corners, early_s, end_of_run, in_words, soak_to_come_s
 from bench.run.feed.points import Records
@@ -79,7 +85,7 @@ class RunState:
         self._records = Records(self._plan)
         self._panel = InstrumentPanel(manifest.get("identities") or {}, places or {})
         look_s = LOOK_VIRTUAL_S if manifest.get("clock") == "virtual" else LOOK_WALL_S
-        self._outputs = Outputs(places or {}, GOOD_FOR * look_s)
+        self.bench = BenchState(places or {}, GOOD_FOR * look_s)
         self._temperature = Temperature()
         self._log: deque[dict[str, Any]] = deque(maxlen=LONGEST_LOG)
         self._links: dict[str, dict[str, Any]] = {}
@@ -87,8 +93,6 @@ class RunState:
         self._hold_since: float | None = None
         self._prompt: dict[str, Any] | None = None
         self._stopping = False
-        self._unconfirmed: dict[str, tuple[Event, float]] = {}  # by instrument: what told it, and when
-        self._ended_utc_s: float | None = None
         self._started: float | None = None
         self._outcome: dict[str, Any] | None = None
         self._last_error: Error | None = None
@@ -100,6 +104,7 @@ class RunState:
         with self._lock:
             self._started = t_utc_s if self._started is None else self._started
             self._take(event, t_utc_s)
+            self.bench.on_event(event, t_utc_s)
             self._place.on_event(event, t_utc_s)
             self._records.on_event(event, t_utc_s)
             self.alarms.on_event(event, t_utc_s)
@@ -138,10 +143,7 @@ class RunState:
         """A command to ("tx") or reply of ("rx") an instrument."""
         with self._lock:
             self._panel.on_traffic(role, direction, text, t_utc_s)
-            self._outputs.on_traffic(role, direction, text, t_utc_s)
-            event, told_s = self._unconfirmed.get(role, (None, t_utc_s))
-            if event is not None and self._outputs.off_since(role, told_s):
-                del self._unconfirmed[role]
+            if (event := self.bench.on_traffic(role, direction, text, t_utc_s)) is not None:
                 self.alarms.over(event.topic)
 
     def on_links(self, links: Mapping[str, Values]) -> None:
@@ -191,17 +193,16 @@ class RunState:
         match event:
             case Resume():
                 self._stopping, self._outcome, self._holds, self._hold_since = False, None, {}, None
-                self._last_error, self._unconfirmed, self._ended_utc_s = None, {}, None
+                self._last_error = None
             case Hold():
                 self._hold_since = t if self._hold_since is None else self._hold_since
                 self._holds = {**self._holds, event.by: event.reason}
                 if away := frozenset(role for role in self._panel.roles if by_instrument(role) == event.by):
                     self._panel.away(away)
             case Release():
-                self._holds, self._hold_since, self._unconfirmed = {}, None, {}
+                self._holds, self._hold_since = {}, None
                 self._panel.away(frozenset())
             case StimulusAlarm():
-                self._unconfirmed[event.role] = event, t
                 self._panel.trouble(event.role, f"{event.code} {event.text}")
             case PromptAlarm() if self._prompt is None:
                 keys = ("id", "text", "confirm", "unit", "low", "high", "presence", "arms")
@@ -214,10 +215,8 @@ class RunState:
                 self._stopping = True
             case Error():
                 self._last_error = event
-            case Safe():
-                self._unconfirmed = dict.fromkeys(event.unconfirmed, (event, t))
             case End():
-                self._on_end(event, t)
+                self._on_end(event)
 
     def _on_environment(self, event: Environment, t: float) -> None:
         if event.unit_degC is not None:
@@ -225,10 +224,9 @@ class RunState:
         if event.air_degC is not None:
             self._place.first_air(event.air_degC)
 
-    def _on_end(self, event: End, t: float) -> None:
-        self._ended_utc_s = t
-        known = self._last_error is not None and self._last_error.code == event.error
-        text = self._last_error.text if self._last_error is not None and known else ""
+    def _on_end(self, event: End) -> None:
+        error = self._last_error
+        text = error.text if error is not None and error.code == event.error else ""
         self._outcome = {"error": event.error, "text": text if event.error else "done"}
         self._holds, self._hold_since, self._prompt = {}, None, None
 
@@ -245,7 +243,7 @@ class RunState:
                 "state": self._state(),
                 "attention": self._attention(t_utc_s),
                 "outcome": self._outcome,
-                "bench": self._bench(t_utc_s),
+                "bench": self.bench.document(t_utc_s),
                 "t_utc_s": t_utc_s,
                 "started_utc_s": self._started,
                 "step": self._step_document(step),
@@ -269,15 +267,12 @@ class RunState:
     def bench_line(self, t_utc_s: float) -> str:
         """Return what is on at a moment of the bench, in one line."""
         with self._lock:
-            return bench_in_words(self._bench(t_utc_s))
+            return bench_in_words(self.bench.document(t_utc_s))
 
     def unconfirmed(self) -> dict[str, str]:
         """Return the instruments that were to be made safe and have not confirmed it, each with the code of why."""
         with self._lock:
-            return {role: event.error_code or "" for role, (event, _) in self._unconfirmed.items()}
-
-    def _bench(self, t_utc_s: float) -> dict[str, Any]:
-        return self._outputs.document(t_utc_s, self._ended_utc_s, self.unconfirmed())
+            return self.bench.unconfirmed
 
     def _state(self) -> str:
         if self._outcome is not None:
@@ -295,7 +290,7 @@ class RunState:
         lasting = (alarm for alarm in self.alarms.documents(t) if alarm["active"] and not alarm["shelved"])
         active = {alarm["severity"] for alarm in lasting}
         failed = self._outcome is not None and self._outcome["error"] is not None
-        if active & {"alarm", "fault"} or self._unconfirmed:
+        if active & {"alarm", "fault"} or self.bench.unconfirmed:
             return "much"
         return "some" if active or failed or self._holds or self._prompt is not None else "none"
 

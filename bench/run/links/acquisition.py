@@ -112,7 +112,11 @@ class Acquisition:
             arrivals = _arrivals(readers, turns_ns[:-1])
             self._take_at_once(clock, turns_ns, readers, arrivals, lambda now_ns: None)
             for reader in readers:
-                if reader.link.in_waiting:
+                try:
+                    waiting = reader.link.in_waiting
+                except OSError:  # the read says why
+                    waiting = 1
+                if waiting:
                     self._poll(reader)
 
     def _poll_all(self, clock: VirtualClock) -> None:

@@ -55,13 +55,14 @@ def outcome_of(folder: Path, results: Mapping[str, Any]) -> SessionOutcome:
 
 def _at_the_end(folder: Path, ended: _Ending, results: Mapping[str, Any]) -> SessionOutcome:
     guard = guard_word(folder)
+    off = None if guard is None else bool(guard["safe"])
     if (folder / OPEN_MARKER).exists():
         word, why = ("stopped", "") if guard is None else ("fault", guard["reason"])
-        return SessionOutcome(word, why, off=None if guard is None else bool(guard["safe"]))
+        return SessionOutcome(word, why, off=off)
     if not ended.chain:
         return SessionOutcome("damaged", f"{ended.last.name} is not sealed: its end is missing")
-    off = None if ended.safe is None else not ended.safe.failures
-    off = off if guard is None else bool(guard["safe"])
+    if off is None and ended.safe is not None:
+        off = not ended.safe.failures
     error = ended.end.error if ended.end is not None else None
     if error is not None:
         word = "stopped" if error in BY_OPERATOR else "fault"

@@ -20,13 +20,20 @@ from bench.model.posix import TREND, own_process
 from bench.model.shipped import cache_folder
 from bench.record import FOLDER, TrendReader, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
-from bench.run.guard.diary import guard_word
 from bench.session.partial_fits import finished_estimates
-from bench.web.now import guarded_bench
+from bench.session.recorded_state import (
+    RecordedState,
+    Recording,
+    Scenery,
+    outline_of,
+    read_recording,
+    scenery_of,
+    state_at_the_end,
+    unheard,
+)
 from bench.web.points import Points, binned
 from bench.web.recorded.listing import FILES, Stamp, results_of, stamp_of
 from bench.web.recorded.outcome import outcome_of
-from bench.web.recorded.recording import RecordedState, Recording, Scenery, outline_of, read_recording, scenery_of
 from bench.web.security.refusal import Refusal
 
 KEPT_SESSIONS = 3
@@ -124,17 +131,11 @@ class Past:
 def _kept(folder: Path, stamp: Stamp) -> _Kept:
     recording = read_recording(folder)
     scenery = scenery_of(recording)
-    state = {**RecordedState(recording, scenery).at(recording.last_utc_s), **after_the_run(folder)}
+    state = state_at_the_end(recording, scenery)
     results = results_of(folder)
     estimates = finished_estimates(results, recording.last_utc_s)
     session = session_document(folder, results, recording.last_utc_s - recording.first_utc_s)
     return _Kept(stamp, recording, scenery, state, {**state, "estimates": estimates, "session": session})
-
-
-def after_the_run(folder: Path) -> dict[str, Any]:
-    """Return ``guard`` and ``bench`` of the state document where a guard acted behind the recording; else nothing."""
-    guard = guard_word(folder)
-    return {} if guard is None else {"guard": guard, "bench": guarded_bench(guard)}
 
 
 def session_document(folder: Path, results: dict[str, Any], duration_s: float) -> dict[str, Any]:
@@ -150,7 +151,7 @@ def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
     )
     lists: dict[str, Any] = {name: [] for name in ("alarms", "log", "signals", "graphs")}
     return {
-        **empty, **lists, "session": session_document(folder, {}, 0.0), **after_the_run(folder), "attention": "much",
+        **empty, **lists, "session": session_document(folder, {}, 0.0), **unheard(folder), "attention": "much",
         "proto": 1, "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
         "outcome": {"error": error.code, "text": error.message},
     }  # fmt: skip

@@ -8,8 +8,8 @@ from typing import Any
 
 from bench.model.clock import NS, Clock, pause
 from bench.model.errors import BenchError
+from bench.session.recorded_state import RecordedState
 from bench.web.points import KEPT, Points, no_points
-from bench.web.recorded.recording import RecordedState
 from bench.web.room import Room
 
 SPEEDS = (1, 10, 100, 1000)

@@ -34,7 +34,7 @@ export function showAlarms() {
   byId("alarms-card").hidden = !alarms.length;
   const elements = alarms.map((alarm) => {
     const one = item(alarm);
-    one.element.classList.toggle("quiet", Boolean(alarm.acknowledged || alarm.shelved));
+    one.element.classList.toggle("quiet", Boolean(alarm.acknowledged || alarm.shelved || (!alarm.active && ended())));
     say(one.time, stamp(alarm.t_utc_s, page.state.started_utc_s));
     say(one.text, withCode(alarm.code, alarm.text, " "));
     say(one.state, stateOf(alarm));
@@ -184,6 +184,7 @@ export function showAge() {
   document.body.dataset.fresh = fresh;
   badge(fresh);
   const age = age_s();
+  element.classList.toggle("past", isReplay() || ended());
   element.classList.toggle("old", fresh === "old" || fresh === "gone");
   if (fresh === "connecting") say(element, t("age.connecting"));
   else if (fresh === "fresh") say(element, isReplay() ? t("age.replay") : ended() ? t("age.ended") : t("age.live", { age: age.toFixed(1) }));

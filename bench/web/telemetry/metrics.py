@@ -7,7 +7,7 @@ Source: OpenMetrics 1.0; the text is written by prometheus_client.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from typing import Any
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, StateSetMetricFamily
@@ -24,6 +24,7 @@ from bench.web.telemetry.lookout import Lookout, SeenRun
 
 LONGEST_LABEL = 200
 RUN_STATES = ("starting", "running", "waiting", "holding", "ending", "ended", "stopped", "lost")
+_LIVING = RUN_STATES[:5]
 ATTENTION = ("none", "some", "much")
 OUTPUTS = ("off", "energised", "moving", "unknown")
 LINK_STATES = ("waiting", "streaming", "stale", "silent", "lost")
@@ -71,10 +72,12 @@ def families(runs: Iterable[SeenRun]) -> list[Metric]:
     """Return the metric families of runs, each with the samples of all of them; no two samples of the same labels."""
     table = _Table()
     table.words("bench_server", "The page server that tells this.", {}, {"version": __version__})
+    runs = tuple(runs)
+    in_use = {run.state.get("station") for run in runs if run.state.get("state") in _LIVING}
     for run in runs:
         name = _label(run.state.get("run"))
         _add_run(table, {"run": name}, run)
-        _add_bench(table, {"run": name}, run)
+        _add_bench(table, {"run": name}, run, in_use)
         _add_links(table, {"run": name}, run.state)
         _add_estimates(table, name, run.state)
     return list(table.families.values())
@@ -109,12 +112,13 @@ def _add_run(table: _Table, of: dict[str, str], run: SeenRun) -> None:
             table.gauge("bench_alarms", "Alarms that last and are not shelved.", {**of, "severity": severity}, count)
 
 
-def _add_bench(table: _Table, of: dict[str, str], run: SeenRun) -> None:
+def _add_bench(table: _Table, of: dict[str, str], run: SeenRun, in_use: Container[object]) -> None:
+    """Add what is on; a run that is over does not say off of a station that another run has in use."""
     bench = _mapping(run.state.get("bench"))
-    table.states(
-        "bench_outputs_state", "What is on, by the replies of the instruments.", of, OUTPUTS,
-        bench.get("state") or "unknown",
-    )  # fmt: skip
+    word = bench.get("state") or "unknown"
+    if word != "off" or run.state.get("state") in _LIVING or run.state.get("station") not in in_use:
+        about = "What is on, by the replies of the instruments."
+        table.states("bench_outputs_state", about, of, OUTPUTS, word)
     left, unconfirmed = "Instruments that were to be made safe and have not confirmed it.", bench.get("unconfirmed")
     table.gauge("bench_outputs_unconfirmed", left, of, None if unconfirmed is None else len(_mapping(unconfirmed)))
     since = _difference(run.state.get("t_utc_s"), bench.get("confirmed_utc_s"))

@@ -25,7 +25,7 @@ from bench.model.errors import BenchError
 from bench.record import SessionReader
 from bench.run.feed.client import FeedClient
 from bench.run.guard.diary import DIARY, read_diary
-from bench.web.recorded.recording import RecordedState, read_recording, scenery_of
+from bench.session.recorded_state import RecordedState, read_recording, scenery_of
 
 ASK_S, FEED_EACH = 0.07, 3  # between two questions for the status; the feed is asked with each third
 FRESH_S = 0.5  # a view that was asked for longer ago says nothing of now: this machine had no time

@@ -17,8 +17,9 @@ from rehearsal import writable_copy
 from report_sample import unsound
 
 from bench.model.clock import NS, WallClock
+from bench.model.events import StimulusAlarm
 from bench.record import OPEN_MARKER
-from bench.run.feed.outputs import Outputs
+from bench.run.feed.bench_state import BenchState
 
 CLOCK = WallClock()
 GYROS = tuple(f"port_a.npp-ppp[{channel}]" for channel in range(1, 11))
@@ -333,13 +334,15 @@ OVER = {"pass": "PASS", "fail": "FAIL", "doubtful": "DOUBTFUL", "damaged": "DAMA
 
 
 def bench_of(replies: Mapping[str, Mapping[str, str]], unconfirmed: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """The state of the bench as the run's own reducer makes it of replies of now."""
-    outputs, now = Outputs(PLACES, 150.0), now_utc_s()
+    """The state of the bench as the run's own fold makes it of replies of now."""
+    outputs, now = BenchState(PLACES, 150.0), now_utc_s()
+    for role, code in (unconfirmed or {}).items():
+        outputs.on_event(StimulusAlarm(step=7, role=role, code=code, text="no answer"), now)
     for role, told in replies.items():
         for question, reply in told.items():
             outputs.on_traffic(role, "tx", question, now - 12.0)
             outputs.on_traffic(role, "rx", reply, now - 12.0)
-    return outputs.document(now, unconfirmed=unconfirmed)
+    return outputs.document(now)
 
 
 def state_of(situation: Situation) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from bench.commands.progress import doing
 from bench.model.clock import VirtualClock
 from bench.model.events import event_of
 from bench.record import OPEN_MARKER, SessionWriter
-from bench.run.feed.outputs import bench_in_words
+from bench.run.feed.bench_state import bench_in_words
 from bench.run.feed.state import RunState
 from bench.run.guard.diary import DIARY
 from bench.run.guard.last_words import guard_lines
@@ -334,12 +334,8 @@ def in_list(met: Met) -> str:
 
 
 def in_top(met: Met) -> str:
-    state = document(**{**met.state, "bench": met.state["bench"]}) if met.guard is None else document()
-    page = page_of(
-        Seen(state, str(met.folder), lost=met.guard is not None, guard=met.guard), Look(catalogue(), width=400)
-    )
-    said = " ".join(line.plain for line in page.head)
-    return f"{said} OUTPUTS OFF" if "has switched the outputs off, and confirmed it" in said else said
+    seen = Seen(document(**met.state), str(met.folder), lost=met.guard is not None)
+    return " ".join(line.plain for line in page_of(seen, Look(catalogue(), width=400)).head)
 
 
 def in_metrics(met: Met) -> str:

@@ -18,9 +18,9 @@ from bench.model.clock import NS, VirtualClock
 from bench.model.events import Resume
 from bench.record import SessionWriter
 from bench.record.recover import resume_session
+from bench.session.recorded_state import RecordedState, Recording, read_recording, scenery_of
 from bench.web.points import KEPT, LastPoints, Points, binned, no_points
 from bench.web.recorded import replaying
-from bench.web.recorded.recording import RecordedState, Recording, read_recording, scenery_of
 from bench.web.recorded.replaying import BLOCK, ReplayRun
 from bench.web.room import LONGEST_QUEUE, Room, Viewer, merge_patch
 

@@ -12,11 +12,11 @@ import pytest
 from report_sample import unsound
 
 from bench.record import OPEN_MARKER, SessionWriter
+from bench.session.recorded_state import RecordedState
 from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import results_of, session_row
 from bench.web.recorded.outcome import SessionOutcome, outcome_of
 from bench.web.recorded.past import Past
-from bench.web.recorded.recording import RecordedState
 
 SAFE = ("safe", {"failures": []})
 END = {"steps": 3, "records": 1, "slip_s": 0.0, "overruns": 0, "retaken": 0, "lateness_ms": [0.0, 0.0, 0.0]}
@@ -85,11 +85,6 @@ def test_what_ended_a_run_counts_before_its_results(tmp_path: Path, code: str, w
     assert outcome_of(folder, {"estimates": [{"verdict": "pass"}]}) == SessionOutcome(
         word, f"error {code}: why", off=True
     )
-
-
-def test_an_end_that_was_not_confirmed_off_says_so(tmp_path: Path) -> None:
-    folder = written(tmp_path / "x", ("safe", {"failures": ["supply"]}), ("end", {**END, "error": None}))
-    assert outcome_of(folder, {}).off is False
 
 
 def test_a_run_that_is_gone_is_stopped_or_ended_by_its_guard(session: Path) -> None:

@@ -13,9 +13,10 @@ from run_rig import ROOT
 from bench.frame import LinkDecoder, load_frame
 from bench.frame.signals import all_signals
 from bench.model.clock import NS
+from bench.model.events import End
 from bench.plan import Findings, graphs_of, load_station, shown_signals
 from bench.plan.check.stations import station_rules
-from bench.run.feed.outputs import LAST_LOOK_S, Outputs, bench_in_words
+from bench.run.feed.bench_state import LAST_LOOK_S, BenchState, bench_in_words
 from bench.run.feed.points import KEPT, PATIENCE_NS, PointBatch, Points, moments_ns
 from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows
 
@@ -252,16 +253,19 @@ OFF = (
 )  # fmt: skip
 
 
-def bench() -> Outputs:
-    return Outputs(PLACES, GOOD_FOR_S)
+END = End(steps=1, records=1, slip_s=0.0, overruns=0, retaken=0, lateness_ms=[0.0, 0.0, 0.0], error=None)
 
 
-def asked(outputs: Outputs, role: str, question: str, reply: str, t: float) -> None:
+def bench() -> BenchState:
+    return BenchState(PLACES, GOOD_FOR_S)
+
+
+def asked(outputs: BenchState, role: str, question: str, reply: str, t: float) -> None:
     outputs.on_traffic(role, "tx", question, t)
     outputs.on_traffic(role, "rx", reply, t + 0.01)
 
 
-def all_off(t: float = 0.0) -> Outputs:
+def all_off(t: float = 0.0) -> BenchState:
     outputs = bench()
     for line in OFF:
         asked(outputs, *line, t)
@@ -319,9 +323,11 @@ def test_a_reply_that_is_too_old_is_not_known_any_more() -> None:
 
 def test_the_end_counts_by_its_last_look() -> None:
     outputs = all_off(1000.0)
-    assert outputs.document(9e6, ended_utc_s=1001.0)["state"] == "off"
+    outputs.on_event(END, 1001.0)
+    assert outputs.document(9e6)["state"] == "off"
     asked(outputs, "calibrator", "ISR?", "0", 1000.0 + LAST_LOOK_S)
-    late = outputs.document(9e6, ended_utc_s=1001.0 + LAST_LOOK_S)  # only the calibrator has answered at the end
+    outputs.on_event(END, 1001.0 + LAST_LOOK_S)
+    late = outputs.document(9e6)  # only the calibrator has answered at the end
     assert late["state"] == "unknown"
     assert parts(late) == {"calibrator": "off", "switch": "unknown", "supply": "unknown", "chamber": "unknown"}
 
@@ -351,7 +357,7 @@ def test_a_chamber_on_hold_is_not_told_as_running_and_its_heat_stays() -> None:
 
 
 def test_a_table_moves_while_an_interlock_is_closed_or_an_axis_turns() -> None:
-    outputs = Outputs({"table": ("acutrol_3000", "GPIB0::9::INSTR")}, GOOD_FOR_S)
+    outputs = BenchState({"table": ("acutrol_3000", "GPIB0::9::INSTR")}, GOOD_FOR_S)
     for axis in (1, 2, 3):
         asked(outputs, "table", f":int? {axis}", "Open", 0.0)
         asked(outputs, "table", f":read:rate? {axis}", "0.0", 0.0)
@@ -366,6 +372,6 @@ def test_a_table_moves_while_an_interlock_is_closed_or_an_axis_turns() -> None:
 
 
 def test_a_bench_whose_drivers_are_not_here_is_not_known() -> None:
-    outputs = Outputs({"thing": ("no_such_driver", "X")}, GOOD_FOR_S)
+    outputs = BenchState({"thing": ("no_such_driver", "X")}, GOOD_FOR_S)
     asked(outputs, "thing", "OUTP?", "0", 0.0)
     assert outputs.document(0.0)["state"] == "unknown"

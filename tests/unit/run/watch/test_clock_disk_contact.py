@@ -219,6 +219,10 @@ class Calibrator(Instrument):
     def operate(self) -> None:
         """Switch on."""
 
+    @action(effect=Effect.STIMULUS_OFF)
+    def standby(self) -> None:
+        """Switch off."""
+
     def look(self) -> None:
         self.asked += 1
         now_ns = self._rig.clock.now_ns()
@@ -234,27 +238,33 @@ class Calibrator(Instrument):
         return 0.0 if self.silent_ns < 0 else (self._rig.clock.now_ns() - self.silent_ns) / NS
 
 
-@pytest.fixture
-def watched(tmp_path: Path) -> tuple[Rig, Calibrator, Any, Contact]:
-    rig = Rig(tmp_path)
-    calibrator: Any = Calibrator("calibrator", rig)
-    rig.instruments = {"calibrator": calibrator}
+def located(rig: Rig) -> Any:
+    """Return the context of the steps made so far, whose station has the calibrator."""
     context = rig.context()
     entry = SimpleNamespace(driver="fluke_5720a", resource="TCPIP0::a::hislip0::INSTR")
     context.plan.station = SimpleNamespace(instruments={"calibrator": entry})  # type: ignore[misc]
-    contact = Contact(context)
-    rig.clock.every(CONTACT_WAKE_S, contact.take)
-    return rig, calibrator, context, contact
+    return context
 
 
-def on(contact: Contact | Declared, reply: str) -> None:
-    contact.traffic("calibrator", "tx", "ISR?", 0)
-    contact.traffic("calibrator", "rx", reply, 0)
+@pytest.fixture
+def watched(tmp_path: Path) -> tuple[Rig, Calibrator, Any, Declared]:
+    rig = Rig(tmp_path)
+    calibrator: Any = Calibrator("calibrator", rig)
+    rig.instruments = {"calibrator": calibrator}
+    context = located(rig)
+    declared = Declared(context)
+    rig.clock.every(CONTACT_WAKE_S, Contact(context, declared).take)
+    return rig, calibrator, context, declared
 
 
-def test_one_that_is_on_and_gone_holds_the_run_in_time(watched: tuple[Rig, Calibrator, Any, Contact]) -> None:
-    rig, calibrator, context, contact = watched
-    on(contact, "4097")
+def on(declared: Declared, reply: str) -> None:
+    declared.traffic("calibrator", "tx", "ISR?", 0)
+    declared.traffic("calibrator", "rx", reply, 0)
+
+
+def test_one_that_is_on_and_gone_holds_the_run_in_time(watched: tuple[Rig, Calibrator, Any, Declared]) -> None:
+    rig, calibrator, context, declared = watched
+    on(declared, "4097")
     rig.clock.sleep(10.0)
     assert 8 <= calibrator.asked <= 10
     assert context.stop.holds.reasons == {}
@@ -267,9 +277,9 @@ def test_one_that_is_on_and_gone_holds_the_run_in_time(watched: tuple[Rig, Calib
     assert context.away == {"calibrator"}
 
 
-def test_a_glitch_is_none_of_its_business(watched: tuple[Rig, Calibrator, Any, Contact]) -> None:
-    rig, calibrator, context, contact = watched
-    on(contact, "4097")
+def test_a_glitch_is_none_of_its_business(watched: tuple[Rig, Calibrator, Any, Declared]) -> None:
+    rig, calibrator, context, declared = watched
+    on(declared, "4097")
     rig.clock.sleep(5.0)
     calibrator.gone = True
     rig.clock.sleep(CONTACT_S + 0.5)
@@ -279,9 +289,9 @@ def test_a_glitch_is_none_of_its_business(watched: tuple[Rig, Calibrator, Any, C
 
 
 @pytest.mark.parametrize("why", ["off", "in use", "over"])
-def test_nobody_else_is_asked(watched: tuple[Rig, Calibrator, Any, Contact], why: str) -> None:
-    rig, calibrator, context, contact = watched
-    on(contact, "4096" if why == "off" else "4097")
+def test_nobody_else_is_asked(watched: tuple[Rig, Calibrator, Any, Declared], why: str) -> None:
+    rig, calibrator, context, declared = watched
+    on(declared, "4096" if why == "off" else "4097")
     if why == "over":
         context.stop.shield()
     with context.in_use.take("calibrator" if why == "in use" else "dmm"):
@@ -291,14 +301,11 @@ def test_nobody_else_is_asked(watched: tuple[Rig, Calibrator, Any, Contact], why
 
 @pytest.mark.parametrize(("done", "held"), [("measure", True), ("operate", False)])
 def test_what_is_on_and_no_step_switches_on_holds_the_run_once(
-    watched: tuple[Rig, Calibrator, Any, Contact], done: str, held: bool
+    watched: tuple[Rig, Calibrator, Any, Declared], done: str, held: bool
 ) -> None:
     rig, _, _, _ = watched
     step = rig.step("call", "calibrator", done)
-    context = rig.context()
-    context.plan.station = SimpleNamespace(  # type: ignore[misc]
-        instruments={"calibrator": SimpleNamespace(driver="fluke_5720a", resource="TCPIP0::a::hislip0::INSTR")}
-    )
+    context = located(rig)
     declared = Declared(context)
     for asked in (lambda: None, lambda: declared.step(step, 0.0)):
         asked()
@@ -311,3 +318,32 @@ def test_what_is_on_and_no_step_switches_on_holds_the_run_once(
         assert set(context.stop.holds.reasons) == ({"undeclared effect"} if held else set())
         context.stop.holds.release("undeclared effect")
         held = False
+
+
+@pytest.mark.parametrize(
+    ("begun", "held"),
+    [
+        ([0], False),
+        ([0, 1], False),  # switching off is under way
+        ([0, 1, 2], True),
+        ([0, 2], False),  # a decision has left standby out
+        ([0, 1, 3], False),
+        ([0, 1, 5], False),  # what it has left out may have been done
+        ([0, 1, 2, 3, 4, 5], True),
+        ([0, 1, 2, 3, 2], True),  # the point is taken again
+        ([0, 1, 2, 3, 4, 5, 4], False),
+    ],
+)
+def test_what_a_step_has_switched_off_and_answers_on_holds_the_run(
+    watched: tuple[Rig, Calibrator, Any, Declared], begun: list[int], held: bool
+) -> None:
+    rig, _, _, _ = watched
+    steps = [rig.step("call", "calibrator", name) for name in 2 * ("operate", "standby", "measure")]
+    context = located(rig)
+    for on_the_way_back in (True, False):
+        declared = Declared(context)
+        for number in begun:
+            declared.step(steps[number], 0.0)
+        context.stop.deferred = on_the_way_back
+        on(declared, "4097")
+        assert bool(context.stop.holds.reasons) == (held and not on_the_way_back)

@@ -355,3 +355,16 @@ def test_the_page_names_every_metric_and_page_and_dashboard_no_other() -> None:
     asked = re.findall(r'"expr": "([^"\\]*)', BOARD) + re.findall(r"```prometheus\n(.*?)```", PAGE, re.DOTALL)
     assert len(asked) > 10
     assert {name for text in asked for name in NAME.findall(text)} <= exported
+
+
+@pytest.mark.parametrize(("living", "off"), [("a_bench", []), ("another", [1.0])])
+def test_what_was_off_at_the_end_is_not_told_of_a_station_that_another_run_has_in_use(
+    living: str, off: list[float]
+) -> None:
+    ended = {"run": "old", "state": "ended", "station": "a_bench", "bench": {"state": "off"}}
+    runs = [
+        SeenRun(ended),
+        SeenRun({"run": "new", "state": "running", "station": living, "bench": {"state": "unknown"}}),
+    ]
+    samples = next(one for one in families(runs) if one.name == "bench_outputs_state").samples
+    assert [one.value for one in samples if one.labels == {"run": "old", "bench_outputs_state": "off"}] == off

@@ -1,8 +1,9 @@
-"""The state of the bench for the people beside it: what is on, since when that is known, and what stays dangerous.
+"""The state of the bench for the people beside it: what is on, by whose word, how old that is, what stays dangerous.
 
-Made of commands and replies alone, by what each driver declares of its replies (``Tells``), so that page, terminal,
-messages and recordings say the same. A command never switches anything off here: only a reply does, and only for as
-long as it is good. Software cannot say that a bench may be touched, so no word here means that.
+Folded from events, commands and replies, by what each driver declares of its replies (``Tells``): one fold for page,
+terminal, messages, metrics and recordings. A command never switches anything off here: only a reply does, and only for
+as long as it is good; of an instrument the newest counts, over all of them the worst. Behind the run its guard has the
+last word. Software cannot say that a bench may be touched, so no word here means that.
 
 Behind it the instrument panel: last command and reply of every instrument, how long it took, and its error queue.
 """
@@ -12,12 +13,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import lru_cache
 from typing import Any, Literal
 
 from bench.model.drivers import driver_class, manual_of
 from bench.model.errors import BenchError
+from bench.model.events import End, Event, Release, Resume, Safe, StimulusAlarm
 from bench.model.ports import Effect, Tells, effects_of
 from bench.model.units import format_quantity
 from bench.run.guard.last_words import roles_in_words
@@ -27,6 +31,7 @@ LOOK_WALL_S, LOOK_VIRTUAL_S = 60.0, 1800.0  # between two looks; nobody stands b
 GOOD_FOR = 2.5  # looks; a look waits for a quiet moment for as long as one more period
 LAST_LOOK_S = 30.0  # before the end: three attempts to make safe and the look behind them fit into it
 HOT_degC, COLD_degC = 50.0, 0.0  # nobody is burnt by a touch of metal below (ISO 13732-1), no skin freezes above
+ALL = "all"  # in the place of a role: a guard that is at it has not said yet which instruments are safe
 _DIGITS = 5
 _PLAIN = frozenset({"current", "voltage", "frequency", "amplitude", "mode"})  # their unit says what they are
 _KINDS: tuple[tuple[Effect, Kind], ...] = (
@@ -46,6 +51,7 @@ class _Part:
     asked: str = ""
     said: dict[str, tuple[bool, float]] = field(default_factory=dict)
     figures: dict[str, tuple[str, str | tuple[str, ...], float, float]] = field(default_factory=dict)
+    answers_on: bool = False  # by its newest reply
     switched_on_s: float = -math.inf  # the last command that switches something on
     disturbed_s: float = -math.inf  # the last command that may have done anything
 
@@ -54,15 +60,18 @@ class _Part:
         touch = _touch(self.driver, text)
         if touch in ("energises", "moves"):
             self.switched_on_s = t
+            self.said = {question: said for question, said in self.said.items() if said[0]}  # off was before it
         elif touch is None and "?" not in text:
             self.disturbed_s = t
 
     def on_reply(self, text: str, t: float) -> None:
+        self.answers_on = False
         if self.tells is None:
             return
         try:
             if (reads := self.tells.on.get(self.asked)) is not None:
-                self.said[self.asked] = (reads(text), t)
+                self.answers_on = reads(text)
+                self.said[self.asked] = (self.answers_on, t)
             if (figure := self.tells.figures.get(self.asked)) is not None:
                 value = figure.read(text)
                 number = math.nan if isinstance(value, tuple) else value
@@ -76,62 +85,81 @@ class _Part:
         if self.tells is None:
             return None, None
         on = [t for is_on, t in self.said.values() if is_on]
-        off = [t for is_on, t in self.said.values() if not is_on]
         if on:
             return True, max(on)
-        complete = len(off) == len(self.tells.on)
-        oldest = min(off, default=-math.inf)
-        if self.switched_on_s > oldest or (not complete and self.switched_on_s > -math.inf):
-            return True, self.switched_on_s
-        if not complete or self.disturbed_s > oldest:
-            return None, None
-        return False, oldest
+        if len(self.said) < len(self.tells.on):
+            return (True, self.switched_on_s) if self.switched_on_s > -math.inf else (None, None)
+        oldest = min((t for _, t in self.said.values()), default=-math.inf)
+        return (None, None) if self.disturbed_s > oldest else (False, oldest)
 
     def number(self, name: str) -> float:
         """Return the newest figure of a name, NaN without one."""
         return next((number for label, _, number, _ in self.figures.values() if label == name), math.nan)
 
 
-class Outputs:
+class BenchState:
     """What of a bench is on. Args: places: driver and resource by role. good_for_s: longest age of a reply, second."""
 
     def __init__(self, places: Mapping[str, tuple[str, str]], good_for_s: float) -> None:
         self._good_for_s = good_for_s
         parts = {role: _part(role, driver) for role, (driver, _) in places.items()}
         self._parts = {role: part for role, part in parts.items() if part is not None}
+        self._unconfirmed: dict[str, tuple[Event, float]] = {}  # by instrument: what told it, and when
+        self._ended_utc_s: float | None = None
 
-    def on_traffic(self, role: str, direction: str, text: str, t_utc_s: float) -> None:
-        """A command to ("tx") or a reply of ("rx") an instrument.
+    def on_event(self, event: Event, t_utc_s: float) -> None:
+        """Take what the run says of its instruments: which are to be made safe and have not confirmed it."""
+        match event:
+            case Resume():
+                self._unconfirmed, self._ended_utc_s = {}, None
+            case Release():
+                self._unconfirmed = {}
+            case StimulusAlarm():
+                self._unconfirmed[event.role] = event, t_utc_s
+            case Safe():
+                self._unconfirmed = dict.fromkeys(event.unconfirmed, (event, t_utc_s))
+            case End():
+                self._ended_utc_s = t_utc_s
+
+    def on_traffic(self, role: str, direction: str, text: str, t_utc_s: float) -> Event | None:
+        """Take a command to ("tx") or a reply of ("rx") an instrument; returns the event whose trouble is over by it.
 
         What a driver notes between them, when a command is in doubt, is in no table: nothing is known until it answers.
         """
         part = self._parts.get(role)
         if part is None:
-            return
-        if direction == "tx":
-            part.on_command(text.strip(), t_utc_s)
-        else:
-            part.on_reply(text.strip(), t_utc_s)
+            return None
+        (part.on_command if direction == "tx" else part.on_reply)(text.strip(), t_utc_s)
+        told = self._unconfirmed.get(role)
+        if told is None or not self.off_since(role, told[1]):
+            return None
+        return self._unconfirmed.pop(role)[0]
+
+    @property
+    def on(self) -> set[str]:
+        """Roles that are on, by what they answered and were told since."""
+        return {role for role, part in self._parts.items() if part.known()[0]}
 
     def answers_on(self, role: str) -> bool:
-        """Return whether an instrument has answered one of its questions so that it is on, whatever it was told."""
-        return role in self._parts and any(on for on, _ in self._parts[role].said.values())
+        """Return whether the newest reply of an instrument says that it is on, whatever it was told."""
+        return role in self._parts and self._parts[role].answers_on
 
     def off_since(self, role: str, t_utc_s: float) -> bool:
         """Return whether an instrument has answered that it is off, to every question, later than ``t_utc_s``."""
         on, confirmed = self._parts[role].known() if role in self._parts else (None, None)
         return on is False and confirmed is not None and confirmed > t_utc_s
 
-    def document(
-        self, now_utc_s: float, ended_utc_s: float | None = None, unconfirmed: Mapping[str, str] | None = None
-    ) -> dict[str, Any]:
-        """Return the entry ``bench`` of the state document.
+    @property
+    def unconfirmed(self) -> dict[str, str]:
+        """Instruments that were to be made safe and have not confirmed it, each with the code of why."""
+        return {role: event.error_code or "" for role, (event, _) in self._unconfirmed.items()}
 
-        Args: ended_utc_s: the run has ended then; its last look counts, and nobody looks any more.
-            unconfirmed: instruments that were to be made safe and have not confirmed it, with what is known of each;
-            whatever they answered before, they are not off.
+    def document(self, now_utc_s: float) -> dict[str, Any]:
+        """Return the entry ``bench`` of the state document; what is unconfirmed is not off, whatever it has said.
+
+        Of a run that has ended the last look counts, and nobody looks any more.
         """
-        unconfirmed = unconfirmed or {}
+        unconfirmed, ended_utc_s = self.unconfirmed, self._ended_utc_s
         oldest = now_utc_s - self._good_for_s if ended_utc_s is None else ended_utc_s - LAST_LOOK_S
         parts = [
             _part_document(part, math.inf if role in unconfirmed and not part.known()[0] else oldest)
@@ -152,7 +180,7 @@ class Outputs:
             "confirmed_utc_s": min(times, default=None),
             "good_for_s": self._good_for_s,
             "ended_utc_s": ended_utc_s,
-            "unconfirmed": dict(unconfirmed),
+            "unconfirmed": unconfirmed,
             "parts": parts,
             "remains": self._remains(),
         }
@@ -162,6 +190,23 @@ class Outputs:
         air = [part.number("air") for part in self._parts.values() if part.kind == "chamber"]
         hot, cold = any(degC > HOT_degC for degC in air), any(degC < COLD_degC for degC in air)
         return ["mains", *(["hot"] if hot else []), *(["cold"] if cold else [])]
+
+
+UNHEARD: Mapping[str, Any] = {
+    "state": "unknown", "confirmed_utc_s": None, "good_for_s": None, "ended_utc_s": None, "unconfirmed": None,
+    "parts": [], "remains": ["mains"],
+}  # fmt: skip
+"""Entry ``bench`` of a run that nobody hears of any more."""
+
+
+def guarded_bench(guard: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entry ``bench`` behind a guard (``guard_word``): off only where it has confirmed all of it."""
+    if not guard["safe"]:
+        return {**UNHEARD, "unconfirmed": guard["unsafe"] or {ALL: ""}}
+    utc_s = None
+    with suppress(ValueError):
+        utc_s = datetime.fromisoformat(str(guard["utc"])).timestamp()
+    return {**UNHEARD, "state": "off", "confirmed_utc_s": utc_s, "ended_utc_s": utc_s, "unconfirmed": {}}
 
 
 WORDS: Mapping[str, str] = {
@@ -177,7 +222,8 @@ def bench_in_words(bench: Mapping[str, Any]) -> str:
     silent = [part["role"] for part in bench["parts"] if part["state"] == "unknown"]
     unknown = [f"{role} not known" for role in silent if role not in unconfirmed]
     said = "; ".join(unsafe + on + unknown)
-    return f"{WORDS[bench['state']]}: {said}" if said else WORDS[bench["state"]]
+    word = WORDS[bench["state"]]
+    return f"{word}: {said}" if said else word
 
 
 def figures_of(part: Mapping[str, Any]) -> str:
@@ -290,11 +336,8 @@ class InstrumentPanel:
 
     def documents(self) -> dict[str, dict[str, Any]]:
         """Return all lines, as part of the state document."""
-        return {role: _document(line) for role, line in self._lines.items()}
-
-
-def _document(line: _Line) -> dict[str, Any]:
-    return {name: value for name, value in vars(line).items() if name != "sent_utc_s"}
+        lines = {role: vars(line).items() for role, line in self._lines.items()}
+        return {role: {name: value for name, value in line if name != "sent_utc_s"} for role, line in lines.items()}
 
 
 def _judge(line: _Line) -> None:

@@ -16,8 +16,10 @@ from bench.model.yamlio import parse_yaml
 from bench.plan import InterlockRule, Station, StationFile, Step, graphs_of, recorded_rules, shown_signals, steps_of
 from bench.record import Message, SessionReader, layout
 from bench.replay import frames_of
+from bench.run.feed.bench_state import UNHEARD, guarded_bench
 from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows
 from bench.run.feed.state import RunState
+from bench.run.guard.diary import guard_word
 
 _TOPICS = frozenset({layout.EVENT, layout.INSTRUMENT, layout.CLOCK})
 _PLAN, _STATIONS, _SEQUENCES = "plan.json", "stations/", "sequences/"
@@ -154,7 +156,7 @@ class RecordedState:
         self._taken = count
         document = self._builder.document(t_utc_s)
         if count == len(self.recording.messages) and document["outcome"] is None:
-            document["state"] = "stopped"  # nothing follows, and it did not end
+            document |= {"state": "stopped", "bench": dict(UNHEARD)}  # nothing follows, and it did not end
         return document
 
     def _anew(self) -> RunState:
@@ -166,6 +168,19 @@ class RecordedState:
         )  # fmt: skip
         state.on_start(self.recording.first_utc_s)
         return state
+
+
+def state_at_the_end(recording: Recording, scenery: Scenery) -> dict[str, Any]:
+    """Return the state document as a recording ends; what its guard did behind that replaces what was recorded."""
+    state = RecordedState(recording, scenery).at(recording.last_utc_s)
+    told = unheard(recording.folder)
+    return {**state, **told} if told["guard"] else state
+
+
+def unheard(folder: Path) -> dict[str, Any]:
+    """Return ``guard`` and ``bench`` of the state document of a run that says nothing: known is what its guard did."""
+    guard = guard_word(folder)
+    return {"guard": guard, "bench": dict(UNHEARD) if guard is None else guarded_bench(guard)}
 
 
 def _tell(state: RunState, message: Message, t_utc_s: float) -> None:
