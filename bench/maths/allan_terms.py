@@ -168,9 +168,17 @@ def expected_deviation(terms: Mapping[str, float], samples: int, interval_s: flo
     dof = np.array([degrees_of_freedom(*place) for place in places])
     low, high = confidence_limits(deviation, dof, 0.95)
     return AllanDeviation(
-        interval_s=interval_s, samples=samples, factors=factors, tau_s=tau_s, deviation=deviation,
-        low=low, high=high, differences=differences, dof=dof, exponents=exponents,
-    )  # fmt: skip
+        interval_s=interval_s,
+        samples=samples,
+        factors=factors,
+        tau_s=tau_s,
+        deviation=deviation,
+        low=low,
+        high=high,
+        differences=differences,
+        dof=dof,
+        exponents=exponents,
+    )
 
 
 def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseTerms:

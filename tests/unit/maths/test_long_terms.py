@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from allan_simulation import record
 from numpy.typing import NDArray
+from scipy import signal
 
-from bench.maths.long_terms import LongTerms, blocks_of, long_terms
+from bench.maths.long_terms import LongTerms, blocks_of, long_terms, noise_at_rest
 
 N, LEVEL, SEED = 6000, 0.01, 47
 MEAN = N**-0.5  # standard deviation of the mean of white noise
@@ -109,3 +110,42 @@ def test_forty_logs_of_each_kind_and_pause(name: str) -> None:
     assert inside >= 0.916  # two standard deviations below 95 % of 160
     if name not in ("white", "quantisation"):
         assert shares["none"][0] >= 0.9 * neyman_pearson(name, 40) - 0.05
+
+
+def interpolated(values: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+    """Return samples that were interpolated to so many times their rate."""
+    return np.interp(np.arange(0.0, values.size - 1.0, 1.0 / rate), np.arange(values.size), values)
+
+
+FILTERS = {
+    "to 0.8 of the rate": (0.8, lambda values: interpolated(values, 0.8), 1.0078),  # samples count unevenly
+    "to twice the rate": (2.0, lambda values: interpolated(values, 2.0), 1.0),
+    "mean of four": (1.0, lambda values: np.convolve(values, np.full(4, 0.25), "valid"), 1.0),
+    "first order": (1.0, lambda values: signal.lfilter([0.2], [1.0, -0.8], values)[200:], 1.0),
+}
+
+
+def whites(kind: str, seeds: int) -> NDArray[np.float64]:
+    """Return white noise of filtered samples by seed, its deviation from the truth in expanded uncertainties."""
+    rate, filtered, truth = FILTERS[kind]
+    off = []
+    for seed in range(seeds):
+        samples = filtered(np.random.default_rng([SEED, seed]).standard_normal(20_000))
+        (white,) = noise_at_rest(samples, 1.0 / rate).stated
+        off.append((white.coefficient - truth) / (2.0 * white.std_uncertainty))
+    return np.array(off)
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+def test_samples_that_hang_together_do_not_make_white_noise_small(kind: str) -> None:
+    off = whites(kind, 4)
+    assert np.all(np.abs(off) < 1.5), off
+    assert abs(off.mean()) < 1.5 / 4**0.5, off
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("kind", FILTERS)
+def test_forty_logs_of_each_filter(kind: str) -> None:
+    inside = np.abs(whites(kind, 40)) <= 1.0
+    print(f"{kind}: inside {inside.mean():.3f}")
+    assert inside.mean() >= 0.85

@@ -24,7 +24,6 @@ from bench.analysis import (
     Floats,
     Material,
     Table,
-    check_method,
     curve,
     estimate,
     noise_evidence,
@@ -85,7 +84,6 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-FIT-004 (unknown method), B-GNC-006 without a sensor, B-FIT-141 (stamps), B-FIT-030, -031 if
             there are too few readings.
     """
-    check_method(method, METHODS)
     t_s = material.series.get("t_s", np.empty(0))
     columns = [c for c in material.campaign.get("columns", ()) if c.get("role") in ("gyro", "accelerometer")]
     if not columns:

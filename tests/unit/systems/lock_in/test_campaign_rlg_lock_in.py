@@ -20,12 +20,11 @@ from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.quantities import Quality
 from bench.systems.lock_in import result as laser_results
-from bench.systems.lock_in.analysis import analyse
+from bench.systems.lock_in.analysis import analyse, tables
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown
 from bench.systems.lock_in.estimators.random_walk import RandomWalk
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.records import LaserRecord, laser_records
-from bench.systems.lock_in.report import tables
 
 SEED, SECONDS = 704, 3.2
 SLOW_HZ, FAST_HZ = 20_000_000, 100_000_000

@@ -31,10 +31,6 @@ _FORM = "temperatures, soaked one after the other, each with the same points of 
 _REFERENCE = re.compile(r"\{(\w+)\}")
 _REPEAT = re.compile(r"\brepeat: *\d+")
 ARRIVE = "arrive"  # procedure: the soak, and what is done before the channels
-_WRITTEN_FORM = (
-    "steps: a loop over temperatures that begins with a soak and ends with a loop over channels, then one that repeats "
-    "channels; records of one length that is a parameter"
-)
 
 
 @dataclass(frozen=True, order=True)
