@@ -42,7 +42,7 @@ class Command(StrictModel):
     reply: str = Field("", description="regular expression of the whole reply; NUMBER stands for one in figures")
     touch: Touch = Field("asks", description="what sending it does to the bench")
     example: str = Field("", alias="try", description="as it may be sent at a first contact; empty: never alone")
-    after: str = Field("", description="sent before it, where the command is refused otherwise")
+    after: str = Field("", description="command sent before it, where it is refused otherwise")
     shown: dict[str, str] = Field({}, description="questions that show what it did: forms of their replies")
 
 

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.model.drivers import Command, Manual, replies_so
+from bench.model.drivers import Manual, replies_so
 from bench.model.errors import BenchError
 from bench.model.ports import Identity
 from bench.model.quantities import Values
@@ -45,22 +45,24 @@ def walk(instrument: Any, manual: Manual, ask: Ask, tell: Callable[[Tried], None
           tell: gets each command as soon as it was tried.
     """
     tried: dict[str, Tried] = {}
-    for form, command in manual.in_order():
-        tried[form] = _tried(instrument, form, command, ask)
+    for form, _ in manual.in_order():
+        tried[form] = _tried(instrument, form, manual, ask)
         tell(tried[form])
     for form, seen in list(tried.items()):
         asked = seen.outcome in (DIFFERS, REFUSED) and manual.commands[form].touch == "asks"
         if asked or seen.outcome == SILENT:
-            tried[form] = _tried(instrument, form, manual.commands[form], ask)
+            tried[form] = _tried(instrument, form, manual, ask)
             tell(tried[form])
     return list(tried.values())
 
 
-def _tried(instrument: Any, form: str, command: Command, ask: Ask) -> Tried:
+def _tried(instrument: Any, form: str, manual: Manual, ask: Ask) -> Tried:
+    command, before = manual.commands[form], manual.find(manual.commands[form].after)
     if not command.example:
         return Tried(form, "", "", command.reply, NOT_TRIED)
-    dangerous = command.touch in ("energises", "moves")
-    if dangerous and not ask(f"{command.example!r} {command.touch}: is nobody and nothing in danger, may it be sent?"):
+    touches = [manual.commands[one].touch for one in (before, form) if one is not None]
+    dangerous = next((touch for touch in touches if touch in ("energises", "moves")), "")
+    if dangerous and not ask(f"{command.example!r} {dangerous}: is nobody and nothing in danger, may it be sent?"):
         return Tried(form, "", "", command.reply, NOT_TRIED)
     said: list[str] = []
     outcome, problems = AS_DOCUMENTED, []
