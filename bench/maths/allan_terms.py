@@ -208,7 +208,7 @@ def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> Nois
     fitted = [_term(problem, k, squares, covariance, chi2) for k in range(len(terms))]
     return NoiseTerms(
         terms=tuple(fitted),
-        fitted=np.sqrt(np.column_stack([allan_variance_of(name, curve.tau_s) for name in terms]) @ squares),
+        fitted=np.sqrt(np.maximum(0.0, np.column_stack([allan_variance_of(n, curve.tau_s) for n in terms]) @ squares)),
         chi2=chi2,
         dof=used.size - int(np.count_nonzero(squares)),
     )
