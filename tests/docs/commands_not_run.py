@@ -3,7 +3,7 @@
 A key is the beginning of a command line as a page has it. The list gets no longer: what a page newly shows runs.
 """
 
-_LIVING = "talks to a living run; tests/runs/test_control_commands.py does that"
+_LIVING = "talks to a living run; tests/runs/test_cli_status.py does that"
 _SERVES = "serves until it is stopped; tests/browser and tests/runs do that"
 _REAL = "needs instruments"
 _OTHERS = "needs the recording of other people; tests marked 'real' have it"
