@@ -9,30 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from record_sample import write_sample
-from rehearsal import GOLDEN_SEQUENCE, Watched
 
 from bench.commands.fit import fit
 from bench.commands.recover import recover
-from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus
-from bench.plan import compile_sequence
 from bench.record import Message, SessionReader, Walk, recover_session
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 
 SEED = 5
 NAME = "session.0001.mcap"
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign of a few minutes with its analysis, closed, in one segment."""
-    out = tmp_path_factory.mktemp("flips")
-    watched = Watched(lambda world, step: None, worlds=[None])  # type: ignore[list-item]
-    plan, operator = compile_sequence(GOLDEN_SEQUENCE), SimulatedOperator()
-    run = conduct(plan, clock=VirtualClock(), seed=1, out=out, operator=operator, listener=watched)
-    assert run.outcome.error is None
-    return run.folder
 
 
 def good(folder: Path) -> list[Message]:
@@ -80,17 +64,17 @@ def check(session: Path, folder: Path, flips: int, fits: int, seed: int, capsys:
 
 
 @pytest.mark.parametrize("flips", [30, pytest.param(3000, marks=pytest.mark.sweep)])
-def test_flipped_bits(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flips: int) -> None:
-    check(session, tmp_path / "s", flips, 2 if flips == 30 else 300, SEED + (flips > 30), capsys)
+def test_flipped_bits(golden: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flips: int) -> None:
+    check(golden, tmp_path / "s", flips, 2 if flips == 30 else 300, SEED + (flips > 30), capsys)
 
 
 @pytest.mark.parametrize("at", [0, 3, 40, 200, 2000])
-def test_a_flip_in_the_head_costs_neither_manifest_nor_plan(session: Path, tmp_path: Path, at: int) -> None:
+def test_a_flip_in_the_head_costs_neither_manifest_nor_plan(golden: Path, tmp_path: Path, at: int) -> None:
     """The chunk with manifest and texts is the first; the second holds them again."""
-    content = bytearray((session / NAME).read_bytes())
+    content = bytearray((golden / NAME).read_bytes())
     content[at] ^= 4
     (tmp_path / NAME).write_bytes(content)
-    damaged, whole = SessionReader(tmp_path), SessionReader(session)
+    damaged, whole = SessionReader(tmp_path), SessionReader(golden)
     assert damaged.damage
     assert damaged.manifest == whole.manifest
     assert damaged.texts == whole.texts

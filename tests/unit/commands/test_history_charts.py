@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import store_sample
 from imported_logs import LOG, SHORT
+from rehearsal import Inside
 from store_sample import Documents, new_history
 
 from bench import cli
@@ -30,17 +31,14 @@ Say = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def say(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Say:
+def say(monkeypatch: pytest.MonkeyPatch, inside: Inside) -> Say:
     """Run ``bench history`` in this process: exit status, standard output, standard error."""
     monkeypatch.setenv("COLUMNS", "200")
 
     def run(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["bench", "history", *words])
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        said = capsys.readouterr()
-        assert "Traceback" not in said.err
-        return int(caught.value.code or 0), said.out, said.err
+        done = inside("history", *words)
+        assert "Traceback" not in done.stderr
+        return done.returncode, done.stdout, done.stderr
 
     return run
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc24LteA, Crc32Jamcrc, Crc32Mpeg2
-from record_sample import ROOT, captured
+from record_sample import ROOT, captured, golden_bytes
 from record_sample import frame as frame_of
 
 from bench.frame import LinkDecoder, MessageBatch, load_frame, parse_frame
@@ -27,10 +27,6 @@ IMU = (-1234567, 1500000000, 7, -48983123, 250, 980000000)
 RANGES = (44919.25, 2.5, 0.03122838104166667)
 STATUS = 1 | 1 << 3 | 2 << 12
 FLOATS = [0.25 + 0.125 * index * (-1) ** index for index in range(29)]
-
-
-def golden_bytes(name: str) -> bytes:
-    return bytes.fromhex((GOLDEN / f"{name}.hex").read_text(encoding="ascii"))
 
 
 def u24(value: int) -> bytes:
@@ -294,10 +290,6 @@ aa44121c2a0002204800000090b49305b0abb912000000004561bc0a00000000100000001b0450b3
 """  # fmt: skip
 
 
-def golden(name: str) -> bytes:
-    return bytes.fromhex((ROOT / "tests" / "golden" / f"{name}.hex").read_text(encoding="ascii"))
-
-
 @pytest.mark.validates(
     "frame novatel_inspvas: check and fields",
     against="two logs of the vendor's manuals, and a log of a receiver in the tests of an open driver, with its values",
@@ -311,7 +303,7 @@ def test_logs_of_novatel(record_property: Callable[[str, object], None]) -> None
         body = f"{{name: body, type: bytes, count: {len(log) - 7}}}"
         other = f"frame: any\nendian: little\nsync: [0xAA, 0x44, 0x12]\nfields: [{body}]\n{check}\n"
         parse_frame(f'{other}golden: "{log.hex()}"\nexpect: {{body: "{log[3:-4].hex()}"}}\n', "any.yaml")
-    batch = frame_of("novatel_inspvas").decoder().feed(golden("novatel_inspvas")).messages["frame"]
+    batch = frame_of("novatel_inspvas").decoder().feed(golden_bytes("novatel_inspvas")).messages["frame"]
     # as the other driver prints them, seven to eight digits
     theirs = {"latitude": 40.040837, "longitude": 116.504558, "height": 27.403953, "velocity_north": 0.069381334,
               "velocity_east": 9.647163, "velocity_up": -0.0059339763}  # fmt: skip
@@ -324,8 +316,8 @@ def test_logs_of_novatel(record_property: Callable[[str, object], None]) -> None
 
 def test_a_message_of_kvh_is_sound() -> None:
     """All six sensors good, 1 g along one axis, the check as the maker's table of the CRC asks for it."""
-    batch = frame_of("kvh_1750").decoder().feed(golden("kvh_1750")).messages["frame"]
-    assert golden("kvh_1750")[-4:].hex() == "4bfa34d8"
+    batch = frame_of("kvh_1750").decoder().feed(golden_bytes("kvh_1750")).messages["frame"]
+    assert golden_bytes("kvh_1750")[-4:].hex() == "4bfa34d8"
     assert [int(batch.raw(f"status.{kind}_{axis}")[0]) for kind in ("gyro", "accel") for axis in "xyz"] == [1] * 6
     assert np.linalg.norm(batch.scaled("accel")[0]) == pytest.approx(1.0, abs=0.003)
 

@@ -3,7 +3,6 @@
 import json
 import os
 import pickle
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,8 +12,7 @@ from dcc_sample import calibration, estimate
 from rehearsal import Inside, record_golden
 
 from bench.analysis import results_json
-from bench.commands import resume, run
-from bench.commands.requests import RunRequest
+from bench.commands import conducting
 from bench.commands.verify import check_certificates
 from bench.model.errors import ExitStatus, FitError
 from bench.model.events import Resume
@@ -34,12 +32,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache of its own for each test."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return cache_folder() / "results"
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    """A copy that may be changed."""
-    return shutil.copytree(golden, tmp_path / golden.name)
 
 
 def kept(session: Path, method: str | None = None) -> bool:
@@ -176,19 +168,12 @@ def no_result(*_: object) -> None:
     raise FitError("B-FIT-005", "K_N is not determined", where="channel 1 at 23 degC", next_step="take them again")
 
 
-@pytest.mark.parametrize("command", [run, resume])
 def test_a_run_without_a_result_names_the_session_and_what_is_left_to_do(
-    command: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command, "finish", no_result)
-    view: Any = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True)
-    done: Any = SimpleNamespace(folder=FOLDER)
-    monkeypatch.setattr(resume, "read_view", lambda folder: view)
-    status = (
-        run._results(view, done, RunRequest("s"), run.console())
-        if command is run
-        else resume._results(FOLDER, "", as_json=False)
-    )
+    monkeypatch.setattr(conducting, "finish", no_result)
+    view: Any = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True, manifest={})
+    status = conducting.tell_results(view, FOLDER, "", as_json=False)
     said = capsys.readouterr()
     assert status == ExitStatus.VERDICT_FAIL
     assert "B-FIT-005" in said.err
