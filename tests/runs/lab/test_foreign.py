@@ -270,22 +270,15 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Environmen
 
 
 @pytest.mark.sweep
-def test_ours_last_works_until_the_other_is_removed(environment: Environment) -> None:
-    environment.install_other()
-    environment.install_ours()
-    environment.works()
-    environment.pip("uninstall", "--yes", OTHER)  # it takes its __init__.py away, which is ours by now
-    environment.refuses("damaged")
-    environment.install_ours()
-    environment.works()
-
-
-@pytest.mark.sweep
-def test_the_other_last_is_refused_and_the_cure_helps(environment: Environment) -> None:
-    environment.install_ours()
-    environment.install_other()
-    environment.refuses("is of instrumentkit, not of inertial-bench")
-    environment.pip("uninstall", "--yes", OTHER)
+@pytest.mark.parametrize("ours_last", [True, False])
+def test_ours_works_when_it_is_the_last_and_the_other_is_removed(environment: Environment, ours_last: bool) -> None:
+    for install in (environment.install_other, environment.install_ours)[:: 1 if ours_last else -1]:
+        install()
+    if ours_last:
+        environment.works()
+    else:
+        environment.refuses("is of instrumentkit, not of inertial-bench")
+    environment.pip("uninstall", "--yes", OTHER)  # it takes its __init__.py away, which may be ours by now
     environment.refuses("damaged")
     environment.install_ours()
     environment.works()
