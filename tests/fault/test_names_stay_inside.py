@@ -42,7 +42,7 @@ def everything(folder: Path) -> set[Path]:
 
 
 def written(path: Path, *changes: tuple[str, str], source: Path) -> Path:
-    path.write_text(reworded(source.read_text(), *changes))
+    path.write_text(reworded(source.read_text(), *changes, once=True))
     return path
 
 

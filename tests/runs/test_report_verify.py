@@ -11,7 +11,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from plan_sample import reworded
 from rehearsal import ROOT, contents
 
 from bench.commands import verify as command
@@ -103,7 +102,12 @@ def flip(path: Path, at: int) -> None:
 
 
 def rewrite(path: Path, *changes: tuple[str, str]) -> None:
-    path.write_text(reworded(path.read_text(encoding="utf-8"), *changes), encoding="utf-8")
+    """Replace texts of a file, each once."""
+    text = path.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
 
 
 def refused(code: str, call: Callable[[], object]) -> InputError:
