@@ -1,10 +1,12 @@
-"""Rows 3, 4, 5 and 28 in whole campaigns: a clock that is set, a machine that sleeps, a disk that is full or hangs."""
+"""Rows 3, 4, 5, 24, 28: a clock that is set, a machine that sleeps, a disk that is full or hangs, many benches."""
 
+import gc
 import json
 import os
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,9 +22,13 @@ from soak_campaign import soak_plan, watchers
 from bench.commands.resume import resume
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock, WallClock
+from bench.model.errors import BenchError
 from bench.model.events import Event
-from bench.record import SessionReader
+from bench.plan import Plan, load_station
+from bench.record import Journal, SessionReader, SessionWriter
 from bench.record import writer as writer_module
+from bench.run.bench.opener import open_bench
+from bench.run.guard.lock import bench_lock
 from bench.run.session import Conducted
 from bench.run.stop import StopSwitch
 from bench.run.watch.clock import LOOK_S, STEP_S, clock_watch
@@ -235,3 +241,81 @@ def test_an_fsync_of_ten_seconds_costs_no_frame(served: Served, tmp_path: Path) 
     quality = json.loads((folder / "results.json").read_text())["quality"]
     assert (quality["frames_lost"], quality["frames_bad"], quality["records"]) == (0, 0, 10)
     assert not read_view(folder, strict=True).incomplete
+
+
+CYCLES = 1000
+SHORT = 15
+SERVED = 40
+
+
+def kept() -> tuple[int, int]:
+    """Descriptors and threads of this process."""
+    gc.collect()
+    return len(list(Path("/proc/self/fd").iterdir())), threading.active_count()
+
+
+def constant(cycle: Callable[[int], None], cycles: int) -> None:
+    """After a first few, no cycle leaves anything behind."""
+    for number in range(3):
+        cycle(number)
+    before = kept()
+    for number in range(3, 3 + cycles):
+        cycle(number)
+    assert kept() == before
+
+
+def failing_run(plan: Plan, out: Path) -> Callable[[int], None]:
+    """A run whose instrument is not the one it should be: opened, refused, closed."""
+
+    def exchange(world: World) -> None:
+        world.faults.instrument("switch").identity = "ACME,42,0,0"
+
+    def cycle(_: int) -> None:
+        with pytest.raises(BenchError, match="B-INST-002"):
+            rehearsed(out, plan, exchange, seed=1)
+
+    return cycle
+
+
+@pytest.mark.parametrize("cycles", [SHORT, pytest.param(CYCLES, marks=pytest.mark.sweep)])
+@pytest.mark.waits
+def test_benches_that_do_not_open(tmp_path: Path, cycles: int) -> None:
+    constant(failing_run(soak_plan(tmp_path), tmp_path / "out"), cycles)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("cycles", [SHORT, pytest.param(CYCLES, marks=pytest.mark.sweep)])
+@pytest.mark.waits
+def test_sessions_and_journals(tmp_path: Path, cycles: int) -> None:
+    def cycle(number: int) -> None:
+        folder = tmp_path / str(number)
+        writer = SessionWriter.create(folder, {"schema": 1}, {}, t_mono_ns=0)
+        with pytest.raises(BenchError, match="B-REC-001"):
+            SessionWriter.create(folder, {"schema": 1}, {}, t_mono_ns=0)
+        journal = Journal(folder)
+        with pytest.raises(BenchError, match="B-REC-006"):
+            Journal(folder)
+        journal.close()
+        writer.close("done")
+
+    constant(cycle, cycles)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cycles", [4, pytest.param(SERVED, marks=pytest.mark.sweep)])
+@pytest.mark.waits
+def test_benches_in_another_process_that_do_not_open(served: Served, cycles: int) -> None:
+    """Sessions of PyVISA over the network, ports and the lock of the bench."""
+    station, clock = load_station(served.station), WallClock()
+    served.fault("identity", "rail_dmm", "ACME,42,0,0")
+
+    def cycle(_: int) -> None:
+        with bench_lock((entry.resource for entry in station.instruments.values()), "test", clock):
+            bench = open_bench(station, clock, lambda *_: None, seed=1)
+            try:
+                with pytest.raises(BenchError, match="B-INST-002"):
+                    bench.instruments["rail_dmm"].identify()
+            finally:
+                bench.close()
+
+    constant(cycle, cycles)
