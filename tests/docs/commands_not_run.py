@@ -33,7 +33,7 @@ NOT_RUN = {
     "bench fit SESSION --method as_printed": "needs a campaign of dmm_method; tests/systems/af_converter have one",
     "bench fit SESSION --method joint_unit_sensor": "needs a bias campaign; tests/systems/af_converter have one",
     "bench coefficients ": "needs two campaigns of one unit; tests/systems/af_converter have them",
-    "bench history compare SESSION SESSION": "needs two calibrations; tests/runs/test_history_commands.py has them",
+    "bench history compare SESSION SESSION": "needs two calibrations; tests/runs/archive has them",
     "bench fit $S/": "ends with a move of files into the repository",
 }
 MOST_PARSED = 38  # command lines of all pages
