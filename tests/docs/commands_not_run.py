@@ -3,7 +3,7 @@
 A key is the beginning of a command line as a page has it. The list gets no longer: what a page newly shows runs.
 """
 
-_LIVING = "talks to a living run; tests/runs/test_control_commands.py does that"
+_LIVING = "talks to a living run; tests/runs/test_cli_status.py does that"
 _SERVES = "serves until it is stopped; tests/browser and tests/runs do that"
 _REAL = "needs instruments"
 _OTHERS = "needs the recording of other people; tests marked 'real' have it"
@@ -33,7 +33,7 @@ NOT_RUN = {
     "bench fit SESSION --method as_printed": "needs a campaign of dmm_method; tests/systems/af_converter have one",
     "bench fit SESSION --method joint_unit_sensor": "needs a bias campaign; tests/systems/af_converter have one",
     "bench coefficients ": "needs two campaigns of one unit; tests/systems/af_converter have them",
-    "bench history compare SESSION SESSION": "needs two calibrations; tests/runs/test_history_commands.py has them",
+    "bench history compare SESSION SESSION": "needs two calibrations; tests/runs/archive has them",
     "bench fit $S/": "ends with a move of files into the repository",
 }
 MOST_PARSED = 38  # command lines of all pages

@@ -1,12 +1,14 @@
-"""Row 1 and 25 in bulk: controllers that die at random instants, and what their benches and their sessions are then.
+"""Rows 1 and 25: controllers that die at random instants, in bulk, and behind the last step; what is left then.
 
 Several benches at once, each a process with instruments of its own; every run and every resumption is a process too.
 """
 
 import json
+import shutil
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -27,10 +29,16 @@ from kill_drill import (
     without_guard,
 )
 from plan_sample import ONE_TEMPERATURE, one_temperature
-from rehearsal import Inside
+from rehearsal import Inside, rehearsed
 from served import SAFE_S, Served
+from soak_campaign import soak_plan
 
-pytestmark = pytest.mark.waits
+from bench.commands.resume import resume
+from bench.commands.session import replay
+from bench.model.errors import ExitStatus, InputError
+from bench.record import SessionReader, SessionWriter
+from bench.session.service import read_view
+from bench.session.view import analyse_view
 
 SEED = 20
 BENCHES = 3
@@ -102,6 +110,7 @@ def troubles(done: Sequence[Drilled]) -> list[str]:
     return [f"run{number}: {text}" for number, one in enumerate(done) for text in one.trouble]
 
 
+@pytest.mark.waits
 @pytest.mark.slow
 @pytest.mark.limit(SAFE_S)
 @pytest.mark.parametrize("pool", [1], indirect=True)
@@ -123,6 +132,7 @@ def test_a_kill_and_a_stop(pool: list[Served], tmp_path: Path, inside: Inside) -
         assert max(held_against([reference], done)) <= MOST_E_N
 
 
+@pytest.mark.waits
 @pytest.mark.sweep
 def test_a_hundred_kills(pool: list[Served], tmp_path: Path) -> None:
     """Instants over the whole run; each third time the resumption is killed as well, now and then twice."""
@@ -147,6 +157,7 @@ def test_a_hundred_kills(pool: list[Served], tmp_path: Path) -> None:
     assert sum(one.flagged > 0 for one in done) <= MOST_FLAGGED * len(done)
 
 
+@pytest.mark.waits
 @pytest.mark.sweep
 @pytest.mark.parametrize(
     ("act", "count", "first_s", "last_s"),
@@ -164,3 +175,66 @@ def test_stopped_and_killed_while_holding_and_without_its_guard(
     print(told(done))
     assert troubles(done) == []
     assert max(one.worst_s for one in done) <= SAFE_S
+
+
+@dataclass
+class Ended:
+    """A run that has ended, and its folder as it was just before the session was closed."""
+
+    whole: Path
+    unclosed: Path
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory: pytest.TempPathFactory) -> Ended:
+    folder = tmp_path_factory.mktemp("ended")
+    plain = SessionWriter.close
+
+    def close(self: SessionWriter, reason: str) -> str:
+        self.flush()
+        shutil.copytree(self.folder, folder / "unclosed" / self.folder.name)
+        return plain(self, reason)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SessionWriter, "close", close)
+        run = rehearsed(folder / "out", soak_plan(folder), seed=2).run
+    assert run.outcome.error is None
+    return Ended(run.folder, folder / "unclosed" / run.folder.name)
+
+
+def copied(source: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(source, tmp_path / source.name))
+
+
+def switched_on(folder: Path) -> int:
+    """How often the supply of the unit was switched on in a session."""
+    messages = SessionReader(folder).messages(frozenset({"/instrument/supply"}))
+    return sum(one.document()["text"].upper().startswith("OUTP ON") for one in messages)
+
+
+def test_a_session_that_was_not_closed_is_closed_and_nothing_is_switched_on(ended: Ended, tmp_path: Path) -> None:
+    folder = copied(ended.unclosed, tmp_path)
+    assert (folder / "session.open").exists()
+    assert read_view(folder).incomplete
+    assert switched_on(folder) > 0
+    assert resume(folder, None, None, as_json=True) == ExitStatus.PASS
+    view = read_view(folder, strict=True)
+    assert not view.incomplete
+    assert len(view.splices) == 1
+    assert not (folder / "session.open").exists()
+    assert switched_on(folder) == switched_on(ended.unclosed)
+    before, after = (analyse_view(one)[0]["estimates"] for one in (read_view(ended.whole), view))
+    assert [one["value"] for one in after] == [one["value"] for one in before]
+    assert replay(folder, as_json=True) == ExitStatus.PASS
+
+
+def test_results_that_were_not_written_any_more_are_written(ended: Ended, tmp_path: Path) -> None:
+    folder = copied(ended.whole, tmp_path)
+    segments = {path.name: path.read_bytes() for path in folder.glob("*.mcap")}
+    assert resume(folder, None, None, as_json=True) == ExitStatus.PASS
+    assert replay(folder, as_json=True) == ExitStatus.PASS
+    (folder / "report.html").unlink()  # killed between the two
+    assert resume(folder, None, None, as_json=True) == ExitStatus.PASS
+    assert {path.name: path.read_bytes() for path in folder.glob("*.mcap")} == segments
+    with pytest.raises(InputError, match="B-RES-001"):
+        resume(folder, None, None, as_json=True)

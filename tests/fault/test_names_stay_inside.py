@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plan_sample import reworded
 from rehearsal import ROOT, rehearsed
 from soak_campaign import HERE
 
@@ -41,11 +42,7 @@ def everything(folder: Path) -> set[Path]:
 
 
 def written(path: Path, *changes: tuple[str, str], source: Path) -> Path:
-    text = source.read_text()
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new, 1)
-    path.write_text(text)
+    path.write_text(reworded(source.read_text(), *changes, once=True))
     return path
 
 

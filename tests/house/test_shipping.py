@@ -1,4 +1,4 @@
-"""The repository as somebody else gets it: complete, clean locks, links that lead somewhere, no name of a system."""
+"""The repository as somebody else gets it: complete, clean locks, links, pages of drivers, no name of a system."""
 
 import ast
 import re
@@ -10,6 +10,7 @@ from runpy import run_path
 import pytest
 from tree import PRODUCT, TOP, files_that_say, name_of, nodes_of, python_files, text_files, text_of, tree_of
 
+from bench.model.drivers import manual_of
 from bench.model.systems import analyses
 
 PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text(encoding="utf-8"))
@@ -232,3 +233,29 @@ def test_a_word_in_a_name_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     path = tmp_path / "sample.py"
     path.write_text("limits_of_gnc = {'fog_north': 1}\nsarcasm = 'longitude'\n")
     assert words_of(path) == ["sample.py:1 gnc", "sample.py:1 fog"]
+
+
+manual_page = run_path(str(TOP / "docs" / "site" / "manuals.py"))["page"]
+MANUALS = sorted(path.stem for path in (TOP / "instruments").glob("*.yaml"))
+
+
+def test_every_driver_has_a_table_and_every_page_a_driver() -> None:
+    drivers = [path.stem for path in (TOP / "instruments").glob("*.py") if "\nDRIVER = " in path.read_text("utf-8")]
+    assert sorted(drivers) == MANUALS
+    assert sorted(path.stem for path in (TOP / "docs" / "instruments").glob("*.md")) == MANUALS
+
+
+@pytest.mark.parametrize("driver", MANUALS)
+def test_the_table_makes_sense_and_the_page_is_written_from_it(driver: str) -> None:
+    manual = manual_of(driver)
+    assert manual is not None
+    assert (TOP / "docs" / "instruments" / f"{driver}.md").read_text("utf-8") == manual_page(driver, manual)
+    for form, command in manual.commands.items():
+        assert any(key in command.source for key in manual.sources), form
+        if command.reply:
+            re.compile(command.reply)
+        if command.example:
+            assert manual.find(command.example) == form
+        if "?" in form:
+            assert command.reply, form
+            assert command.touch == "asks", form

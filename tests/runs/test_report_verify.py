@@ -1,7 +1,6 @@
 """bench report --verify: what was altered in a session or in what was computed from it is named; nothing is written."""
 
 import copy
-import hashlib
 import json
 import shutil
 import struct
@@ -12,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rehearsal import ROOT
+from rehearsal import ROOT, contents
 
 from bench.commands import verify as command
 from bench.commands.certificate import certificate
@@ -66,13 +65,9 @@ def drawn(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verification, "report_of", lambda *_: SimpleNamespace(html=lambda: page))
 
 
-def files(folder: Path) -> dict[str, str]:
-    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*") if path.is_file()}
-
-
 def verified(folder: Path, capsys: pytest.CaptureFixture[str], status: int) -> dict[str, Any]:
     """What --json says; the exit status is as expected and no file is touched."""
-    before = files(folder)
+    before = contents(folder)
     capsys.readouterr()
     if status == ExitStatus.PASS:
         assert verify(folder, as_json=True) == status
@@ -80,7 +75,7 @@ def verified(folder: Path, capsys: pytest.CaptureFixture[str], status: int) -> d
         with pytest.raises(SessionDamaged) as caught:
             verify(folder, as_json=True)
         assert (caught.value.code, caught.value.exit_status) == ("B-CLI-012", status)
-    assert files(folder) == before
+    assert contents(folder) == before
     document: dict[str, Any] = json.loads(capsys.readouterr().out)
     assert document["identical"] is (status == ExitStatus.PASS)
     return document

@@ -2,6 +2,7 @@
 
 Here are some, what shows that a violation is seen, how seeds are soaked in blocks, and rows 23 and 24: virtual hours
 after which memory, descriptors and threads stay what they were. ``make soak`` soaks any number (tests/soak/run.py).
+The page is open for 38 hours of a run that is fed at a hundred times its speed (23 minutes).
 """
 
 import json
@@ -16,9 +17,12 @@ import pytest
 import soak_blocks
 import soak_campaign
 from block_rows import add_row, in_blocks, read_rows, seeds_left
+from browser_rig import PageServer, Visitor, chromium, metrics, visiting
 from fault_schedule import TimedFault
 from hypothesis import given
 from hypothesis import strategies as st
+from playwright.sync_api import CDPSession
+from shown_run import HOURS, FastRun
 from soak_blocks import Block, soaked_block
 from soak_campaign import (
     ALLOCATOR,
@@ -229,3 +233,70 @@ def test_a_written_test_is_as_the_house_writes_it(faults: list[TimedFault], tmp_
     words = [sys.executable, "-m", "ruff", "format", "--check", "--config", str(ROOT / "pyproject.toml"), str(path)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+LOOK_ms = 20_000
+MOST_TIMES = 1.5
+HELD = ("JSHeapUsedSize", "Nodes", "JSEventListeners")
+
+
+def held(visitor: Visitor, cdp: CDPSession, run: FastRun) -> dict[str, float]:
+    """What is held now by browser and server."""
+    found = metrics(cdp)
+    resident_kB = next(
+        line.split()[1]
+        for line in Path(f"/proc/{visitor.server.process.pid}/status").read_text().splitlines()
+        if line.startswith("VmRSS:")
+    )
+    now = {name: found[name] for name in HELD} | {"server_MB": int(resident_kB) / 1e3, "hours": run.hours}
+    print(" ".join(f"{name} {value:.1f}" for name, value in now.items()), flush=True)
+    return now
+
+
+def use(visitor: Visitor) -> None:
+    """Somebody looks: windows, zoom, cursor, numbers as a table, the other theme."""
+    page = visitor.page
+    plots = page.locator("figure.graph .plot")
+    plots.last.focus()
+    for key in ("+", "+", "+", "ArrowLeft", "0", "d", "d"):
+        page.keyboard.press(key)
+        page.wait_for_timeout(300)
+    plots.first.hover()
+    for number, window in enumerate(("10 min", "1 h", "run")):
+        button = page.locator("figure.graph").nth(number).get_by_role("button", name=window, exact=True)
+        button.click()
+        assert button.get_attribute("aria-pressed") == "true"
+    page.wait_for_timeout(500)
+
+
+@pytest.mark.sweep
+def test_38_hours(tmp_path: Path) -> None:
+    server = PageServer(
+        tmp_path, (str(Path(__file__).resolve().parents[1] / "support" / "page" / "page_with_fits.py"),)
+    )
+    run = FastRun(server.out, "20260101T000000Z_fast_1")
+    seen = []
+    try:
+        with chromium() as browser, visiting(browser, server, "operator") as visitor:
+            page = visitor.open_run(run.name)
+            cdp = page.context.new_cdp_session(page)
+            cdp.send("Performance.enable")
+            page.locator("figure.graph details.numbers summary").first.click()
+            label = page.locator("figure.graph").first.locator(".ends button").first
+            texts = set()
+            while run.hours < HOURS:
+                use(visitor)
+                page.wait_for_timeout(LOOK_ms if run.hours > 1 else 1000)
+                visitor.requests.clear()
+                texts.add(label.inner_text())
+                assert page.inner_text("#badge-word") == "RUNNING"
+                if run.hours > 1:
+                    seen.append(held(visitor, cdp, run))
+            page.wait_for_selector("#estimates tbody tr")
+            assert len(texts) > len(seen) / 2, "nothing moved"
+    finally:
+        run.close()
+        server.end()
+    first, last = seen[0], seen[-1]
+    for name in (*HELD, "server_MB"):
+        assert last[name] < MOST_TIMES * first[name], (name, first[name], last[name])

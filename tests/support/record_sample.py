@@ -37,6 +37,11 @@ def frame(name: str) -> FrameDefinition:
     return load_frame(ROOT / "frames" / f"{name}.yaml")
 
 
+def golden_bytes(name: str) -> bytes:
+    """Return the bytes of a file in tests/golden."""
+    return bytes.fromhex((ROOT / "tests" / "golden" / f"{name}.hex").read_text(encoding="ascii"))
+
+
 def write_sample(folder: Path, seconds: int = 20, seed: int = 1, files: OsFiles | None = None) -> list[bytes]:
     """A closed session of ``seconds`` chunks; returns the raw bytes given, in order."""
     rng = np.random.default_rng(seed)
@@ -232,8 +237,7 @@ def _fill(writer: SessionWriter, number: int, utc_at_0_ns: int, start_ns: int = 
         writer.raw("port_a", "rx", t_ns, raw[chunk * length : (chunk + 1) * length])
         writer.tick(t_ns)
     for name in ("attitude", "measurements"):  # groups and optional parts
-        text = (ROOT / "tests" / "golden" / f"ublox_sensors.{name}.hex").read_text()
-        writer.raw("sensors", "rx", start_ns + 5 * NS // 2, bytes.fromhex(text))
+        writer.raw("sensors", "rx", start_ns + 5 * NS // 2, golden_bytes(f"ublox_sensors.{name}"))
     end_ns = start_ns + 2 * NS
     record = Record(number=number, link="port_a", first_counter=51, frames=100, t_start_ns=start_ns + NS // 2,
                     t_end_ns=start_ns + 3 * NS // 2, conditions={"channel": number, "frames": "a word"})  # fmt: skip

@@ -258,10 +258,6 @@ LEFT_OUT = (9, 12)
 HELD_S = 100.0
 
 
-def held_run(tmp_path: Path, beside: AtMeter) -> Conducted:
-    return rehearsed(tmp_path / "out", deciding_plan(tmp_path, SEQUENCE), beside=[beside]).run
-
-
 def pause(context: RunContext) -> None:
     context.stop.holds.hold(OPERATOR, "coffee")
 
@@ -281,7 +277,7 @@ def test_the_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize("act", [pause, again])
 def test_a_point_that_is_taken_again_keeps_its_decision(tmp_path: Path, act: Callable[[RunContext], None]) -> None:
     """Both records of the branch are taken again from the first step of the point, and decided is only once."""
-    done = held_run(tmp_path, at_reading(2, act, HELD_S))
+    done = conducted(tmp_path, SEQUENCE, at_reading(2, act, HELD_S))
     assert done.outcome.error is None
     assert [(one["step"], one["outcome"]) for one in events_of(done.folder, "decision")] == [(DECISION, "then")]
     assert len(events_of(done.folder, "reading")) == 2 + 2 + 2
@@ -292,7 +288,7 @@ def test_a_point_that_is_taken_again_keeps_its_decision(tmp_path: Path, act: Cal
 
 def test_time_goes_on_as_planned_behind_a_hold(tmp_path: Path) -> None:
     """The run lasts as long as the way that was taken, and the slip: not the hour of the other branch."""
-    done = held_run(tmp_path, at_reading(2, pause, HELD_S))
+    done = conducted(tmp_path, SEQUENCE, at_reading(2, pause, HELD_S))
     assert events_of(done.folder, "release")[0]["seconds"] == pytest.approx(100.0, abs=1.0)
     assert 100.0 < done.outcome.slip_s < 300.0
     last_ns = max(message.t_ns for message in SessionReader(done.folder).messages())
@@ -302,7 +298,7 @@ def test_time_goes_on_as_planned_behind_a_hold(tmp_path: Path) -> None:
 def test_a_point_that_is_skipped_does_not_jump_over_a_decision(tmp_path: Path) -> None:
     """Skipped in its first record; the rest of the branch is done, and the other branch is not."""
     skip = at_reading(1, lambda context: context.stop.holds.wish(Wish("skip", "interlock air", "too warm")), HELD_S)
-    done = held_run(tmp_path, skip)
+    done = conducted(tmp_path, SEQUENCE, skip)
     assert done.outcome.error is None
     assert [row.window.step for row in done.outcome.rows] == [LAST]
     assert [(one["by"], one["first"], one["stop"]) for one in events_of(done.folder, "skip")] == [

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from rehearsal import CLOSING, ONE_CHANNEL, SEED, SHORT_SEQUENCE, compiled, go_on, rehearsed, shortened
+from units_campaign import events_of
 
 from bench.analysis import results_json
 from bench.commands.session import replay
@@ -82,12 +83,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     return ran_in(tmp_path_factory.mktemp("by_lag"))
 
 
-def lags(folder: Path) -> list[dict[str, Any]]:
-    return [fields for _, _, fields in SessionReader(folder).events("thermal_lag")]
-
-
 def test_the_second_soak_is_as_near_as_stated_and_what_follows_is_earlier(ran: Ran) -> None:
-    first, second = lags(ran.whole)
+    first, second = events_of(ran.whole, "thermal_lag")
     assert first["saved_s"] == 0.0
     assert first["lag_s"] == pytest.approx(ran.world.thermal.unit_lag_s, rel=0.02)
     assert 0.0 < second["saved_s"] <= SLOT_s - LEAST_s
@@ -126,11 +123,11 @@ def test_a_run_that_is_killed_inside_of_a_soak_goes_on_with_the_same_lag(
     """Its unit is warmed anew, and the first soak's lag ends this one too."""
     hurry(monkeypatch)
     folder = Path(shutil.copytree(ran.killed, tmp_path / ran.killed.name))
-    assert [fields["saved_s"] for fields in lags(folder)] == [0.0]
+    assert [fields["saved_s"] for fields in events_of(folder, "thermal_lag")] == [0.0]
     assert go_on(folder).outcome.error is None
     assert len(read_view(folder).rows) == 30
-    first, second = lags(folder)
-    assert first == lags(ran.whole)[0]
+    first, second = events_of(folder, "thermal_lag")
+    assert first == events_of(ran.whole, "thermal_lag")[0]
     assert second["bound_degC"] <= RESIDUAL_degC
     assert second["saved_s"] > 0.0
 

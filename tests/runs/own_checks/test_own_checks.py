@@ -290,11 +290,6 @@ HOUSEKEEPING = re.compile(rb"\xeb\x9b\x1c\x01", re.DOTALL)  # sync, length 28, k
 VOLT_AT = 4 + 2 + 4 * 2  # behind sync, length and kind, the counter and four temperatures
 
 
-def command_line(*words: object) -> str:
-    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
-    return done.output
-
-
 def written(folder: Path, text: str = SEQUENCE) -> Path:
     path = folder / "unit_says.yaml"
     path.write_text(text)
@@ -303,14 +298,9 @@ def written(folder: Path, text: str = SEQUENCE) -> Path:
 
 def run_text(folder: Path, text: str = SEQUENCE) -> Path:
     path = written(folder, text)
-    command_line("run", path, "--clock", "virtual", "--seed", 1, "--out", folder / "out")
+    command("run", path, "--clock", "virtual", "--seed", 1, "--out", folder / "out")
     (session,) = (folder / "out").glob("*_unit_says_*")
     return session
-
-
-def values_in(session: Path) -> dict[str, dict[str, Any]]:
-    estimates = json.loads((session / "results.json").read_text())["estimates"]
-    return {entry["quantity"]: entry for entry in estimates}
 
 
 @pytest.fixture(scope="module")
@@ -319,7 +309,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_is_an_estimate_with_its_verdict(session: Path) -> None:
-    found = values_in(session)
+    found = values(session)
     verdicts = {name: found[name]["verdict"] for name in found if not name.endswith("_repeatability")}
     assert verdicts == {
         "identity": "pass", "firmware": "pass", "frequency": "pass", "supply": "indeterminate",
@@ -345,7 +335,7 @@ def test_a_number_of_the_frames_is_the_mean_of_the_record(session: Path) -> None
             places = [match.start() for match in re.finditer(HOUSEKEEPING, message.payload)]
             volts += [struct.unpack_from(">H", message.payload, at + VOLT_AT)[0] / 1000.0 for at in places]
     assert 150 < len(volts) <= 201
-    found = values_in(session)
+    found = values(session)
     voltage, span = found["supply_voltage"], found["supply_voltage_span"]
     assert voltage["n"] == pytest.approx(200, abs=1)
     assert voltage["value"] == pytest.approx(np.mean(volts), abs=2e-4)
@@ -358,18 +348,18 @@ def test_a_number_of_the_frames_is_the_mean_of_the_record(session: Path) -> None
 
 
 def test_it_is_the_same_from_the_session_alone(session: Path) -> None:
-    assert "every number is identical" in command_line("replay", session)
-    assert "identical" in command_line("report", session, "--verify")
+    assert "every number is identical" in command("replay", session).output
+    assert "identical" in command("report", session, "--verify").output
 
 
 def test_what_is_not_as_expected_fails_or_is_missing(tmp_path: Path) -> None:
     text = SEQUENCE.replace("equals: SIM-1", "equals: SIM-2").replace("within: [17.5 V", "within: [18.1 V")
     text = text.replace("pattern: '[0-9.]+$'", "pattern: 'rev ([0-9]+)'")
     session = run_text(tmp_path, text)
-    found = values_in(session)
+    found = values(session)
     assert [found[name]["verdict"] for name in ("identity", "supply_voltage")] == ["fail", "fail"]
     assert "firmware" not in found
-    assert "firmware was not read" in command_line("fit", session)
+    assert "firmware was not read" in command("fit", session).output
 
 
 def test_a_make_up_reads_the_same(tmp_path: Path) -> None:

@@ -3,15 +3,13 @@
 import dataclasses
 import hashlib
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import writable_copy
+from rehearsal import Inside, writable_copy
 
-from bench import cli
 from bench.analysis import Evidence
 from bench.session import view as view_module
 from bench.session.acceptances import new_acceptances
@@ -55,13 +53,10 @@ def compensating(short: tuple[Path, Any], tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def say(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Say:
+def say(inside: Inside) -> Say:
     def said(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["bench", *map(str, words)])
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        told = capsys.readouterr()
-        return int(caught.value.code or 0), told.out, told.err
+        done = inside(*map(str, words))
+        return done.returncode, done.stdout, done.stderr
 
     return said
 

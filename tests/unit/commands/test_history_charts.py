@@ -1,11 +1,13 @@
-"""Commands on recorded sessions: charts of a history, coefficients merged and written, a log that becomes one."""
+"""Commands on recorded sessions: charts of a history, coefficients merged and written, an imported log, a batch."""
 
 import dataclasses
 import hashlib
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import fit_simulation as sim
@@ -13,13 +15,16 @@ import numpy as np
 import pytest
 import store_sample
 from imported_logs import LOG, SHORT
+from rehearsal import Inside
+from report_sample import LIMIT, coupling, results
 from store_sample import Documents, new_history
 
 from bench import cli
+from bench.commands import batch as batch_command
 from bench.commands import import_log
 from bench.commands import session as command
 from bench.commands.import_log import import_log as import_file
-from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.model.errors import BenchError, ExitStatus, FitError, InputError, SessionDamaged
 from bench.record import SessionReader, SessionWriter
 from bench.replay import replay_rows
 from bench.replay.series import replay_series, survey
@@ -30,17 +35,14 @@ Say = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def say(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Say:
+def say(monkeypatch: pytest.MonkeyPatch, inside: Inside) -> Say:
     """Run ``bench history`` in this process: exit status, standard output, standard error."""
     monkeypatch.setenv("COLUMNS", "200")
 
     def run(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["bench", "history", *words])
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        said = capsys.readouterr()
-        assert "Traceback" not in said.err
-        return int(caught.value.code or 0), said.out, said.err
+        done = inside("history", *words)
+        assert "Traceback" not in done.stderr
+        return done.returncode, done.stdout, done.stderr
 
     return run
 
@@ -287,3 +289,134 @@ def test_bytes_cut_anywhere_by_another_writer_and_a_changed_log_is_told(tmp_path
     found = replay_series(tmp_path / "s")
     assert found.columns["sensor"].tolist() == [20.5, 20.6]
     assert "is not the file that was imported" in found.notes[0]
+
+
+GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "sessions" / "0.1.0" / "20000101T000000Z_golden_GOLDEN"
+
+
+def made(folder: Path, *names: str) -> Path:
+    """Folders that look like sessions."""
+    for name in names:
+        (folder / name).mkdir(parents=True)
+        (folder / name / "session.0001.mcap").write_bytes(b"")
+    return folder
+
+
+def test_a_folder_of_sessions_a_session_and_a_pattern(tmp_path: Path) -> None:
+    made(tmp_path, "b", "a", "c2")
+    (tmp_path / "history.sqlite").write_bytes(b"")
+    (tmp_path / "batch").mkdir()
+    assert [one.name for one in batch_command.session_folders(tmp_path)] == ["a", "b", "c2"]
+    assert batch_command.session_folders(tmp_path / "b") == [tmp_path / "b"]
+    assert [one.name for one in batch_command.session_folders(tmp_path / "[ab]")] == ["a", "b"]
+
+
+@pytest.mark.parametrize("name", ["nowhere", "empty", "*.none"])
+def test_what_holds_no_session_is_a_mistake(tmp_path: Path, name: str) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="B-CLI-013: "):
+        batch_command.batch([tmp_path / name], tmp_path / "out", as_json=False)
+    assert not (tmp_path / "out").exists()
+
+
+Session = dict[str, Any] | BenchError | None
+
+
+def run(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, sessions: dict[str, Session], broken: tuple[str, ...] = ()
+) -> tuple[int, dict[str, Any]]:
+    """Exit status and document; a session is its results, the error of its analysis, or None for no analysis."""
+
+    def read_view(one: Path) -> Any:
+        if one.name in broken:
+            raise BenchError("B-REC-012", "no manifest", where=str(one))
+        manifest = {"simulated": True, "campaign": {"uut": {"model": "GNC", "serial": one.name}, "analysis": "x"}}
+        analysed = sessions[one.name] is not None
+        return SimpleNamespace(name=one.name, manifest=manifest, damaged=False, has_analysis=analysed, notes=[])
+
+    def analyse_view(view: Any) -> tuple[Any, SimpleNamespace]:
+        found = sessions[view.name]
+        if isinstance(found, BenchError):
+            raise found
+        return found, SimpleNamespace(missing=[])
+
+    monkeypatch.setattr(batch_command, "read_view", read_view)
+    monkeypatch.setattr(batch_command, "analyse_view", analyse_view)
+    status = batch_command.batch([made(folder / "in", *sessions)], folder / "out", as_json=False)
+    return status, json.loads((folder / "out" / "batch.json").read_text())
+
+
+def good(name: str) -> dict[str, Any]:
+    return results(name, name, [coupling(0.1 * LIMIT)])
+
+
+BAD = results("b", "b", [coupling(3 * LIMIT), coupling(0.0, "y")])
+NONE = FitError("B-FIT-005", "one polarity")
+CASES: list[tuple[dict[str, Session], tuple[str, ...], int, list[str], tuple[int, int, int]]] = [
+    ({name: good(name) for name in "abc"}, (), ExitStatus.PASS, [], (3, 0, 0)),
+    ({"a": good("a"), "b": BAD}, (), ExitStatus.VERDICT_FAIL, [], (1, 1, 0)),
+    ({"a": good("a"), "b": NONE}, (), ExitStatus.VERDICT_FAIL, ["B-FIT-005"], (1, 0, 1)),
+    ({"a": good("a"), "b": BAD, "c": good("c")}, ("c",), ExitStatus.SESSION_DAMAGED, ["B-REC-012"], (1, 1, 0)),
+    ({"a": good("a"), "b": None}, (), ExitStatus.PASS, ["B-CLI-008"], (1, 0, 0)),
+]
+
+
+@pytest.mark.parametrize(("sessions", "broken", "status", "left_out", "counts"), CASES)
+def test_each_session_counts_or_is_listed_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    sessions: dict[str, Session],
+    broken: tuple[str, ...],
+    status: int,
+    left_out: list[str],
+    counts: tuple[int, int, int],
+) -> None:
+    """All pass; one fails; one determines nothing; one cannot be read; one has no analysis, which costs nothing."""
+    found, document = run(monkeypatch, tmp_path, sessions, broken)
+    assert found == status
+    assert [one["code"] for one in document["left_out"]] == left_out
+    units = document["yield"]["units"]
+    assert (units["pass"], units["fail"], units["without_verdict"]) == counts
+    said = capsys.readouterr().out
+    assert ("b: 1 of 2 judged failed" in said) is (counts[1] == 1)
+    if counts[0] == 3:
+        assert units["interval_95"] == [pytest.approx(0.2924, abs=1e-4), 1.0]
+        assert "3 units in 3 sessions: 3 pass" in said
+
+
+def copied(folder: Path, damage: Callable[[bytearray], object] = lambda content: None) -> Path:
+    shutil.copytree(GOLDEN, folder)
+    content = bytearray((folder / "session.0001.mcap").read_bytes())
+    damage(content)
+    (folder / "session.0001.mcap").write_bytes(content)
+    return folder
+
+
+def flip(content: bytearray) -> None:
+    content[len(content) // 2] ^= 0xFF
+
+
+def cut(content: bytearray) -> None:
+    del content[-20_000:]
+
+
+def test_sessions_as_they_are_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three of one name: one whole, one with a false byte, one that ends in the middle of a run."""
+    sessions = [
+        copied(tmp_path / "first" / "session"),
+        copied(tmp_path / "second" / "session", flip),
+        copied(tmp_path / "third" / "session", cut),
+    ]
+    status = batch_command.batch(sessions, tmp_path / "out", as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert status == ExitStatus.SESSION_DAMAGED
+    assert document == json.loads((tmp_path / "out" / "batch.json").read_text())
+    assert {one["session"] for one in document["left_out"]} >= {"second/session"}
+    assert [one["verdict"] for one in document["parts"] if one["session"] == "third/session"] == ["no_result"]
+    stored = json.loads((GOLDEN / "results.json").read_text())
+    due = [one["value"] for one in stored["estimates"] if one["quantity"] == "dsf_n"]
+    spreads = [one for one in document["quantities"] if one["quantity"] == "dsf_n"]
+    found = {one[end]["value"] for one in spreads for end in ("min", "max") if one[end]["session"] == "first/session"}
+    assert found
+    assert all(any(value == pytest.approx(other, rel=1e-9) for other in due) for value in found)

@@ -16,18 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from record_sample import captured, frame
-from record_sample import frame as frame_of
+from record_sample import captured, frame, golden_bytes
 
 from bench.commands.frame.decode import decode
 from bench.frame import Counted, FrameDefinition, LinkDecoder, Tables, decode_capture, line_guess, parse_frame
 from bench.model.errors import InputError, InputErrors
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden"
-
-
-def golden(name: str) -> bytes:
-    return bytes.fromhex((GOLDEN / f"{name}.hex").read_text(encoding="ascii"))
 
 
 def tabulated(definition: FrameDefinition, capture: Path, out: Path, engine: Any = None) -> list[Path]:
@@ -101,7 +96,7 @@ def test_parquet_has_the_columns_and_values_of_the_csv(
 def test_a_table_that_is_not_finished_leaves_nothing(tmp_path: Path) -> None:
     definition = frame("ngu_a")
     capture = tmp_path / "capture.bin"
-    capture.write_bytes(golden("ngu_a") * 3)
+    capture.write_bytes(golden_bytes("ngu_a") * 3)
 
     def broken(tables: Tables) -> None:
         with tables, capture.open("rb") as stream:
@@ -115,7 +110,7 @@ def test_a_table_that_is_not_finished_leaves_nothing(tmp_path: Path) -> None:
 
 def test_a_device_stays_one_and_a_link_leads_to_the_table(tmp_path: Path) -> None:
     capture, device, link = tmp_path / "capture.bin", tmp_path / "device", tmp_path / "link.csv"
-    capture.write_bytes(golden("ngu_a"))
+    capture.write_bytes(golden_bytes("ngu_a"))
     device.symlink_to("/dev/null")
     link.symlink_to(tmp_path / "table.csv")
     for out in (device, link):
@@ -129,7 +124,7 @@ def test_a_device_stays_one_and_a_link_leads_to_the_table(tmp_path: Path) -> Non
 def test_a_table_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     definition = frame("ngu_a")
     capture = tmp_path / "capture.bin"
-    capture.write_bytes(golden("ngu_a"))
+    capture.write_bytes(golden_bytes("ngu_a"))
     for name in ("out.csv", "out.parquet"):
         with pytest.raises(InputError, match="B-FRAME-032"):
             tabulated(definition, capture, tmp_path / "no_folder" / name)
@@ -225,7 +220,7 @@ def test_a_table_never_replaces_what_is_read(tmp_path: Path) -> None:
 
 
 def test_standard_input_is_a_capture_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    stream = io.TextIOWrapper(io.BytesIO(golden("ngu_a") * 3 + golden("ngu_a")[:20]))
+    stream = io.TextIOWrapper(io.BytesIO(golden_bytes("ngu_a") * 3 + golden_bytes("ngu_a")[:20]))
     monkeypatch.setattr("sys.stdin", stream)
     assert decode("ngu_a", Path("-"), None, None, False) == 0
     said = capsys.readouterr().out
@@ -336,9 +331,9 @@ def test_lines_and_packets() -> None:
     good = nmea(b"GPVTG,77.52,T,,M,0.004,N,0.008,K,A")
     long = nmea(b"GPVTG,77.52,TT,,M,0.004,N,0.008,K,A")
     capture = good + long + nmea(b"GPVTG,1") + good.replace(b"*06", b"*07")
-    found = decode_capture(frame_of("nmea_0183"), io.BytesIO(capture))
+    found = decode_capture(frame("nmea_0183"), io.BytesIO(capture))
     assert [(kind.cause, kind.number) for kind in found.bad] == [("contents", 2), ("check", 1)]
-    (without,) = decode_capture(frame_of("nmea_0183"), io.BytesIO(b"$GPVTG,1\r\n")).bad
+    (without,) = decode_capture(frame("nmea_0183"), io.BytesIO(b"$GPVTG,1\r\n")).bad
     assert without.text == "has no check: there is no '*'"
     assert "course_reference: 'TT' has 2 characters, its 'count' is 1" in found.bad[0].text
     escaped = {"frame": "unit", "endian": "big", "sync": [], "escape": "slip", "golden": "c0 01 02 03 c0",

@@ -76,24 +76,20 @@ def expected_records() -> list[tuple[float, dict[str, Any]]]:
         at_s += slot_s
         for channel in channels:
             for route, current, polarity, index in table_3(channel):
-                records.append(
-                    (
-                        at_s + 20.0,
-                        {
-                            "channel": channel,
-                            "kind": "gyro" if channel <= 6 else "accelerometer",
-                            "temperature_degC": temperature,
-                            "current_A": current,
-                            "polarity": polarity,
-                            "range_A": 0.0 if route == "open" else min(r for r in RANGES_A if current <= r),
-                            "route": route,
-                            "level_index": index,
-                            "repeat": repeat,
-                            "purpose": "measurement",
-                            "settle_band_degC": 1.0,
-                        },
-                    )
-                )
+                conditions = {
+                    "channel": channel,
+                    "kind": "gyro" if channel <= 6 else "accelerometer",
+                    "temperature_degC": temperature,
+                    "current_A": current,
+                    "polarity": polarity,
+                    "range_A": 0.0 if route == "open" else min(r for r in RANGES_A if current <= r),
+                    "route": route,
+                    "level_index": index,
+                    "repeat": repeat,
+                    "purpose": "measurement",
+                    "settle_band_degC": 1.0,
+                }
+                records.append((at_s + 20.0, conditions))
                 at_s += 120.0
     assert at_s == 136_800.0
     return records

@@ -289,17 +289,13 @@ def test_long_records_at_full_rate_are_exact_to_the_last_digit() -> None:
     assert int(found["ppp.moment2"][0]) == each * n * (n + 1) * (2 * n + 1) // 6 > 2**53
 
 
-def timed_window(number: int, first: int, frames: int) -> RecordWindow:
-    return RecordWindow(number, "port_a", first, frames, first * FRAME_NS, (first + frames) * FRAME_NS)
-
-
 @pytest.mark.parametrize("flush_each", [1, 3, 1000])
 def test_a_records_timing_comes_from_its_own_frames_however_they_arrive(flush_each: int) -> None:
     rng = np.random.default_rng(8)
     npp, ppp = (rng.integers(0, 2, (700, 10)) * (rng.random((700, 10)) < 0.05) for _ in range(2))
     made = constant_stream(npp, ppp, first_counter=65_500)  # the counter wraps inside
     pieces = [((k + 7) * FRAME_NS, made.frames[k : k + 7].tobytes()) for k in range(0, 700, 7)]
-    windows = [timed_window(1, 65_510, 300), timed_window(2, 65_810, 300)]
+    windows = [window(1, 65_510, 300), window(2, 65_810, 300)]
     first, second = cut(pieces, windows, flush_each, timed=True)
     for row, at in ((first, 10), (second, 310)):
         for name, counts in (("npp", npp), ("ppp", ppp)):
@@ -317,8 +313,8 @@ def test_without_all_of_its_frames_a_record_has_no_timing(wrong: str) -> None:
         made.columns["master_count"][150] *= 2
         made.frames = frame("ngu_a").encode(made.columns, 400)
     decoder, cutter = LinkDecoder(frame("ngu_a")), RecordCutter(frame("ngu_a"))
-    cutter.open(timed_window(1, 100, 200), timed=wrong != "not asked for")
-    cutter.open(timed_window(2, 300, 50), timed=True)
+    cutter.open(window(1, 100, 200), timed=wrong != "not asked for")
+    cutter.open(window(2, 300, 50), timed=True)
     decoder.push(400 * FRAME_NS, made.frames[keep].tobytes())
     cutter.feed(decoder.flush())
     hurt, whole = cutter.finished()

@@ -228,17 +228,13 @@ def report() -> Report:
     return Report(sample_model())
 
 
+def typeset_pages(report: Report, **more: bool) -> list[bytes]:
+    return typeset(document_files(sample_model(**more), report.sections, words_of("en")), format="png", ppi=DPI)
+
+
 @pytest.fixture(scope="module")
 def marked_pages(report: Report) -> list[bytes]:
-    files = document_files(sample_model(), report.sections, words_of("en"))
-    return typeset(files, format="png", ppi=DPI)
-
-
-@pytest.fixture(scope="module")
-def real_pages(report: Report) -> list[bytes]:
-    """Pages of the same sections: only the mark on them tells a simulated run."""
-    files = document_files(sample_model(simulated=False), report.sections, words_of("en"))
-    return typeset(files, format="png", ppi=DPI)
+    return typeset_pages(report)
 
 
 @pytest.fixture(scope="module")
@@ -276,8 +272,9 @@ def test_every_font_and_page_is_inside(pdf: bytes, marked_pages: list[bytes]) ->
 
 
 def test_a_simulated_run_is_marked_on_every_page_and_a_real_one_on_none(
-    marked_pages: list[bytes], real_pages: list[bytes]
+    report: Report, marked_pages: list[bytes]
 ) -> None:
+    real_pages = typeset_pages(report, simulated=False)  # only the mark on them tells a simulated run
     pale_red = np.array((248.0, 232.0, 235.0)) / 255.0  # 9 % of the red of the mark on white
     for pages, marked in ((marked_pages, True), (real_pages, False)):
         for page in pages:

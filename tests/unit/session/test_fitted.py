@@ -1,9 +1,8 @@
-"""Results that are kept, the end of a run without any, and certificates held against what they were made from."""
+"""Results that are kept, runs without any, certificates held against their source; documents of an unknown form."""
 
 import json
 import os
 import pickle
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,15 +12,16 @@ from dcc_sample import calibration, estimate
 from rehearsal import Inside, record_golden
 
 from bench.analysis import results_json
-from bench.commands import resume, run
-from bench.commands.requests import RunRequest
+from bench.commands import conducting
 from bench.commands.verify import check_certificates
-from bench.model.errors import ExitStatus, FitError
+from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import Resume
 from bench.model.shipped import cache_folder
-from bench.record import resume_session
+from bench.record import SessionReader, SessionWriter, resume_session
 from bench.report import certificate_text
+from bench.run.guard.last_words import guard_lines
 from bench.session import shelf
+from bench.session.acceptances import known_acceptances
 from bench.session.fitted import FROM_CACHE, Fitted
 from bench.session.shelf import Shelf, key_of
 from bench.session.verification import Verification
@@ -34,12 +34,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache of its own for each test."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return cache_folder() / "results"
-
-
-@pytest.fixture
-def session(golden: Path, tmp_path: Path) -> Path:
-    """A copy that may be changed."""
-    return shutil.copytree(golden, tmp_path / golden.name)
 
 
 def kept(session: Path, method: str | None = None) -> bool:
@@ -176,19 +170,12 @@ def no_result(*_: object) -> None:
     raise FitError("B-FIT-005", "K_N is not determined", where="channel 1 at 23 degC", next_step="take them again")
 
 
-@pytest.mark.parametrize("command", [run, resume])
 def test_a_run_without_a_result_names_the_session_and_what_is_left_to_do(
-    command: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command, "finish", no_result)
-    view: Any = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True)
-    done: Any = SimpleNamespace(folder=FOLDER)
-    monkeypatch.setattr(resume, "read_view", lambda folder: view)
-    status = (
-        run._results(view, done, RunRequest("s"), run.console())
-        if command is run
-        else resume._results(FOLDER, "", as_json=False)
-    )
+    monkeypatch.setattr(conducting, "finish", no_result)
+    view: Any = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True, manifest={})
+    status = conducting.tell_results(view, FOLDER, "", as_json=False)
     said = capsys.readouterr()
     assert status == ExitStatus.VERDICT_FAIL
     assert "B-FIT-005" in said.err
@@ -211,3 +198,31 @@ def test_conditions_of_an_analysis_in_an_order_that_is_not_that_of_the_file(tmp_
     check_certificates(found, tmp_path, today.manifest, results)
     assert found.compared == [NAME]
     assert bool(found.changes) == (value != 3.5)
+
+
+OTHER = "of form 2, and this software knows form 1"
+NEXT = "go on with the version of the bench that wrote it; nothing was changed"
+
+
+def test_a_manifest_and_acceptances(tmp_path: Path) -> None:
+    for schema in (1, 2):
+        SessionWriter.create(tmp_path / str(schema), {"schema": schema}, {}, t_mono_ns=0).close("done")
+        (tmp_path / str(schema) / "acceptances.json").write_text(json.dumps({"schema": schema, "more": []}))
+    assert SessionReader(tmp_path / "1").manifest == {"schema": 1}
+    with pytest.raises(InputError, match=f"B-REC-007: .*0001.mcap: the manifest is {OTHER}. Next: {NEXT}"):
+        _ = SessionReader(tmp_path / "2").manifest
+    with pytest.raises(InputError, match=f"B-ACC-004: .*acceptances.json: is {OTHER}. Next: {NEXT}"):
+        known_acceptances(tmp_path / "2", "")
+    with pytest.raises(InputError, match="Next: remove the file"):
+        known_acceptances(tmp_path / "1", "")
+
+
+@pytest.mark.parametrize("before", [[], [{"what": "act", "text": "too hot"}]])
+def test_a_log_of_the_guard_confirms_nothing(tmp_path: Path, before: list[dict[str, object]]) -> None:
+    entries = [*before, {"v": 2, "what": "safe", "utc": "2026-03-01T01:00:02+00:00"}]
+    (tmp_path / "guard.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    (line,) = guard_lines(tmp_path)
+    assert line.startswith(f"The guard of {tmp_path} has acted (its log is {OTHER}: {NEXT}), last heard of at 2026-03-")
+    assert line.endswith(
+        "NOT confirmed: any instrument; it is at it. Next: look again in a minute, until then hands off."
+    )

@@ -76,11 +76,20 @@ def full_bus(empty_bus: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opener, "open_instrument", lambda *_, **__: Visa())
 
 
-@pytest.mark.usefixtures("empty_bus")
-def test_a_resource_that_does_not_open(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("bus", "code", "where", "named"),
+    [
+        ("empty_bus", "B-RUN-002", "calibrator", "GPIB0::4::INSTR"),
+        ("full_bus", "B-RUN-003", "port_a", "/dev/nowhere_a"),
+    ],
+)
+def test_a_resource_or_a_port_that_does_not_open(
+    tmp_path: Path, request: pytest.FixtureRequest, bus: str, code: str, where: str, named: str
+) -> None:
+    request.getfixturevalue(bus)
     error = refusal(real(tmp_path))
-    assert (error.code, error.where, error.exit_status) == ("B-RUN-002", "calibrator", ExitStatus.SAFE_AFTER_FAULT)
-    assert "GPIB0::4::INSTR" in error.message
+    assert (error.code, error.where, error.exit_status) == (code, where, ExitStatus.SAFE_AFTER_FAULT)
+    assert named in error.message
 
 
 def test_a_bench_without_a_visa_library(tmp_path: Path) -> None:
@@ -106,13 +115,6 @@ def test_a_kind_of_interface_without_its_library_is_one_error_for_all_of_it(
     others = len(missing) - 1
     assert error.message == f"the VISA library @py cannot reach GPIB0::4::INSTR and {others} more: install linux-gpib"
     assert refusal(bench).message == error.message
-
-
-@pytest.mark.usefixtures("full_bus")
-def test_a_port_that_does_not_open(tmp_path: Path) -> None:
-    error = refusal(real(tmp_path))
-    assert (error.code, error.where, error.exit_status) == ("B-RUN-003", "port_a", ExitStatus.SAFE_AFTER_FAULT)
-    assert "/dev/nowhere_a" in error.message
 
 
 @pytest.mark.usefixtures("full_bus")

@@ -51,9 +51,6 @@ def test_a_limit_is_crossed_where_it_is_reached() -> None:
     assert decide(below, 100 * NS) is None
     found = decide(watched(values={"chamber_air_degC": 65.0}), 100 * NS)
     assert found == Action("limit", "chamber_air_degC is 65, the hard limit is 65", heat_off=True)
-
-
-def test_each_quantity_has_its_own_limit() -> None:
     found = decide(watched(values={"chamber_air_degC": 60.0, "unit_degC": 71.25}), 100 * NS)
     assert found.text == "unit_degC is 71.25, the hard limit is 70"
 

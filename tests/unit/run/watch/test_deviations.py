@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rehearsal import contents
 from run_rig import HoldRig, Passive
 from trend_sample import Heard, run_short
 from unruly_chamber import SECOND_AIR, Watched, campaign
@@ -275,10 +276,6 @@ GYROS = [f"port_a.npp-ppp[{channel}]" for channel in range(1, 7)]
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Heard]:
     done, heard = run_short(tmp_path_factory.mktemp("trend"))
     return done.folder, heard
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
 
 
 def segments(folder: Path) -> dict[str, bytes]:
