@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import pytest
+from loss_bench import Proxies
 from loss_judge import Kept, Recording, Sample, Span, Verdict, judge, point_of
-from loss_proxy import Proxies
 from loss_schedule import ALL, FULL, KINDS, SCALED, Kind, Loss, PlanStep, drawn, scale_of
 
 ROLES = ("calibrator", "switch", "supply")

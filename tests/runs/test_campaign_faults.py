@@ -7,8 +7,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from calibrator_trip import trip_calibrator
 from rehearsal import SEED, Act, Rehearsal, Watched, assert_nothing_switched, assert_safe, overheard, tiny_plan
+from sim_bench import trip_calibrator
 
 from bench.analysis import Material, analyse
 from bench.model.clock import NS
