@@ -383,9 +383,7 @@ def table_2(request: pytest.FixtureRequest) -> Table2:
     return found
 
 
-pytestmark = pytest.mark.slow
-
-
+@pytest.mark.slow
 @pytest.mark.validates(
     "AF paper 3.1.1: 500 campaigns with the calibrator of table 2",
     against="counts made from the physics without the code of the fit",
@@ -405,6 +403,7 @@ def test_campaigns_within_21_ppm(record_property: Callable[[str, object], None],
     assert max(worst) < 45.0
 
 
+@pytest.mark.slow
 @pytest.mark.validates(
     "reduced chi-square of the groups, mean over campaigns",
     against="its expectation 1",
@@ -420,6 +419,7 @@ def test_reduced_chi_square(record_property: Callable[[str, object], None], tabl
 COEFFICIENTS = [f"{quantity}_tc{order}" for quantity in (*SCALE_FACTORS, "bias") for order in (0, 1, 2)]
 
 
+@pytest.mark.slow
 @pytest.mark.validates(
     "95 % intervals of scale factors, biases and coefficients cover 95 +- 3 %",
     against="the simulated truth of 500 campaigns",
