@@ -1,4 +1,5 @@
-"""A campaign of a few minutes that several units share, made of the shipped one, and its values beside single ones."""
+"""A campaign of a few minutes that several units share, made of the shipped one, and its values beside single ones; one
+of a channel and a few levels whose points may end early."""
 
 import math
 from collections.abc import Mapping

@@ -244,6 +244,11 @@ class _Proxy:
 class Proxies:
     """Forwards from a port for each role to one port of this machine, until ``close``.
 
+    One thread serves all. ``refused``: connections are reset, new ones are refused. ``reset``: new ones are taken and
+    reset at once, as by a box between. ``cut``: connections are reset, new ones work. ``mute``: connections stay or are
+    taken, and nothing is forwarded; what is held meanwhile comes through afterwards, late and in order, as TCP brings
+    it when a network is back.
+
     Args: hosts: address at which the proxy of each role listens.   upstream: port of the served bench; may be set anew.
     """
 

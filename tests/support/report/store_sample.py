@@ -1,4 +1,5 @@
-"""Documents of calibrations that never were: one unit with a plausible drift, seen through one calibrator."""
+"""Documents of calibrations that never were: one unit with a plausible drift, seen through one calibrator; a process
+that writes them into a history until it is killed."""
 
 import atexit
 import functools

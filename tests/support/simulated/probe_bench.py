@@ -1,4 +1,5 @@
-"""A bench without a serial unit: three resistances in a chamber, read by a scanner and a meter; who is at its meter.
+"""A bench without a serial unit: three resistances in a chamber, read by a scanner and a meter; who is at its meter; a
+sequence that decides by what it reads.
 
 World and analysis are a stranger's. Probe 1 and 2 hang at channels 101 and 102 of the scanner, the reference at the
 meter; all follow the chamber's unit.

@@ -1,4 +1,5 @@
-"""A simulated bench for tests: the ten instruments, and a unit that only writes down what its inputs see."""
+"""A simulated bench for tests: the ten instruments, a unit that only writes down what its inputs see, one instrument
+alone on a bus of texts."""
 
 import socket
 import struct

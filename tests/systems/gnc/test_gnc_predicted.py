@@ -1,5 +1,6 @@
 """Holds what is predicted of GNC campaigns against the spread of their estimates about the truth of the simulator, and
-against formulas of white noise; what predictions name as missing.
+against formulas of white noise; what predictions name as missing. Calibrations in wrong worlds, made from the physics
+alone (``doubt_gnc``): no number that looks sound, and none lost in a right one.
 
 What simulated modules answer to the commands of a plan is packed here, with the truth of what is made of it.
 """

@@ -1,6 +1,9 @@
 """Holds what is predicted of ring-laser records against the spread of their estimates about the truth, in a physics
 that shares no line with the product (``laser_physics``). What compensators of single turnarounds leave is in no truth:
 there estimates scatter about what is predicted, by as much as is predicted, or both are wrong.
+
+Records of right lasers: hardly one is doubted, and intervals hold the truth as often as they say. Whole campaigns of
+single gyroscopes by the command, against the simulated truth; killed and gone on with.
 """
 
 import json

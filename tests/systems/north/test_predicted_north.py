@@ -1,8 +1,9 @@
-"""Holds what ``bench check`` predicts of a north finder against the spread of analysed campaigns.
+"""Holds what ``bench check`` predicts of a north finder against the spread of analysed campaigns; wrong worlds: no
+number that looks sound, and none lost in a right one; the whole bench against its simulated truth.
 
-They have a physics of their own: one sine per turn, white noise, lock-ins as the weighted mean that their filters take,
-a table that swings, a mark that is not quite where it should be. Nothing here comes from the product's simulators, and
-no noise is estimated.
+The campaigns have a physics of their own: one sine per turn, white noise, lock-ins as the weighted mean that their
+filters take, a table that swings, a mark that is not quite where it should be. Nothing of them or of the wrong worlds
+(``doubt_north``) comes from the product's simulators, and no noise is estimated.
 """
 
 import json

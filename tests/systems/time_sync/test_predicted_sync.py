@@ -1,7 +1,9 @@
 """Holds what ``bench check`` predicts of a time offset against the spread of many flights of the planned motion, one a
-lane: an offset of its own each, errors of both units as declared.
+lane: an offset of its own each, errors of both units as declared. Recordings of wrong worlds: no offset that looks
+sound, and none lost in a right one.
 
-The path and the increments are the simulator's; the errors of the EGI wander by a recursion of their own.
+The path and the increments are the simulator's; the errors of the EGI wander by a recursion of their own. Those of
+wrong worlds are made from the physics alone (``doubt_time_sync``).
 """
 
 from dataclasses import replace

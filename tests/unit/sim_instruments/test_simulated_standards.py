@@ -1,4 +1,7 @@
-"""Simulated standards at their terminals: errors of calibrator and meters, resistances, ranges, channels."""
+"""Simulated standards at their terminals: errors of calibrator and meters, resistances, ranges, channels; instruments
+as their last user left them: after the driver's preparation the stimulus or the reading is right, by the physics of
+the bench and not by what reads back; a driver may also say what is wrong.
+"""
 
 import importlib
 import struct

@@ -1,4 +1,5 @@
-"""Budgets of the scale-factor campaign: the totals of results.json, the correlation of real errors, the Monte Carlo."""
+"""Budgets of the scale-factor campaign: totals of results.json, correlation of real errors, Monte Carlo; temperature of
+the unit in the fit: gaps in the housekeeping, a failing chamber, an inaccurate sensor."""
 
 import dataclasses
 from collections.abc import Callable

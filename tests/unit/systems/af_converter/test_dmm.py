@@ -1,4 +1,5 @@
-"""The DMM method at count level: truth, coverage, refusal of the printed form, the tests of assumption 2, standards.
+"""The DMM method at count level: truth, coverage, refusal of the printed form, the tests of assumption 2, standards;
+drift of the calibrator as a meter before and after and the closing repeat show it.
 
 Counts come from ``fit_simulation``; what the meter says is made here from its specification, without the fit.
 """

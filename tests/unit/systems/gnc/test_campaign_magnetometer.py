@@ -1,4 +1,5 @@
-"""The magnetometer by both methods: a simulated unit, logs distorted by known iron, other people's recordings."""
+"""The magnetometer by both methods: a simulated unit, logs distorted by known iron, other people's recordings; the
+compensation of an IMU: the document, the merge of two sessions, and the header in a real compiler."""
 
 import json
 import struct

@@ -1,4 +1,5 @@
-"""Hard and soft iron: units whose errors are known, other algebra, readings and noise that determine nothing."""
+"""Hard and soft iron: units whose errors are known, other algebra, readings and noise that determine nothing;
+calibration without a table: intervals at rest, norm of gravity, gyroscopes between rests."""
 
 from collections.abc import Callable
 from functools import cache

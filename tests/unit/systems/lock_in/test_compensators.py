@@ -1,4 +1,5 @@
-"""What each compensator leaves of the lock-in errors, against an exact physics of its own (``laser_physics``).
+"""What each compensator leaves of the lock-in errors, against an exact physics of its own (``laser_physics``);
+imported logs of ring lasers: its edges, and counts of a rate with known noise.
 
 Limits belong to short records; those of whole ones are held by the sweeps of ``tests/systems/lock_in``.
 """

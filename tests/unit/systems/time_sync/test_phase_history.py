@@ -1,6 +1,6 @@
 """Analysis radar_image: points of one formula on an arc of 4 deg, and the Gotcha data of the AFRL against the exact
 matched filter (Gorham and Moore, Proc. SPIE 7699 (2010) 769906, the sum over pulses and frequencies) and its nominal
-widths.
+widths. The filter of the time offset on short flights: tags off the grid, lost samples, nothing to see or to use.
 """
 
 import re

@@ -1,4 +1,5 @@
-"""Temperatures and motions in closed form against numerical integration of the same equations."""
+"""Temperatures and motions in closed form against numerical integration of the same equations; the world as a whole:
+opening, errors, truth, threads, the same seed giving the same transcript; its wires."""
 
 import threading
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The simulated GNC bench: what a person does at it, its modules, their memories, their faults."""
+"""The simulated GNC bench: what a person does at it, its modules, their memories, faults and truth."""
 
 import math
 import re
