@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from simulated_alone import alone
+from sim_bench import alone
 
 pytestmark = pytest.mark.peers
 INFINITE = 9.9e37

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from simulated_alone import ADDRESS, complaints, simulated
+from sim_bench import ADDRESS, complaints, simulated
 
 pytestmark = pytest.mark.peers
 pytest.importorskip("pymeasure", reason="PyMeasure is not installed: pip install .[peers]")

@@ -9,7 +9,7 @@ import warnings
 from typing import Any
 
 import pytest
-from simulated_alone import ADDRESS, complaints, simulated
+from sim_bench import ADDRESS, complaints, simulated
 
 pytestmark = pytest.mark.peers
 pytest.importorskip("qcodes", reason="QCoDeS is not installed: pip install .[peers]")

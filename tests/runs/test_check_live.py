@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from older_firmware import OlderFirmware
 from rehearsal import Inside, bench, rehearsed
 from served import Served, serving
 
@@ -15,6 +14,7 @@ from bench.model.clock import WallClock
 from bench.plan import compile_sequence, load_station
 from bench.run.guard.lock import BenchLock, bus_keys
 from sim_instruments import acutrol_3000
+from sim_instruments.acutrol_3000 import Acutrol3000
 
 pytestmark = pytest.mark.waits
 
@@ -223,3 +223,15 @@ def test_the_differing_firmware_is_moved_alike(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(acutrol_3000, "SIMULATOR", OlderFirmware)
     assert moved(tmp_path / "older") == (usual[0], "0.9") != usual
     assert usual[0] == pytest.approx([90.0, -250.0], abs=1e-3)
+
+
+class OlderFirmware(Acutrol3000):
+    """Six limits instead of seven, modes as whole words, messages in quotes: forms that public programs show."""
+
+    identity = "ACUTRONIC,ACUTROL3000,SIM3000,0.9"
+
+    def reply(self, text: str, **more: Any) -> None:
+        modes = {"O": "Off", "P": "Position", "R": "Rate"}
+        fields = text.split(",")
+        text = ",".join(fields[:6]) if len(fields) == len(self.axes[0].absolute) else modes.get(text, text)
+        super().reply(f'"{text}"' if len(fields) == 2 and fields[0].isdigit() else text, **more)

@@ -5,8 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from probe_bench import NAME, AtMeter, at_reading, command
-from probe_decisions import HEAD, WARM_UP, deciding_plan, events_of, sequence_file
+from probe_bench import HEAD, NAME, WARM_UP, AtMeter, at_reading, command, deciding_plan, events_of, sequence_file
 from rehearsal import SEED, Crashes, Rehearsal, contents, crashed_at, go_on, rehearsed
 
 from bench.model.clock import NS

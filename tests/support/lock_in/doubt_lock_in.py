@@ -11,6 +11,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from coverage_blocks import in_right_world
 from doubt_classes import PROVENANCE, Seen, Switch, changed
 from laser_physics import KNOTS, Array, Cycles, World, blocks, crossings, half_cycles
 from rlg_rig import as_row, material
@@ -22,6 +23,7 @@ from bench.systems.lock_in.records import laser_records
 from bench.systems.lock_in.result import LaserResult, laser_result
 
 SYSTEM = "lock_in"
+_OF_ITSELF = ("random_walk_ratio raw", "alignment_time_ratio raw")  # 1 by definition
 QUANTITIES = ("lock_in_rate", "backscatter_phase", "angle_random_walk", "alignment_time", "random_walk_ratio",
               "alignment_time_ratio")  # fmt: skip
 _PROMISED = 8  # rate, phase; walk and time before and behind the global fit; two ratios
@@ -238,3 +240,10 @@ def _left(result: LaserResult) -> tuple[Array, Array]:
 def _typical() -> tuple[float, float]:
     steps, increments = _left(_result(simulated(0, World())))
     return float(np.std(steps)), float(np.std(increments))
+
+
+def inside(seed: int) -> dict[str, bool | None]:
+    """Return of each quantity and method whether its interval holds the truth; of ratios to itself, 1, nothing."""
+    right = seen(seed, None, 0.0)
+    found = in_right_world(right.entries, right.truths)
+    return {name: held for name, held in found.items() if name not in _OF_ITSELF}

@@ -1,4 +1,5 @@
-"""A bench without a serial unit: three resistances in a chamber, read by a scanner and a meter; who is at its meter.
+"""A bench without a serial unit: three resistances in a chamber, read by a scanner and a meter; who is at its meter; a
+sequence that decides by what it reads.
 
 World and analysis are a stranger's. Probe 1 and 2 hang at channels 101 and 102 of the scanner, the reference at the
 meter; all follow the chamber's unit.
@@ -16,8 +17,8 @@ from bench.cli import app
 from bench.model import installed as installed_module
 from bench.model import systems
 from bench.model.events import Event, Hold
-from bench.plan import Plan, compile_sequence
-from bench.plan.check.everything import check_plan
+from bench.plan import Plan, check_plan, compile_sequence
+from bench.record import SessionReader
 from bench.run.context import RunContext
 from bench.run.control.channel import RELEASABLE
 from bench.run.observers import Observer
@@ -174,3 +175,75 @@ class AtMeter:
 def at_reading(nth: int, act: Callable[[RunContext], object], held_s: float | None = None) -> AtMeter:
     """Do something at the nth call of the meter."""
     return AtMeter(lambda context, number: act(context) if number == nth else None, held_s)
+
+
+TURNS = 20
+HEAD = f"""\
+sequence: probes
+title: Probes that decide
+station: probe_bench
+analysis: {ANALYSIS}
+uut: {{model: PT100, serial: P-1}}
+parameters: {{limit: 35 degC}}
+steps:
+"""
+WARM_UP = f"""\
+  - chamber.set_temperature: {{temperature: 40 degC, ramp: 1 degC/min}}
+  - chamber.run
+  - settle: 10 s
+  - chamber.measure_air
+  - while: {{reading: chamber.measure_air, below: "{{limit}}"}}
+    at_most: {TURNS}
+    do:
+      - settle: 60 s
+      - record:
+          seconds: 60 s
+          every: 20 s
+          conditions: {{temperature: 40 degC}}
+          readings:
+            - meter.measure_resistance: {{range: 1 kohm, cycles: 10}}
+            - chamber.measure_air
+"""
+BEHIND = """\
+  - if: {reading: chamber.measure_air, above: 36 degC}
+    then:
+      - settle: 30 min
+    else:
+      - settle: 60 s
+      - record:
+          seconds: 60 s
+          conditions: {temperature: 40 degC}
+          readings: [meter.measure_resistance: {range: 1 kohm, cycles: 10}]
+  - choose: {meter.measure_resistance: {range: 1 kohm}}
+    cases:
+      - below: 110 ohm
+        do: [settle: 1 h]
+      - within: [110 ohm, 0.12 kohm]
+        do:
+          - settle: 60 s
+          - record:
+              seconds: 60 s
+              conditions: {temperature: 40 degC}
+              readings: [meter.measure_resistance: {range: 1 kohm, cycles: 10}]
+  - chamber.stop
+  - settle: 10 s
+"""
+DECIDING = HEAD + WARM_UP + BEHIND
+
+
+def sequence_file(folder: Path, text: str = DECIDING) -> Path:
+    """The sequence as a file of a lab's folder, with its station."""
+    path = written(folder)
+    path.write_text(text)
+    return path
+
+
+def deciding_plan(folder: Path, text: str = DECIDING) -> Plan:
+    plan = compile_sequence(sequence_file(folder, text))
+    assert check_plan(plan) == []
+    return plan
+
+
+def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
+    """Return the fields of all events of a kind."""
+    return [dict(fields) for _, _, fields in SessionReader(folder).events(kind)]

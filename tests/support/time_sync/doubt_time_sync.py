@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from coverage_blocks import in_right_world
 from doubt_classes import PROVENANCE, Seen, Switch, changed
 from sync_physics import DRIFT, IMU_CLOCK, TURNING, LONG_s, OFFSET_s, Recording, Solutions, World, in_body
 
@@ -121,3 +122,9 @@ def truth_of(entry: Any) -> float:
     if entry.quantity == "clock_rate":
         return 1e6 * IMU_CLOCK if entry.conditions["link"] == "imu" else 1e6 * (IMU_CLOCK + DRIFT)
     return OFFSET_s
+
+
+def inside(seed: int) -> dict[str, bool | None]:
+    """Return of each quantity and method whether its interval holds the truth."""
+    right = seen(seed, None, 0.0)
+    return in_right_world(right.entries, right.truths)

@@ -107,17 +107,6 @@ def test_each_unit_gets_its_own_numbers(campaign: Rehearsal, finished: list[Unit
             assert abs(error) <= 1.5 * entry["expanded_uncertainty"], (done.serial, entry)
 
 
-def test_a_unit_gives_the_numbers_of_its_own_campaign(
-    campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path
-) -> None:
-    done = finished[1].finished
-    several = compared(done.results, campaign.run.truth, "SIM-2")
-    found = normalised(several, single_values(tmp_path, SEED + SEED_STEP))
-    print(f"E_n of SIM-2: {found}")
-    assert len(found) == 3
-    assert all(abs(value) <= 1.0 for value in found)
-
-
 def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, finished: list[UnitFinished]) -> None:
     """That which failed has no verdict, and says why; no report of a unit names another one."""
     whole = json.loads((campaign.run.folder / "results.json").read_text())

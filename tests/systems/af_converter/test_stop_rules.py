@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rehearsal import SEED, Crashes, contents, crashed_at, go_on, nobody, nobody_in
-from stop_plan import BY_NOISE, BY_SCATTER, stopping_plan
+from units_campaign import BY_NOISE, BY_SCATTER, stopping_plan
 
 from bench.maths.budget import combine_all
 from bench.maths.verdict import clopper_pearson, coverage_factor

@@ -185,8 +185,7 @@ def test_a_run_that_is_gone_on_with_does_not_power_the_unit_either(tmp_path: Pat
 
 def switched(folder: Path) -> list[str]:
     """Commands that switched the supply, from the first static check on."""
-    found = [one.document() for one in SessionReader(folder).messages() if one.topic.endswith("/supply")]
-    sent = [str(one["text"]) for one in found if one["direction"] == "tx"]
+    sent = _traffic(folder, "supply")
     begun = max(number for number, text in enumerate(sent) if text.startswith("VOLT "))
     return [text for text in sent[begun:] if text in ("OUTP ON", "OUTP OFF")]
 

@@ -1,23 +1,36 @@
 """Holds what is predicted of ring-laser records against the spread of their estimates about the truth, in a physics
 that shares no line with the product (``laser_physics``). What compensators of single turnarounds leave is in no truth:
 there estimates scatter about what is predicted, by as much as is predicted, or both are wrong.
+
+Records of right lasers: hardly one is doubted, and intervals hold the truth as often as they say. Whole campaigns of
+single gyroscopes by the command, against the simulated truth; killed and gone on with.
 """
 
+import json
+import shutil
+from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import doubt_lock_in as worlds
 import numpy as np
 import pytest
-from doubt_lock_in import simulated
+from coverage_blocks import in_right_world
+from doubt_lock_in import Simulated, simulated
 from laser_physics import World
-from rehearsal import ROOT
+from one_estimate import value
+from rehearsal import ROOT, Crashes, Inside, crashed_at, go_on, nobody, watch_worlds
+from scipy import stats
 from spread_study import Study, key_of
 
-from bench.analysis import Planned
+from bench.analysis import Planned, build_results, estimates_of
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
-from bench.plan import compile_sequence
+from bench.plan import Plan, compile_sequence
 from bench.session.predicted import predicted as predicted_of_plan
+from bench.session.service import read_view
+from bench.session.view import analyse_view
 from bench.systems.lock_in.analysis import analyse
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE
 from bench.systems.lock_in.estimators.random_walk import expected_quantisation_deg
@@ -142,3 +155,150 @@ def test_what_is_not_declared_or_too_short_is_named_b_rlg_010(tmp_path: Any) -> 
     found = predicted_of_plan(compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {"record_time": "0.3 s"}))
     assert found.estimates == []
     assert sum("B-FIT-099" in sentence for sentence in found.missing) == 6
+
+
+FAST = 100_000_000
+SETTINGS = {
+    "15 cm, 20 MHz, 65 deg": (World(), 200),
+    "15 cm, 100 MHz, 90 deg": (World(clock_Hz=FAST, beta_deg=90.0), 200),
+    "15 cm, 20 MHz, 0 deg, 500 Hz": (World(beta_deg=0.0, dither_Hz=500.37), 200),
+    "28 cm, 100 MHz, 20 deg": (World(path_m=0.28, lock_in_deg_s=0.05, quantum_deg_rth=1.15e-4, beta_deg=20.0,
+                                     clock_Hz=FAST), 200),
+    "15 cm, 20 MHz, 65 deg, 8 s": (World(seconds=8.0), 50),
+}  # fmt: skip
+FIRST_SEED = 40_000
+
+
+def held(campaign: Simulated) -> dict[str, bool | None]:
+    """Return of each quantity and method whether its interval holds the truth, None where it is not sound."""
+    document = build_results("doubt", analyse(campaign.material), {"records": 1}, worlds.PROVENANCE)
+    pairs = [(entry, campaign.truths.get((entry.quantity, entry.conditions.get("method", ""))))
+             for entry in estimates_of(document)]  # fmt: skip
+    known = [(entry, truth) for entry, truth in pairs if truth is not None]
+    return in_right_world([entry for entry, _ in known], [truth for _, truth in known])
+
+
+def counted(world: World, seeds: range) -> tuple[Counter[str], int]:
+    """Return of how many records the interval of each quantity holds the truth, and how many are doubted."""
+    inside: Counter[str] = Counter()
+    doubted = 0
+    for seed in seeds:
+        found = held(simulated(seed, world))
+        doubted += None in found.values()
+        inside.update(name for name, holds in found.items() if holds)
+    return inside, doubted
+
+
+def test_a_few_records_are_sound() -> None:
+    world = replace(SETTINGS["15 cm, 100 MHz, 90 deg"][0], seconds=1.0)
+    inside, doubted = counted(world, range(FIRST_SEED, FIRST_SEED + 4))
+    assert doubted == 0
+    assert len(inside) == 8
+    assert min(inside.values()) >= 2
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_intervals_hold_what_they_say_and_right_records_are_sound(setting: str) -> None:
+    """Too few inside is wrong, beyond 99.9 % of a binomial count; more there are where quantisation hides a walk."""
+    world, count = SETTINGS[setting]
+    inside, doubted = counted(world, range(FIRST_SEED, FIRST_SEED + count))
+    print(f"{setting}, seeds {FIRST_SEED} to {FIRST_SEED + count - 1}: {doubted} of {count} doubted")
+    for name, number in sorted(inside.items()):
+        print(f"{name}: {number} of {count} inside")
+    assert doubted <= max(1, count // 100)
+    least = stats.binom.ppf(0.001, count, 0.95)
+    assert {name: number for name, number in inside.items() if number < least} == {}
+
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
+TRUTH_SEED = 41
+SHORT = ("record_time=4 s", "paths=28 cm", "clocks=100 MHz", "warm_up=4 s")
+
+
+def by_place(document: dict[str, Any]) -> dict[tuple[Any, ...], dict[str, Any]]:
+    """Estimates by quantity and conditions."""
+    return {(one["quantity"], *sorted(one["conditions"].items())): one for one in document["estimates"]}
+
+
+def against_truth(results: dict[str, Any], truth: dict[str, Any]) -> dict[str, list[float]]:
+    """By quantity: error of each estimate in its standard uncertainties."""
+    true, found = by_place(truth), by_place(results)
+    errors: dict[str, list[float]] = {}
+    for place in true.keys() & found.keys():
+        one = found[place]
+        off = (one["value"] - true[place]["value"]) / one["std_uncertainty"]
+        errors.setdefault(str(place[0]), []).append(off)
+    return errors
+
+
+@pytest.mark.slow
+def test_a_short_campaign_and_the_same_without_its_truth(tmp_path: Path, inside: Inside) -> None:
+    """One path, one clock, 4 s: the constants are those of the simulated laser; deleting the truth changes nothing."""
+    words = ["--truth", "--seed", str(TRUTH_SEED), "--out", str(tmp_path)]
+    done = inside("run", "rlg_lock_in", *words, *(word for one in SHORT for word in ("--set", one)))
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,), (truth,) = tmp_path.glob("*/results.json"), tmp_path.glob("*.truth.json")
+    folder, results = path.parent, json.loads(path.read_text("utf-8"))
+    errors = against_truth(results, json.loads(truth.read_text("utf-8")))
+    assert {"lock_in_rate", "backscatter_phase", "angle_random_walk"} <= set(errors)
+    assert all(abs(off) < 5.0 for found in errors.values() for off in found), errors
+    assert value(results, "random_walk_ratio", method="global_constants") < 0.1
+    truth.unlink()
+    again = inside("fit", str(folder), "--json")
+    assert again.returncode == 0, again.stderr
+    assert json.loads(again.stdout)["estimates"] == results["estimates"]
+
+
+CAMPAIGNS = {
+    "fog_north": {
+        "warm_up": "1 s", "time_constant": "300 ms", "settle": "6 s", "record_time": "1 s", "calibration": "1",
+        "repeats": "1", "heads": "90 deg", "search": "1",
+    },
+    "rlg_lock_in": {"warm_up": "5 s", "record_time": "2 s", "paths": "15 cm", "clocks": "20 MHz,100 MHz"},
+}  # fmt: skip
+WHERE_SHOWN = ("quantisation_noise", "bias_instability", "bias_alignment_error")  # where they stand out of the walk
+KILLED_AT = {"fog_north": (5,), "rlg_lock_in": (1,)}  # indexes of records
+
+
+def places(plan: Plan, name: str) -> list[int]:
+    """Step numbers: at the record, and at the first step behind the record before it."""
+    records = [step.number for step in plan.phase("campaign") if step.kind == "record"]
+    return [number for at in KILLED_AT[name] for number in (records[at], records[at - 1] + 1)]
+
+
+@pytest.fixture(scope="module", params=CAMPAIGNS)
+def killed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Crashes:
+    plan = compile_sequence(request.param, None, CAMPAIGNS[request.param])
+    return crashed_at(plan, tmp_path_factory.mktemp(request.param), set(places(plan, request.param)))
+
+
+def names_of(folder: Path) -> dict[str, float]:
+    results, _ = analyse_view(read_view(folder))
+    return {
+        f"{one['quantity']} {json.dumps(one['conditions'], sort_keys=True)}": one["value"]
+        for one in results["estimates"]
+        if one["quantity"] not in WHERE_SHOWN
+    }
+
+
+@pytest.mark.slow
+def test_a_killed_campaign_is_gone_on_with_and_replays_identically(
+    killed: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = killed.plan.name
+    whole = names_of(killed.whole)
+    for number in places(killed.plan, name):
+        source = killed.at(number)
+        folder = Path(shutil.copytree(source, tmp_path / str(number) / source.name))
+        watch_worlds(monkeypatch, watched := nobody())
+        run = go_on(folder, watched)
+        assert run.outcome.error is None, number
+        assert run.outcome.unsafe == ()
+        assert [row.window.number for row in read_view(folder).rows] == list(range(1, killed.plan.record_count + 1))
+        assert not any(row.lost for row in read_view(folder).rows), number
+        found = names_of(folder)
+        assert found.keys() == whole.keys(), number
+        assert not watched.worlds[-1].instruments["supply"].on
+    assert found == names_of(folder)

@@ -1,8 +1,9 @@
-"""Holds what ``bench check`` predicts of a north finder against the spread of analysed campaigns.
+"""Holds what ``bench check`` predicts of a north finder against the spread of analysed campaigns; wrong worlds: no
+number that looks sound, and none lost in a right one; the whole bench against its simulated truth.
 
-They have a physics of their own: one sine per turn, white noise, lock-ins as the weighted mean that their filters take,
-a table that swings, a mark that is not quite where it should be. Nothing here comes from the product's simulators, and
-no noise is estimated.
+The campaigns have a physics of their own: one sine per turn, white noise, lock-ins as the weighted mean that their
+filters take, a table that swings, a mark that is not quite where it should be. Nothing of them or of the wrong worlds
+(``doubt_north``) comes from the product's simulators, and no noise is estimated.
 """
 
 import json
@@ -10,10 +11,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from math import factorial
+from pathlib import Path
 from typing import Any
 
+import doubt_north as worlds
 import numpy as np
 import pytest
+from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, is_hidden, right_world, sorted_classes
 from fog_material import record_row
 from numpy.typing import NDArray
 from scipy import signal, stats
@@ -23,6 +27,7 @@ from typer.testing import CliRunner
 
 from bench.analysis import PROMPT, Estimates, Material, Planned, Reading
 from bench.cli import app
+from bench.model.systems import assumptions_of
 from bench.plan import compile_sequence
 from bench.record import RecordRow
 from bench.session.predicted import planned_of, predicted, predicted_lines
@@ -302,3 +307,128 @@ def test_what_an_amplitude_that_varies_changes_is_named() -> None:
     named = {(entry.quantity, entry.conditions.get("source")) for entry in found.estimates}
     assert named == {("azimuth", None), ("azimuth_error", None), ("index_placement", None), ("scale", "lock_in_1"),
                      ("scale", "lock_in_2")}  # fmt: skip
+
+
+SEEDS = range(1)  # ten seeds of each, and 500 right worlds: make doubt
+NAMED = [
+    ("once_per_turn", 0.1, 20, ["once per turn of the bench", "+5.7"]),  # 0.1 of the amplitude: 5.73 deg
+    ("modulated", 0.1, 15, ["twice per turn of the bench", "+2.8"]),  # half of it: 2.86 deg
+    ("field_motor", 0.1, 5, ["mplitude of the signal, at search only: +0.6", " dB"]),
+    ("mark_wrong", 5.0, 20, ["at mark only: +5."]),
+    ("bench_turns", 10.0, 20, ["drift from begin to end: +10"]),
+    ("bench_knocked", 10.0, 20, ["step between 16.9 min and 18.4 min", "+10"]),
+    ("restless", 5.0, 20, ["More than one thing departs"]),
+    ("delay_after_move", 10.0, 2, ["zimuth by the lock-ins (delay, index), at search only: -10"]),
+    ("noisy_field", 10.0, 2, ["Noise, at search only: +20.7 dB"]),
+    ("rate_stated", 2.0, 2, []),
+    ("head_scale", 0.03, 10, ["the angle of the dividing head: +10."]),
+]
+OTHERS = [switch for switch in worlds.SWITCHES if switch.name not in [name for name, *_ in NAMED]]
+
+
+def switch_of(name: str) -> Switch:
+    return next(switch for switch in worlds.SWITCHES if switch.name == name)
+
+
+@pytest.mark.parametrize("switch", OTHERS, ids=lambda switch: switch.name)
+def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch) -> None:
+    """The gross ones that are not named below; every size is in the long form."""
+    size = switch.sizes[-1]
+    assert classes(worlds, switch, size, SEEDS)[WRONG] == 0 or (is_hidden(worlds, switch, size) and switch.assumption)
+
+
+@pytest.mark.parametrize(("name", "size", "doubted", "words"), NAMED)
+def test_what_is_wrong_is_named_with_its_size(name: str, size: float, doubted: int, words: list[str]) -> None:
+    wrong = worlds.seen(1, switch_of(name), size)
+    counted = sorted_classes(wrong, right_world(worlds, 1))
+    assert counted[WRONG] == 0
+    assert counted[DOUBTED if words else REFUSED] >= doubted
+    said = " ".join(reason.sentence for entry in wrong.entries for reason in entry.reasons)
+    assert all(word in said for word in words), said
+
+
+def test_where_one_departure_does_not_explain_the_headings_no_azimuth_is_sure() -> None:
+    entries = worlds.seen(0, switch_of("restless"), 0.5).entries
+    assert {entry.quality for entry in entries if entry.quantity in ("azimuth", "azimuth_error")} == {"doubtful"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_right_world_is_not_doubted(seed: int) -> None:
+    assert [entry.reasons for entry in right_world(worlds, seed).entries if entry.quality != "sound"] == []
+
+
+def test_every_hidden_switch_is_named_by_an_assumption() -> None:
+    site = {"latitude_deg": 37.0, "azimuth_deg": 20.0, "azimuth_std_deg": 0.02}
+    named = {one.code for one in assumptions_of({"analysis": "fog_north", "site": site})}
+    assert {switch.assumption for switch in worlds.SWITCHES} - {""} <= named
+
+
+FEW = ("warm_up=30 s", "record_time=5 s", "calibration=1", "repeats=1", "search=1", "heads=0 deg,90 deg",
+         "time_constant=1 s", "settle=20 s")  # fmt: skip
+FOG_SEED = 21
+
+
+def run(out: Path, *settings: str) -> Path:
+    """The folder of a whole campaign; whatever its verdicts are."""
+    chosen = dict(one.split("=", 1) for one in (*FEW, *settings))
+    sets = [word for name, value in chosen.items() for word in ("--set", f"{name}={value}")]
+    words = ["run", "fog_north", "--clock", "virtual", "--seed", str(FOG_SEED), "--truth", "--out", str(out), *sets]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code in (0, 1), result.output
+    (folder,) = (path for path in out.iterdir() if path.is_dir())
+    return folder
+
+
+def against_truth(folder: Path) -> list[dict[str, Any]]:
+    """Azimuths found, each with its ``error``, folded into one turn."""
+    truth = json.loads(Path(f"{folder}.truth.json").read_text())["estimates"]
+    results = json.loads((folder / "results.json").read_text())
+    found = []
+    for one in results["estimates"]:
+        place = {key: value for key, value in one["conditions"].items() if key != "method"}
+        (due,) = (each["value"] for each in truth if (each["quantity"], each["conditions"]) == ("azimuth", place)) \
+            if one["quantity"] == "azimuth" else (None,)  # fmt: skip
+        if due is not None:
+            found.append(one | {"error": (one["value"] - due + 180.0) % 360.0 - 180.0})
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rate", "heads"),
+    [
+        ("-360 deg/s", "0 deg,90 deg"),
+        pytest.param("360 deg/s", "70 deg,160 deg,250 deg,340 deg", marks=pytest.mark.sweep),  # 90, 180, 270, 0 deg
+    ],
+)
+def test_without_noise_the_bench_finds_north_whichever_way_its_table_turns(
+    tmp_path: Path, rate: str, heads: str
+) -> None:
+    """Rotation axis 10 and 6 minutes of arc off, harmonics, misplaced marks; the swing of the table is taken away."""
+    tilted = ("world.rotation_tilt_arcmin=10", "world.rotation_tilt_east_arcmin=6", "world.harmonic_3_ppm=10000")
+    folder = run(tmp_path, f"rate={rate}", f"heads={heads}", "world.noise=off", "world.wobble_arcmin=0", *tilted)
+    errors = {
+        (one["conditions"]["method"], one["conditions"]["item"], one["conditions"]["head_deg"]): one["error"]
+        for one in against_truth(folder)
+        if one["conditions"]["method"] != "literal"
+    }
+    print(errors)
+    assert {key[:2] for key in errors} >= {("least_squares", "test"), ("likelihood", "search"), ("quadrant", "search")}
+    assert max(map(abs, errors.values())) < 2e-3
+
+
+@pytest.mark.slow
+def test_with_noise_every_method_is_within_its_uncertainty_and_reads_only_the_records(tmp_path: Path) -> None:
+    folder = run(tmp_path)
+    found = [one for one in against_truth(folder) if one["conditions"]["method"] != "literal"]
+    print([(one["error"], one["std_uncertainty"]) for one in found])
+    assert len(found) == 5  # two tests by the method that is judged, one search by three
+    assert max(abs(one["error"]) / one["std_uncertainty"] for one in found) < 4.0
+    assert max(one["std_uncertainty"] for one in found) < 1.2
+    before = json.loads((folder / "results.json").read_text())["estimates"]
+    Path(f"{folder}.truth.json").unlink()
+    result = CliRunner().invoke(app, ["fit", str(folder), "--json"])
+    assert result.exit_code in (0, 1), result.output
+    assert json.loads(result.stdout)["estimates"] == before
+    replayed = CliRunner().invoke(app, ["replay", str(folder)])
+    assert "identical" in replayed.output, replayed.output

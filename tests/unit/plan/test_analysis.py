@@ -9,7 +9,7 @@ import plan_sample
 import pytest
 from plan_sample import ROOT, reworded
 from rehearsal import compiled
-from stop_plan import stopping_plan, stopping_text
+from units_campaign import stopping_plan, stopping_text
 
 from bench.model.errors import InputErrors
 from bench.model.installed import named

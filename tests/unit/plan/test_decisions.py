@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from plan_sample import changed, make_bench, mistakes
-from probe_decisions import HEAD, TURNS, WARM_UP, deciding_plan, sequence_file
+from probe_bench import HEAD, TURNS, WARM_UP, deciding_plan, sequence_file
 
 from bench.plan import HOLD, PlannedDecision, PlannedRecord, compile_sequence, plan_json, steps_of, steps_sha256
 from bench.plan.decision import MOST_WAYS, Branch, Followed, walk

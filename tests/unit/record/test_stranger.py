@@ -29,10 +29,17 @@ from stranger_gnc import (
     module_session,
     short_bias_session,
 )
-from stranger_laser import BACKSCATTER_deg, LOCK_IN_deg_s, laser_session, random_walk_deg_rth
-from stranger_north import SOUGHT_deg, north_session
+from stranger_north import (
+    BACKSCATTER_deg,
+    LOCK_IN_deg_s,
+    OFFSET_s,
+    SOUGHT_deg,
+    laser_session,
+    north_session,
+    random_walk_deg_rth,
+    sync_session,
+)
 from stranger_page import DOCUMENT, Session, documented_campaign, documented_standards, documented_writer
-from stranger_sync import OFFSET_s, sync_session
 
 from bench.analysis import Material, analyse
 from bench.commands.fit import fit

@@ -13,8 +13,7 @@ import pytest
 import pyvisa
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
-from sim_bench import DRIVERS, Bench, open_bench
-from simulated_alone import ADDRESS, simulated
+from sim_bench import ADDRESS, DRIVERS, Bench, open_bench, simulated
 
 from sim_instruments.fluke_5720a import parse_value
 

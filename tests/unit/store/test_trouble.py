@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 import store_sample
 from sqlalchemy import Connection, func, select
-from store_sample import BACKENDS, new_history
-from store_writer import every_document, write
+from store_sample import BACKENDS, every_document, new_history, write
 
 from bench.analysis import documents
 from bench.model.errors import ExitStatus

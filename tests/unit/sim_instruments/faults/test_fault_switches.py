@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 import pyvisa
 import serial
-from calibrator_trip import trip_calibrator
 from fault_schedule import DRAWS, random_schedule, schedule
-from sim_bench import DRIVERS, Bench, open_bench, station, timed_out
+from sim_bench import DRIVERS, Bench, open_bench, station, timed_out, trip_calibrator
 
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import VirtualClock

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy import optimize
 
 from bench.analysis import Evidence, estimate, evidence_of
 from bench.model.errors import FitError
@@ -107,19 +106,6 @@ def test_published_best_fit(record_property: Keep) -> None:
     found = [*fit.centre, *axes, float(np.linalg.norm(fit.distance))]
     record_property("obtained", " ".join(f"{one:.4f}" for one in found))
     np.testing.assert_allclose(found, [2.6996, 3.8160, 3.0319, 6.5187, 1.1719], atol=6e-5)
-
-
-def test_distances_are_those_of_a_search_along_the_curve() -> None:
-    fit = fit_quadric(POINTS)
-    inverse = np.linalg.inv(fit.shape)
-
-    def distance(angle: float, point: np.ndarray) -> float:
-        return float(np.linalg.norm(fit.centre + inverse @ [np.cos(angle), np.sin(angle)] - point))
-
-    for point, found in zip(POINTS, fit.distance, strict=True):
-        start = min(np.linspace(0.0, 2 * np.pi, 720), key=lambda angle, p=point: distance(angle, p))
-        best = optimize.minimize_scalar(distance, (start - 0.01, start + 0.01), args=(point,), tol=1e-12)
-        assert abs(found) == pytest.approx(best.fun, abs=1e-7)
 
 
 @pytest.mark.validates(

@@ -387,14 +387,6 @@ def test_public_recordings_drift_within_the_class_of_their_sensor(
 
 @pytest.mark.real
 @pytest.mark.skipif(not (FOLDER / "imucal").exists(), reason=f"no recordings in {FOLDER}")
-def test_a_public_recording_at_twice_its_rate_is_refused() -> None:
-    material = real_log("imucal")
-    material.series["t_s"] /= 2.0  # type: ignore[index]
-    assert code(material) == "B-FIT-142"
-
-
-@pytest.mark.real
-@pytest.mark.skipif(not (FOLDER / "imucal").exists(), reason=f"no recordings in {FOLDER}")
 def test_rests_of_a_public_recording_hold_what_its_authors_marked_as_rest() -> None:
     """The six positions that came with the recording: each lies in one rest that was found, but for half a window."""
     material = real_log("imucal")

@@ -158,16 +158,6 @@ def test_an_edge_lost_in_a_run_is_bridged_and_one_at_a_turnaround_breaks_the_cou
     assert np.array_equal(found.level % 2 == 0, cosine[kept])
 
 
-def test_a_pair_that_changed_places_is_marked_and_nothing_else() -> None:
-    level, rising, cosine = edges_of(swing(12))
-    order = np.arange(level.size)
-    order[[11, 12]] = 12, 11
-    found = counted(rising[order], cosine[order])
-    assert np.flatnonzero(found.suspect).tolist() == [11, 12]
-    assert found.breaks.size == 0
-    assert np.array_equal(found.level, level[order])
-
-
 @pytest.mark.parametrize("tick", [[3], [5, 4, 6]])
 def test_no_stretch(tick: list[int]) -> None:
     ones = np.ones(len(tick), bool)
@@ -306,6 +296,8 @@ def test_an_edge_pair_that_changed_places_is_not_used() -> None:
     order[[turn, turn + 1]] = turn + 1, turn
     swapped = edge_levels(edges.tick, up[order], even[order])
     assert np.flatnonzero(swapped.suspect).tolist() == [turn, turn + 1]
+    assert np.array_equal(swapped.level - swapped.level[0], edges.level[order] - edges.level[0])
+    assert swapped.breaks.size == 0
     turns = turning(swapped, zero, rising)
     assert turns.usable.all()
     assert turns.grazing.sum() == 1

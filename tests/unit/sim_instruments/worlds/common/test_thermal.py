@@ -1,14 +1,24 @@
-"""Temperatures and motions in closed form against numerical integration of the same equations."""
+"""Temperatures and motions in closed form against numerical integration of the same equations; the world as a whole:
+opening, errors, truth, threads, the same seed giving the same transcript; its wires."""
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+import pyvisa
+from pyvisa.constants import StatusCode
+from pyvisa.errors import VisaIOError
 from scipy.integrate import solve_ivp
+from sim_bench import Bench, RecordingUnit, open_bench, station
 
-from bench.model.clock import NS
+from bench.model.clock import NS, VirtualClock, WallClock
+from bench.model.errors import ExitStatus, InputError
+from bench.model.ports import RecordWindow
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import AIR_LAG_S, IDLE_LAG_S, LAB_DEGC, UNIT_LAG_S, Thermal
+from sim_instruments.worlds.common.world import _worlds, live_world
+from sim_instruments.worlds.simulation import open_world
 
 
 def integrate(setpoint, air_lag_s: float, start: tuple[float, float], t_s: np.ndarray) -> np.ndarray:
@@ -165,3 +175,309 @@ def test_it_arrives_from_any_speed_and_never_exceeds_what_is_allowed(speed: floa
     rate = axis.rate_deg_s(np.linspace(NS, end_ns, 500).astype(np.int64))
     assert np.abs(rate).max() <= max(100.0, abs(speed)) + 1e-6
     assert axis.rate_deg_s(end_ns + NS) == 0.0
+
+
+def open_plain(name: str = "af_converter", changes: dict | None = None, options: dict[str, str] | None = None):
+    described = station()
+    described["instruments"].update(changes or {})
+    return open_world(
+        name, clock=VirtualClock(), seed=1, station=described, options=options, unit_factory=RecordingUnit
+    )
+
+
+@pytest.mark.parametrize(
+    ("code", "arguments"),
+    [
+        ("B-SIM-001", {"name": "moon"}),
+        ("B-SIM-002", {"options": {"calibrator_gain": "maybe"}}),
+        ("B-SIM-002", {"options": {"calibrator_gian": "off"}}),
+        ("B-SIM-002", {"options": {"calibrator_drift_ppm": "fast"}}),
+        ("B-SIM-002", {"options": {"calibrator_drift_ppm": "nan"}}),
+        ("B-SIM-003", {"changes": {"extra": {"driver": "no_such_model", "resource": "GPIB0::20::INSTR"}}}),
+        ("B-SIM-003", {"changes": {"extra": {"driver": "../../etc", "resource": "GPIB0::20::INSTR"}}}),
+        ("B-SIM-003", {"changes": {"extra": {"driver": "wiring", "resource": "GPIB0::20::INSTR"}}}),
+        ("B-SIM-004", {"changes": {"extra": {"driver": "hp_6632b", "resource": "GPIB0::4::INSTR"}}}),
+        ("B-SIM-004", {"changes": {"extra": {"driver": "hp_6632b", "resource": "somewhere"}}}),
+    ],
+)
+def test_mistakes_in_the_station_are_errors_with_a_code_and_leave_no_world(code: str, arguments: dict) -> None:
+    before = set(_worlds)
+    with pytest.raises(InputError) as caught:
+        open_plain(**arguments)
+    assert caught.value.code == code
+    assert caught.value.exit_status == ExitStatus.BAD_INPUT
+    assert set(_worlds) == before
+
+
+def test_unit_gets_its_own_options_only() -> None:
+    with open_bench(options={"calibrator_gain": "off", "noise": "off"}) as bench:
+        assert bench.unit.options == {"noise": "off"}
+        assert bench.world.options == {"calibrator_gain": False, "calibrator_floor": True, "dmm_errors": True}
+
+
+def test_a_live_world_has_its_names_and_one_manager() -> None:
+    with open_bench() as bench:
+        assert bench.world.visa_library == f"{bench.world.id}@bench"
+        assert bench.world.link_url("port_a") == f"sim://{bench.world.id}/port_a"
+        assert live_world(bench.world.id) is bench.world
+    assert live_world(bench.world.id) is None
+    with open_bench() as bench:
+        assert pyvisa.ResourceManager(bench.world.visa_library) is bench.manager
+
+
+def test_two_worlds_stand_side_by_side() -> None:
+    with open_bench(seed=1) as one, open_bench(seed=2) as two:
+        one.send("supply", "VOLT 7")
+        assert two.ask("supply", "VOLT?") == "0.00000E+00"
+        assert one.ask("supply", "VOLT?") == "7.00000E+00"
+
+
+def campaign_transcript(seed: int) -> list[str]:
+    """Commands and replies of a small piece of a campaign, with the time of each, and what reached the unit."""
+    with open_bench(seed=seed, instruments={"chamber": {"dialect": "8800"}}) as bench:
+        lines: list[str] = []
+
+        def do(role: str, message: str) -> None:
+            resource = bench[role]
+            resource.timeout = 20_000
+            reply = resource.query(message) if "?" in message or role == "chamber" else resource.write(message)
+            lines.append(f"{bench.clock.now_ns()} {role} {message} {reply}")
+
+        for message in ("MRMP1,0.5", "SETP1,-10", "RUNM"):
+            do("chamber", message)
+        for role, message in [
+            ("supply", "CURR 2"),
+            ("supply", "VOLT 18;:OUTP ON"),
+            ("supply", "MEAS:CURR?"),
+            ("function_generator", "APPL:SQU 1E7,5"),
+            ("counter", "READ?"),
+            ("aux_supply", "MEAS:VOLT?"),
+            ("rail_dmm", "READ?"),
+            ("logger", "CONF:TEMP TC,T,(@101:103)"),
+            ("logger", "READ?"),
+        ]:
+            do(role, message)
+        for row in (1, 2):
+            for message in ("STBY", "OUT 1.0E-03 A, 0 HZ"):
+                do("calibrator", message)
+            for message in (":OPEN ALL", f":CLOS (@1!{row}!4)", ":CLOS:STAT?"):
+                do("switch", message)
+            do("calibrator", "OPER")
+            bench.clock.sleep(20.0)
+            do("calibrator", "ISR?")
+        do("chamber", "PVAR1?")
+        return lines + [str(entry) for entry in (*bench.unit.history, *bench.unit.fg, *bench.unit.power)]
+
+
+def test_same_seed_same_transcript_and_another_seed_another() -> None:
+    first, second, other = campaign_transcript(11), campaign_transcript(11), campaign_transcript(12)
+    assert first == second
+    assert first != other
+    assert len(first) == len(other)
+
+
+def test_draws_do_not_depend_on_the_order_of_use() -> None:
+    with open_bench(seed=9) as bench:
+        bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ")
+        late_A = bench.world.instruments["calibrator"].true_current_A()
+    with open_bench(seed=9) as bench:
+        for level in ("3.0E-05", "2.0E-01", "1.0E-03", "1.0E-02"):
+            bench.send("calibrator", f"OUT {level} A, 0 HZ")
+            early_A = bench.world.instruments["calibrator"].true_current_A()
+    assert early_A == late_A
+
+
+@pytest.mark.parametrize("clock", [VirtualClock, WallClock])
+def test_three_threads_on_different_instruments(clock: type) -> None:
+    rounds = 300 if clock is VirtualClock else 40
+    with open_bench(clock=clock()) as bench:
+        wrong: list[str] = []
+        work = [
+            ("supply", "VOLT 7;VOLT?", "7.00000E+00"),
+            ("switch", ":CLOS:STAT?", "(@)"),
+            ("calibrator", "ISR?", "4096"),
+        ]
+        resources = {role: bench[role] for role, _, _ in work}
+
+        def ask(role: str, question: str, answer: str) -> None:
+            try:
+                wrong.extend(reply for _ in range(rounds) if (reply := resources[role].query(question)) != answer)
+            except Exception as error:
+                wrong.append(repr(error))
+
+        threads = [threading.Thread(target=ask, args=arguments) for arguments in work]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(60)
+        assert wrong == []
+
+
+def test_settling_and_timeouts_on_the_wall_clock() -> None:
+    with open_bench(clock=WallClock()) as bench:
+        bench["switch"].timeout = 50
+        began_ns = bench.clock.now_ns()
+        with pytest.raises(VisaIOError) as caught:
+            bench["switch"].read()
+        assert caught.value.error_code == StatusCode.error_timeout
+        assert 0.05 * NS <= bench.clock.now_ns() - began_ns < 1 * NS
+        fired = threading.Event()
+        bench.world.after(0.02, fired.set)
+        assert fired.wait(5.0)
+
+
+def test_event_after_the_end_of_the_world_does_nothing() -> None:
+    clock, seen = VirtualClock(), []
+    with open_bench(clock=clock) as bench:
+        bench.world.after(1.0, lambda: seen.append("during"))
+        bench.world.after(3.0, lambda: seen.append("afterwards"))
+        clock.sleep(2.0)
+    clock.sleep(5.0)
+    assert seen == ["during"]
+
+
+def window(number: int, channel: int, degC: float, start_s: int, **conditions: object) -> RecordWindow:
+    kind = "gyro" if channel <= 6 else "accelerometer"
+    shared = {"channel": channel, "kind": kind, "temperature_degC": degC, "route": "closed", "purpose": "point"}
+    return RecordWindow(number, "port_a", 0, 10_000, start_s * NS, (start_s + 100) * NS, {**shared, **conditions})
+
+
+def truths(bench: Bench, windows: list[RecordWindow]) -> dict[tuple, float]:
+    return {
+        (e["quantity"], e["conditions"].get("channel"), e["conditions"].get("temperature_degC")): e["value"]
+        for e in bench.world.truth(windows)
+    }
+
+
+def test_truth_is_taken_at_the_true_unit_temperature() -> None:
+    with open_bench() as bench:
+        bench.world.thermal.ramp(-10.0, 0.5, 0)
+        found = truths(bench, [window(0, 2, -10.0, 9000, route="open"), window(1, 2, -10.0, 9120)])
+        unit_degC = bench.world.thermal.unit_degC
+        mean_degC = (unit_degC(9050 * NS) + unit_degC(9170 * NS)) / 2
+        assert found["dsf_n", 2, -10.0] == pytest.approx(200.0 + mean_degC, abs=1e-3)
+        assert found["dsf_p", 2, -10.0] == 100.0
+        assert found["dsf_asymmetry", 2, -10.0] == pytest.approx(100.0 + mean_degC, abs=1e-3)
+        assert found["bias", 2, -10.0] == pytest.approx(2e-9 + 1e-12 * 9050 + 2e-9 * 2.0, rel=1e-9)
+        assert found["master_clock_error", None, -10.0] == pytest.approx(1.5, rel=1e-12)
+        assert found["clock_ratio_error", None, -10.0] == pytest.approx(-18.5, abs=1e-3)
+        assert found["dsf_n_tc1", 2, None] == 1.0
+        assert found["dsf_n_tc2", 2, None] == 0.02
+
+
+def test_truth_has_the_form_of_the_contract_and_leaves_out_wiring_checks_and_repeats() -> None:
+    with open_bench() as bench:
+        windows = [
+            window(0, 1, 20.0, 10, purpose="wiring"),
+            window(1, 1, 50.0, 20_000, repeat=1),
+            RecordWindow(2, "port_a", 0, 1, 0, NS, {"purpose": "idle"}),
+        ]
+        assert bench.world.truth(windows) == []
+        for estimate in bench.world.truth([window(0, 1, 20.0, 10), window(1, 7, 20.0, 200)]):
+            assert set(estimate) == {"quantity", "unit", "value", "conditions"}
+            assert isinstance(estimate["value"], float)
+            assert estimate["conditions"].get("kind", "gyro") in ("gyro", "accelerometer")
+
+
+LEVEL_A = 1e-3
+# gain 4.5 sigma, floor and level error of the 2.2 mA range
+TOLERANCE_A = LEVEL_A * 45e-6 + 4.5 * 7e-9
+
+
+def operate(bench: Bench, current: str = "1.0E-03") -> None:
+    bench.send("calibrator", f"OUT {current} A, 0 HZ", "OPER")
+    bench.clock.sleep(10.0)
+
+
+def connected(bench: Bench) -> dict[int, float]:
+    return {channel: current_A for channel, current_A in bench.unit.inputs.items() if current_A is not None}
+
+
+@pytest.mark.parametrize(("row", "sign"), [(1, 1.0), (2, -1.0)])
+@pytest.mark.parametrize("channel", [1, 3, 10])
+def test_current_arrives_in_the_routed_channel_with_the_polarity_of_the_row(
+    channel: int, row: int, sign: float
+) -> None:
+    with open_bench() as bench:
+        bench.send("switch", f":CLOS (@1!{row}!{channel})")
+        operate(bench)
+        assert connected(bench).keys() == {channel}
+        assert connected(bench)[channel] == pytest.approx(sign * LEVEL_A, abs=TOLERANCE_A)
+
+
+def test_rows_that_lead_nowhere_carry_nothing_and_standby_leaves_the_leakage() -> None:
+    with open_bench() as bench:
+        bench.send("switch", ":CLOS (@1!3!4,1!4!4)")
+        operate(bench)
+        assert connected(bench) == {}
+        assert bench.ask("calibrator", "ISR?") == "4096"
+        for row in (1, 2):
+            bench.send("switch", ":OPEN ALL", f":CLOS (@1!{row}!5)")
+            assert connected(bench)[5] == bench.world.wiring.leakage_A[row - 1, 4]
+            assert 0 < abs(connected(bench)[5]) <= 1e-10
+
+
+def test_leakage_differs_from_row_to_row_and_has_its_sign_in_both_polarities() -> None:
+    with open_bench(options={"calibrator_gain": "off", "calibrator_floor": "off"}) as bench:
+        leaks = bench.world.wiring.leakage_A
+        for row, sign in ((1, 1.0), (2, -1.0)):
+            bench.send("switch", ":OPEN ALL", f":CLOS (@1!{row}!7)")
+            operate(bench, "3.0E-05")
+            assert connected(bench)[7] == pytest.approx(sign * 3e-5 + leaks[row - 1, 6], abs=1e-18)
+            bench.send("calibrator", "STBY")
+        assert leaks[0, 6] != leaks[1, 6]
+
+
+def test_two_closed_routes_share_the_current() -> None:
+    with open_bench() as bench:
+        bench.send("switch", ":CLOS (@1!1!1)", ":CLOS (@1!2!2)")
+        operate(bench)
+        assert connected(bench)[1] == pytest.approx(LEVEL_A / 2, abs=TOLERANCE_A)
+        assert connected(bench)[2] == pytest.approx(-LEVEL_A / 2, abs=TOLERANCE_A)
+
+
+def test_both_rows_of_a_channel_short_the_calibrator() -> None:
+    with open_bench() as bench:
+        bench.send("switch", ":CLOS (@1!1!1,1!2!1,1!1!2)")
+        operate(bench)
+        assert bench.ask("calibrator", "ISR?") == "4097"
+        assert all(abs(current_A) <= 2e-10 for current_A in connected(bench).values())
+
+
+def test_opening_the_whole_path_under_current_trips_and_one_of_two_routes_does_not() -> None:
+    with open_bench() as bench:
+        bench.send("switch", ":CLOS (@1!1!2)")
+        operate(bench)
+        bench.send("switch", ":OPEN (@1!1!2)")
+        assert bench.ask("calibrator", "ISR?") == "4096"
+        assert bench.ask("calibrator", "FAULT?") == "502"
+        assert connected(bench) == {}
+        bench.send("switch", ":CLOS (@1!1!1,1!1!2)")
+        operate(bench)
+        bench.send("switch", ":OPEN (@1!1!1)")
+        assert bench.ask("calibrator", "ISR?") == "4097"
+        assert connected(bench)[2] == pytest.approx(LEVEL_A, abs=TOLERANCE_A)
+
+
+def test_current_is_nearly_there_at_once_and_exact_when_settled() -> None:
+    with open_bench(options={"calibrator_gain": "off", "calibrator_floor": "off"}) as bench:
+        bench.send("switch", ":CLOS (@1!1!1)")
+        leak_A = bench.world.wiring.leakage_A[0, 0]
+        bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "OPER")
+        on_ns = bench.clock.now_ns()
+        bench.clock.sleep(60.0)
+        (first_ns, _, first_A), (settled_ns, _, settled_A) = bench.unit.history[-2:]
+        assert first_ns == on_ns
+        assert first_A == pytest.approx(0.999 * 1e-2 + leak_A, rel=1e-12)
+        assert settled_ns - on_ns == 3_000_000_000
+        assert settled_A == pytest.approx(1e-2 + leak_A, rel=1e-12)
+
+
+def test_settling_stopped_by_standby_changes_nothing_later() -> None:
+    with open_bench() as bench:
+        bench.send("switch", ":CLOS (@1!1!1)")
+        bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "OPER", "STBY")
+        changes = len(bench.unit.history)
+        bench.clock.sleep(60.0)
+        assert len(bench.unit.history) == changes
+        assert bench.unit.inputs[1] == bench.world.wiring.leakage_A[0, 0]

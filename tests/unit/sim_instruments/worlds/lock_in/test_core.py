@@ -12,7 +12,6 @@ from rlg_rig import Edges, simulated_edges
 from scipy.integrate import solve_ivp
 from scipy.special import j0
 
-from sim_instruments.worlds.lock_in import core as rlg_core
 from sim_instruments.worlds.lock_in.core import BEAT, PICK_OFF, RingLaser, quantum_deg_rt_h
 
 PATHS_M = (0.15, 0.28, 0.34)
@@ -75,22 +74,6 @@ def test_the_phase_after_a_second_is_that_of_an_independent_integrator():
     off_rad = np.abs(np.array(ends) - edges.phase_rad[1:]).max()
     print(f"largest difference of the phase in a second: {off_rad:.1e} rad")
     assert off_rad < 1e-6
-
-
-@pytest.mark.parametrize("path_m", PATHS_M)
-def test_crossings_stay_where_they_are_when_the_step_is_halved(path_m, monkeypatch):
-    laser = RingLaser(path_m, 0.7)
-    coarse = simulated(laser, 0.05)
-    steps = laser.steps
-    monkeypatch.setattr(rlg_core, "MOST_STEP_RAD", rlg_core.MOST_STEP_RAD / 2)
-    assert laser.steps > 1.9 * steps
-    fine = simulated(laser, 0.05)
-    assert np.array_equal(coarse.count, fine.count)
-    slow = np.abs(coarse.t_s - fine.t_s)
-    assert np.median(slow) < 1e-11
-    near = np.abs((coarse.t_s / laser.half_s) % 1.0 - 0.5) < 0.002  # 2.5 us about the turnaround the phase stands still
-    assert slow[~near].max() < 1e-10
-    assert near.sum() < 0.01 * len(near)
 
 
 @pytest.mark.validates(

@@ -302,18 +302,6 @@ def test_options_have_names_and_what_is_not_given_is_drawn_within_its_limits():
 RADAR = Radar()
 
 
-def _echo(range_m: float, amplitude: float = 1.0) -> np.ndarray:
-    return echoes(RADAR, np.array([[0.0, 0.0, 0.0]]), np.array([[0.0, range_m, 0.0]]), np.array([amplitude])).gates[0]
-
-
-def test_the_phase_is_minus_four_pi_range_over_wavelength() -> None:
-    """45 km = 1441002.767... waves of 9.6 GHz each way, reckoned in whole numbers."""
-    both_ways, light = 2 * 45_000 * 9_600_000_000, 299_792_458
-    turns = (both_ways % light) / light
-    peak = _echo(45_000.0)
-    assert np.angle(peak[np.abs(peak).argmax()] * np.exp(2j * np.pi * turns)) == pytest.approx(0.0, abs=1e-4)
-
-
 def test_pulses_one_by_one_are_those_of_the_whole_aperture() -> None:
     track = np.stack([np.arange(2500) * 0.25, np.zeros(2500), np.full(2500, -3000.0)], axis=1)
     targets = scene(RADAR, track[0], np.array([250.0, 0.0, 0.0]), ahead_s=1.25)
