@@ -18,9 +18,9 @@ from socketserver import BaseRequestHandler, ThreadingTCPServer
 import loss_drill
 import pytest
 from block_rows import read_rows
+from loss_bench import Proxies
 from loss_drill import MISSED, Job, Row, drill_all, drilled, summary, told
 from loss_judge import Kept, Recording, Sample, Span, Verdict, judge, point_of
-from loss_proxy import Proxies
 from loss_schedule import ALL, FULL, KINDS, SCALED, SHORT, Kind, Loss, PlanStep, drawn, scale_of
 
 DRIVEN = ((15, 33, 53), (47, 11, 17), (98, 10, 43))  # seeds of three runs: each kind, and all while a current flows

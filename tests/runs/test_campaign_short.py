@@ -13,7 +13,6 @@ from typing import Any
 
 import jsonschema
 import pytest
-from calibrator_trip import trip_calibrator
 from rehearsal import (
     NAME,
     SEED,
@@ -30,6 +29,7 @@ from rehearsal import (
     tiny_plan,
     writable_copy,
 )
+from sim_bench import trip_calibrator
 
 from bench.analysis import Material, analyse, results_schema
 from bench.model.clock import NS

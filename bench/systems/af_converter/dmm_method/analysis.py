@@ -54,6 +54,7 @@ from bench.systems.af_converter.dmm_method.estimates import (
     shared_by_standards,
     shift_estimates,
 )
+from bench.systems.af_converter.estimators.dmm_method import METHODS as FIT_METHODS
 from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter, fit_dmm_method
 from bench.systems.af_converter.estimators.readings import Converter, RangeSpecification, noise_parts
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor, fit_scale_factor, usable_rows
@@ -74,6 +75,7 @@ from bench.systems.af_converter.wording import say
 
 _OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
 Refused = list[tuple[Group, FitError]]
+METHODS: tuple[str, ...] = FIT_METHODS
 STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
 _QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
 _HEADS = ("channel", "quantity", "degC", "dmm", "calibrator", "difference", "U", "E_n")

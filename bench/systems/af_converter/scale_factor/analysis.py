@@ -17,6 +17,7 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.coefficients import scale_factor_compensation
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import Readings
+from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
 from bench.systems.af_converter.group_fit import (
     QUANTITIES,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from bench.record import RecordRow
 
 
+METHODS: tuple[str, ...] = FIT_METHODS
 _FEWEST = 5  # records that tell a change of temperature
 
 
