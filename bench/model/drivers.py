@@ -8,7 +8,7 @@ them at a real instrument, and what a driver sends in the tests must stand in it
 from __future__ import annotations
 
 import re
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -79,15 +79,23 @@ def _says(form: str, sent: str) -> bool:
 
 def manual_of(driver: str) -> Manual | None:
     """Return the table of a driver, None if it has none. Raises: InputErrors for a file that is not right."""
+    return _manual_of(driver, _here())
+
+
+@lru_cache(maxsize=64)
+def _manual_of(driver: str, here: Path) -> Manual | None:
     own, package = lab.own_code("instruments", driver), package_of_driver(driver)
     folders = [*(() if own is None else (own.parent,)), *(() if package is None else (package.folder,))]
     paths = [folder / f"{driver}.yaml" for folder in folders]
-    return next((_manual(path) for path in paths if path.is_file()), None)
+    return next((parse_yaml(path.read_bytes(), path.name, Manual).model for path in paths if path.is_file()), None)
 
 
-@cache
-def _manual(path: Path) -> Manual:
-    return parse_yaml(path.read_bytes(), path.name, Manual).model
+def _here() -> Path:
+    """Return the working directory, which decides on the lab folder."""
+    try:
+        return Path.cwd()
+    except FileNotFoundError:  # somebody removed it
+        return Path()
 
 
 _PLAIN = re.compile(r"[a-z0-9_]{1,40}")
@@ -99,16 +107,11 @@ def driver_class(name: str) -> type:
     Raises: InputError B-PLAN-010 if the name is not plain, B-PLAN-011 if there is no such driver, B-LAB-001;
             InstallationError, of the lab folder B-LAB-004 to B-LAB-006.
     """
-    try:
-        here = Path.cwd()
-    except FileNotFoundError:  # somebody removed it
-        here = Path()
-    return _class_of(name, here)
+    return _class_of(name, _here())
 
 
 @lru_cache(maxsize=64)
 def _class_of(name: str, here: Path) -> type:
-    """Return the class as it is found from a working directory, which decides on the lab folder."""
     if not _PLAIN.fullmatch(name) or name.startswith("_"):
         raise InputError("B-PLAN-010", f"{name!r} is not a plain driver name (a-z, 0-9 and _)", where=name)
     package = package_of_driver(name)

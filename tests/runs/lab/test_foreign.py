@@ -19,7 +19,7 @@ from bench.plan import station
 
 CACHES = (
     installed.offers, installed.checked_package, installed._examined_packages,  systems._own,
-    systems._foreign, drivers._class_of, drivers.manual_of, station._declared,
+    systems._foreign, drivers._class_of, drivers._manual_of, station._declared,
 )  # fmt: skip
 OFFERS = """\
 [inertial_bench.systems]

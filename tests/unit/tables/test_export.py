@@ -431,7 +431,7 @@ def test_a_missing_library_is_one_line(
         raise ModuleNotFoundError(f"no {name}", name=name.partition(".")[0])
 
     write(tmp_path / "written")
-    monkeypatch.setattr("bench.tables.library.import_module", missing)
+    monkeypatch.setattr("bench.model.extras.import_module", missing)
     with pytest.raises(InputError, match=rf"B-TAB-001: .*pip install 'inertial-bench\[{extra}\]'"):
         imported(tmp_path, MAPPING.format(time="t", x="x", z="z"), (tmp_path / "written").rename)
 
