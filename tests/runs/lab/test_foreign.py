@@ -242,7 +242,7 @@ class Environment:
             guard.stdin.write(json.dumps(brief) + "\n")
             said = guard.stdout.readline()
             if said:
-                guard.stdin.write(json.dumps({"goodbye": True}) + "\n")
+                guard.stdin.write(json.dumps({"goodbye": {}}) + "\n")
             status = guard.wait(60.0)
             return subprocess.CompletedProcess(command, status, said, guard.stderr.read())
 
