@@ -8,7 +8,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 976_313,
+    "tokens": 976_333,
     "tokens a line": 10.57,
     "files": 742,
     "dict[str, Any]": 482,
