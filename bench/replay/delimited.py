@@ -188,6 +188,7 @@ class LogParser:
                 rows.append((lines_ns[-1] / NS, *values))
         return np.array(lines_ns, np.int64), np.array(rows, float).reshape(-1, 1 + len(self._columns))
 
+    @np.errstate(over="ignore", invalid="ignore")  # a number out of reach is told by its line
     def _plain(self, lines: list[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
         """Return what `_each` would, if every line is a row of numbers in which nothing is to be told apart."""
         whole = b"".join(lines)

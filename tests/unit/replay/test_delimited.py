@@ -242,6 +242,11 @@ def test_a_counter_of_32_bits_is_counted_on(tick: str, step: int) -> None:
         read("\n".join(["time,T,U", *(f"{each},20,1" for each in (*ticks[:9], 0)), ""]).encode(), mapping)
 
 
+def test_a_time_out_of_reach_among_plain_rows_is_a_bad_row() -> None:
+    rows, parser = read(b"time,T,U\n1e307,20,1\n5,20,1\n", mapped(COUNTER))
+    assert (len(rows), parser.counts.bad_rows) == (1, 1)
+
+
 def test_declared_bad_rows_and_one_time_twice_are_taken(tmp_path: Path) -> None:
     declared = mapped(("uut:", "bad_rows: 40 %\nuut:"))
     assert surveyed(tmp_path, (LOG + "x,1,2\n").encode(), declared).counts.bad_rows == 1
