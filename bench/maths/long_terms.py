@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +38,7 @@ FALSE_TERM, WRONG_NAME = 0.01, 0.004  # of logs without a long term; of those wi
 _BLOCKS = 200  # of the whole time; halved in length until half as many hold samples
 _FEWEST_BLOCKS = 12
 _FEWEST_SAMPLES = 4  # in a block
+_APART = 20  # times as long as filtered samples hang together is a block: neighbours correlate by 0.02 or less
 _POOR = 0.25  # of the usual number of samples of a block
 _AHEAD = 40  # parts of a further mean
 _DRAWS = 2000
@@ -123,12 +124,17 @@ def noise_at_rest(samples: Floats, interval_s: float) -> NoiseAtRest:
     """
     known = np.isfinite(samples)
     deviation = allan_deviation(samples, interval_s)
-    blocks = blocks_of(np.flatnonzero(known), samples[known], interval_s)
-    long = long_terms(blocks, int(known.sum()) * interval_s, np.random.default_rng(_SEED))
     whole = len(deviation.tau_s) > len(TERMS) + 1
     if not whole:  # rows are missing everywhere: by the count of samples, white noise is what it was
         deviation = allan_deviation(samples[known], interval_s)
-    terms, first, chance = _terms(deviation, (*long.present, *long.possible) if whole else ())
+    fewest = _FEWEST_SAMPLES
+    while True:
+        blocks = blocks_of(np.flatnonzero(known), samples[known], interval_s, fewest)
+        long = long_terms(blocks, int(known.sum()) * interval_s, np.random.default_rng(_SEED))
+        terms, first, chance = _terms(deviation, (*long.present, *long.possible) if whole else ())
+        if not first or _APART * deviation.factors[first] <= fewest or _APART * deviation.tau_s[first] <= blocks.span_s:
+            break
+        fewest = _APART * int(deviation.factors[first])
     absent = fit_noise_terms(deviation).terms if whole and not first else ()
     return NoiseAtRest(deviation, terms, absent, long, float(deviation.tau_s[first]), chance)
 
@@ -136,7 +142,7 @@ def noise_at_rest(samples: Floats, interval_s: float) -> NoiseAtRest:
 def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, int, float]:
     """Return the fit of the terms that are there, the first averaging time that it describes, its chance.
 
-    Where no times are described the chance says so.
+    Where no times are described it is the best of all, and its chance says so.
     """
     fits, well = [], False
     for first in range(len(deviation.tau_s)):
@@ -145,36 +151,41 @@ def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, 
             break
         fit = _with_short_terms(curve_left, long, bool(first))
         fits.append((fit, first, float(chi2_tail(fit.chi2, fit.dof))))
-        filtered = any(term.name == FILTERING for term in fit.terms)
-        if fits[-1][2] > _MISFIT and (well or not filtered):
+        if fits[-1][2] > _MISFIT and (well or all(term.name != FILTERING for term in fit.terms)):
             return fits[-1]
         well = fits[-1][2] > _FILTERED_MISFIT
-    return fits[-1 if well else 0]
+    return max(fits, key=lambda fit: fit[2])
 
 
 def _with_short_terms(curve: AllanDeviation, long: Sequence[str], filtered: bool) -> NoiseTerms:
     """Return the fit of white noise and long terms, and of what is to be seen beside them at short times.
 
-    ``filtered``: whether the samples are known to hang together; what that takes away must not lower the white noise.
+    ``filtered``: whether the samples are known to hang together; what that takes away must not lower the white noise,
+    nor make it sound better known where scatter hides it.
     """
     for short in (_SHORT[0], FILTERING):
         fit = fit_noise_terms(curve, (short, _SHORT[1], *long))
-        if fit[short].gain > (0.0 if filtered and short == FILTERING else _GAIN):
+        if fit[short].gain > _GAIN:
             return fit
-    return fit_noise_terms(curve, (_SHORT[1], *long))
+    if not filtered:
+        return fit_noise_terms(curve, (_SHORT[1], *long))
+    white = fit[_SHORT[1]]
+    free = replace(white, coefficient=white.free_coefficient, std_uncertainty=white.free_std)
+    return replace(fit, terms=tuple(free if term is white else term for term in fit.terms))
 
 
-def blocks_of(counter: Integers, values: Floats, interval_s: float) -> Blocks:
+def blocks_of(counter: Integers, values: Floats, interval_s: float, fewest: int = _FEWEST_SAMPLES) -> Blocks:
     """Return means of a log over equal parts of its time; those with few samples are left out.
 
     Args:    counter: (n,), rising: places of the samples in time.   values: (n,).   interval_s: of one sample.
+        fewest: samples of a part.
     """
     length = int(counter[-1] - counter[0]) + 1
-    span = max(_FEWEST_SAMPLES, math.ceil(length / _BLOCKS))
+    span = max(fewest, math.ceil(length / _BLOCKS))
     while True:
         place = (counter - counter[0]) // span
         block, samples = np.unique(place, return_counts=True)
-        if block.size >= _BLOCKS // 2 or span < 2 * _FEWEST_SAMPLES:
+        if block.size >= _BLOCKS // 2 or span < 2 * fewest:
             break
         span //= 2
     index = np.searchsorted(block, place)

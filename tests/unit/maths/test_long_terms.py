@@ -120,16 +120,17 @@ def interpolated(values: NDArray[np.float64], rate: float) -> NDArray[np.float64
 FILTERS = {
     "to 0.8 of the rate": (0.8, lambda values: interpolated(values, 0.8), 1.0078),  # samples count unevenly
     "to twice the rate": (2.0, lambda values: interpolated(values, 2.0), 1.0),
+    "to 3/2 of the rate, band-limited": (1.5, lambda values: signal.resample_poly(values, 3, 2)[200:-200], 1.0),
     "mean of four": (1.0, lambda values: np.convolve(values, np.full(4, 0.25), "valid"), 1.0),
     "first order": (1.0, lambda values: signal.lfilter([0.2], [1.0, -0.8], values)[200:], 1.0),
 }
 
 
-def whites(kind: str, seeds: int) -> NDArray[np.float64]:
+def whites(kind: str, seeds: range) -> NDArray[np.float64]:
     """Return white noise of filtered samples by seed, its deviation from the truth in expanded uncertainties."""
     rate, filtered, truth = FILTERS[kind]
     off = []
-    for seed in range(seeds):
+    for seed in seeds:
         samples = filtered(np.random.default_rng([SEED, seed]).standard_normal(20_000))
         (white,) = noise_at_rest(samples, 1.0 / rate).stated
         off.append((white.coefficient - truth) / (2.0 * white.std_uncertainty))
@@ -138,7 +139,7 @@ def whites(kind: str, seeds: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("kind", FILTERS)
 def test_samples_that_hang_together_do_not_make_white_noise_small(kind: str) -> None:
-    off = whites(kind, 4)
+    off = whites(kind, range(10, 14))
     assert np.all(np.abs(off) < 1.5), off
     assert abs(off.mean()) < 1.5 / 4**0.5, off
 
@@ -146,6 +147,8 @@ def test_samples_that_hang_together_do_not_make_white_noise_small(kind: str) -> 
 @pytest.mark.sweep
 @pytest.mark.parametrize("kind", FILTERS)
 def test_forty_logs_of_each_filter(kind: str) -> None:
-    inside = np.abs(whites(kind, 40)) <= 1.0
-    print(f"{kind}: inside {inside.mean():.3f}")
-    assert inside.mean() >= 0.85
+    off = np.abs(whites(kind, range(40)))
+    inside = float(np.mean(off <= 1.0))
+    print(f"{kind}: inside {inside:.3f}, at most {off.max():.2f} U off")
+    assert inside >= 0.85
+    assert off.max() < 2.0
