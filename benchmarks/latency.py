@@ -26,10 +26,10 @@ import numpy as np
 from bench.frame import FrameDefinition, load_frame
 from bench.model.clock import NS, WallClock
 from bench.record import SessionWriter
-from bench.run.bench.opener import open_port
-from bench.run.links.acquisition import Acquisition
-from bench.run.links.port import PortLink
-from bench.run.links.reader import LinkReader
+from bench.run.bus.acquisition import Acquisition
+from bench.run.bus.opener import open_port
+from bench.run.bus.port import PortLink
+from bench.run.bus.reader import LinkReader
 from bench.run.stop import StopSwitch
 
 FRAMES = Path(__file__).resolve().parents[1] / "frames"

@@ -26,7 +26,7 @@ from tempfile import TemporaryDirectory
 from bench.model.clock import NS, VirtualClock
 from bench.plan import Plan, Step, compile_sequence
 from bench.record import RecordRow
-from bench.run.control.operator import SimulatedOperator
+from bench.run.operator import SimulatedOperator
 from bench.run.session import conduct
 
 HOUR_s = 3600.0

@@ -34,7 +34,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from bench.model.clock import NS, WallClock
 from bench.record import SessionWriter
-from bench.run.feed.live import FeedServer
+from bench.run.control.live import FeedServer
 from bench.run.feed.points import PointBatch
 from bench.web.security.logins import Cookies, Login
 from bench.web.security.tokens import VIEWER, obtain_tokens

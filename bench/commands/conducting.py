@@ -25,11 +25,11 @@ from bench.model.units import parse_quantity, plain_unit
 from bench.plan import Plan
 from bench.run.besides import besides
 from bench.run.control.asking import WaitingOperator
-from bench.run.control.operator import Answer, Operator, Question, SimulatedOperator, limits_of
 from bench.run.guard.guarding import guard_beside
+from bench.run.operator import Answer, Operator, Question, SimulatedOperator, limits_of
+from bench.run.position import Resumption
 from bench.run.preflight import Preflight, stay_awake
 from bench.run.session import Beside, Conducted, conduct
-from bench.run.steps.position import Resumption
 from bench.run.watch.clock import clock_watch
 from bench.session.finish import finish
 from bench.session.happenings import happenings
@@ -132,7 +132,7 @@ def watchers(plan: Plan, clock: Clock, asking: WaitingOperator | None = None) ->
 
 
 class Aside:
-    """An operator who is asked while nothing else is drawn on the terminal (bench.run.control.operator.Operator)."""
+    """An operator who is asked while nothing else is drawn on the terminal (bench.run.operator.Operator)."""
 
     def __init__(self, operator: Operator, aside: Callable[[], AbstractContextManager[None]]) -> None:
         self._operator, self._aside = operator, aside

@@ -29,7 +29,7 @@ from bench.model.installed import (
 )
 from bench.model.systems import analyses, system_refusals, try_analysis
 from bench.plan import Findings, Station, check_station, load_station
-from bench.run.bench.opener import missing_buses
+from bench.run.bus.opener import missing_buses
 from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
 from bench.run.provenance import software
 from bench.session.output import writing

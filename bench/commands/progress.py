@@ -21,7 +21,7 @@ from bench.model.units import hours
 from bench.plan import Plan, PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step
 from bench.record import RecordRow
 from bench.run.context import RunContext
-from bench.run.feed.client import FeedClient, FeedGone
+from bench.run.control.client import FeedClient, FeedGone
 from bench.run.feed.planned import in_words
 from bench.run.guard.last_words import roles_in_words
 

@@ -18,7 +18,7 @@ from bench.model.clock import NS, WallClock
 from bench.model.errors import InputError, InputErrors
 from bench.model.posix import require
 from bench.plan import Findings, Station, check_station, load_station, served_station
-from bench.run.bench.served_world import told
+from bench.run.bus.served_world import told
 from bench.session.output import write_file
 
 PROCESS = "sim_instruments.served.process"  # by name: the bench never imports its simulators

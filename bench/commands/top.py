@@ -13,7 +13,7 @@ from bench.commands.console import console, say
 from bench.model.clock import WallClock
 from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, check_language
-from bench.run.feed.client import FeedClient, FeedGone
+from bench.run.control.client import FeedClient, FeedGone
 from bench.run.guard.last_words import guard_lines
 from bench.session.partial_fits import PartialFits
 from bench.tui.app import TopApp

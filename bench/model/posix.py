@@ -254,7 +254,7 @@ def _unix_family() -> int:
 
 GUARD = "bench.run.guard"  # makes the bench safe when its controller is gone
 NOTICE = "bench.run.guard.notice"  # tells people what the guard did
-DRILL_CONTROLLER = "bench.run.bench.drill_controller"  # is killed under stimulus by ``bench drill``
+DRILL_CONTROLLER = "bench.run.guard.drill_controller"  # is killed under stimulus by ``bench drill``
 EARLY_VERDICT = "bench.session.early"  # judges a session that is still being recorded
 PARTIAL_RESULTS = "bench.session.partial"  # fits a session that is still being recorded, for the page
 TREND = "bench.replay.build_trend"  # builds the trend file of a session that has none

@@ -10,9 +10,9 @@ from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.channel import Control
 from bench.run.control.early import early_verdicts
+from bench.run.control.live import live_feed
 from bench.run.control.notify import notifications, user_notify
 from bench.run.control.systemd import service_notice
-from bench.run.feed.live import live_feed
 from bench.run.observers import Following
 from bench.run.session import Beside
 from bench.run.watch.deviations import deviations

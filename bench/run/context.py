@@ -26,9 +26,9 @@ from bench.model.ports import Instrument, RecordWindow
 from bench.model.quantities import Values
 from bench.plan import Plan, PlannedCall, PlannedDecision, PlannedUnit, Step, is_answered, left_out_by
 from bench.record import PackedRows, RecordCutter
-from bench.run.control.operator import Operator
-from bench.run.links.acquisition import Acquisition
+from bench.run.bus.acquisition import Acquisition
 from bench.run.observers import Observers
+from bench.run.operator import Operator
 from bench.run.stop import AWAY_LIMIT_S, SEQUENCER, Health, StopSwitch, Wish
 
 

@@ -26,9 +26,9 @@ from bench.model.lab import demand, recorded_code, refuse_others
 from bench.plan import Plan, PlannedSoak, frozen_plan, left_out_by
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.links.unit import DONE, IDENTIFY
+from bench.run.position import Resumption, last_turn, stopped_at
 from bench.run.provenance import code_of
-from bench.run.steps.position import Resumption, last_turn, stopped_at
-from bench.run.steps.setpoints import expected_of
+from bench.run.setpoints import expected_of
 
 _READ = Decision | Prompt | Reading | ThermalLag | UnitLeftOut  # what a run knows by
 CRASH = "crash or power cut"

@@ -19,15 +19,15 @@ from bench.model.ports import Effect, drivers_of
 from bench.plan import CHAMBER, UNIT, PlannedRecord, PlannedUnit, PlannedVerify, Step, Steps
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
-from bench.run.bench.safety import heat_off, make_safe, states_of
+from bench.run.bus.safety import heat_off, make_safe, states_of
 from bench.run.context import RunContext, Timeline
-from bench.run.hold.standing import stand_still, wish_to_wait
+from bench.run.hold import stand_still, wish_to_wait
 from bench.run.observers import patient
+from bench.run.position import in_point, point_start, point_stop, readings_of
+from bench.run.setpoints import drives
 from bench.run.steps.dispatch import execute
-from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
-from bench.run.steps.setpoints import drives
 from bench.run.stop import Interruption, Wish
 from bench.run.watch.outputs import look
 

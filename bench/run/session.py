@@ -19,14 +19,13 @@ from bench.model.lab import code_texts, recorded_code
 from bench.model.quantities import Values
 from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
-from bench.run.bench.beginning import begin_safely, check_space, identities_of
-from bench.run.bench.opener import OpenBench, World, open_bench
+from bench.run.bus.acquisition import Acquisition
+from bench.run.bus.beginning import begin_safely, check_space, identities_of
+from bench.run.bus.opener import OpenBench, World, open_bench
+from bench.run.bus.reader import LinkReader
 from bench.run.context import RunContext, Timeline
-from bench.run.control.operator import Operator
 from bench.run.guard.guarding import station_lock
-from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
-from bench.run.links.reader import LinkReader
 from bench.run.observers import (
     AtTerminal,
     HeldTranscript,
@@ -37,12 +36,13 @@ from bench.run.observers import (
     new_folder,
     patient,
 )
+from bench.run.operator import Operator
+from bench.run.position import Resumption
 from bench.run.provenance import lab_of, software
 from bench.run.resume import changed_files, same_instruments
 from bench.run.sequencer import Outcome, Sequencer
-from bench.run.steps.position import Resumption
+from bench.run.setpoints import differences, read_back
 from bench.run.steps.reentry import enter
-from bench.run.steps.setpoints import differences, read_back
 from bench.run.stop import StopSwitch, repeated
 from bench.run.watch.disk import disk_watch
 from bench.run.watch.environment import PERIOD_S, note_temperatures
@@ -308,9 +308,8 @@ class _Run:
         context = RunContext(
             self.plan, self.bench.instruments, acquisition, self.cutters, clock, self.observers, operator, stop,
             timeline, self.plan.measurement_link, folder=self.writer.folder, manifest=self.manifest,
-            earlier=self.earlier,
+            earlier=self.earlier, operate=self.bench.operate,
         )  # fmt: skip
-        context.operate = self.bench.operate
         if self.resumed is not None:
             context.record_count = self.resumed.records
             context.unit_answer, context.settled = self.resumed.unit_answer, self.resumed.settled

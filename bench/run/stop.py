@@ -108,6 +108,7 @@ class Health:
 
 Kind = Literal["hold", "retake", "skip"]
 HOLD_LIMIT_S = 4 * 3600.0  # a cause that nobody removed by then will not go away by itself
+SUSPEND_S = 2.0  # the guard's own limit of silence: what is shorter is a machine with much to do
 AWAY_LIMIT_S = 1800.0  # a switch of a network that restarts is back long before
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it

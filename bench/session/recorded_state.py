@@ -17,8 +17,8 @@ from bench.plan import InterlockRule, Station, StationFile, Step, graphs_of, rec
 from bench.record import Message, SessionReader, layout
 from bench.replay import frames_of
 from bench.run.feed.bench_state import UNHEARD, guarded_bench
+from bench.run.feed.run_state import RunState
 from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows
-from bench.run.feed.state import RunState
 from bench.run.guard.diary import guard_word
 
 _TOPICS = frozenset({layout.EVENT, layout.INSTRUMENT, layout.CLOCK})

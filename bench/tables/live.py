@@ -13,7 +13,7 @@ from bench.model.errors import InputError
 from bench.model.extras import extras_named, optional
 from bench.plan import suggestion
 from bench.record import OPEN_MARKER, is_being_written
-from bench.run.feed.client import FeedClient, FeedGone, FeedReply
+from bench.run.control.client import FeedClient, FeedGone, FeedReply
 
 PERIOD_S = 1.0
 

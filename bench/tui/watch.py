@@ -29,7 +29,7 @@ Range = tuple[float, float]
 
 
 class Points(Protocol):
-    """Answer of a feed (bench.run.feed.client): its header, and the points in columns."""
+    """Answer of a feed (bench.run.control.client): its header, and the points in columns."""
 
     @property
     def header(self) -> Mapping[str, Any]: ...

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from bench.model.clock import pause
 from bench.model.errors import BenchError
 from bench.record import OPEN_MARKER, TrendWindow
-from bench.run.feed.client import FeedGone, FeedReply
+from bench.run.control.client import FeedGone, FeedReply
 from bench.session.partial_fits import PartialFits
 from bench.web.live import FeedLine, LiveRun, end_tasks, listens
 from bench.web.now import now_of, silent_row

@@ -12,8 +12,7 @@ import numpy as np
 from bench.model.clock import NS, Clock, pause, to_ns
 from bench.model.posix import unix_connection, unix_socket
 from bench.record import OPEN_MARKER
-from bench.run.control.local_socket import LIVE, find_socket
-from bench.run.feed.client import (
+from bench.run.control.client import (
     ANSWER_S,
     LENGTHS_BYTES,
     FeedGone,
@@ -23,6 +22,7 @@ from bench.run.feed.client import (
     request,
     understood,
 )
+from bench.run.control.local_socket import LIVE, find_socket
 from bench.session.recorded_state import unheard
 from bench.web.points import MISSING_BEFORE, Points
 from bench.web.room import Room

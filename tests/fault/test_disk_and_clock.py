@@ -27,7 +27,7 @@ from bench.model.events import Event
 from bench.plan import Plan, load_station
 from bench.record import Journal, SessionReader, SessionWriter
 from bench.record import writer as writer_module
-from bench.run.bench.opener import open_bench
+from bench.run.bus.opener import open_bench
 from bench.run.guard.lock import bench_lock
 from bench.run.session import Conducted
 from bench.run.stop import StopSwitch

@@ -26,8 +26,8 @@ from bench.model.errors import RunError
 from bench.plan import load_station
 from bench.record import SessionReader
 from bench.replay import replay_rows
-from bench.run.bench.drill import drill, latest_drill
 from bench.run.guard.diary import read_diary
+from bench.run.guard.drill import drill, latest_drill
 from bench.run.watch.disk import LATE_S
 
 pytestmark = [pytest.mark.waits, pytest.mark.limit(SAFE_S)]

@@ -18,7 +18,7 @@ from typing import Any
 
 from bench.commands import run as command
 from bench.model.clock import VirtualClock
-from bench.run.links.reader import LinkReader
+from bench.run.bus.reader import LinkReader
 from bench.run.sequencer import Sequencer
 from bench.session import finish
 

@@ -12,8 +12,8 @@ from bench.model.drivers import Manual, manual_of
 from bench.model.errors import InstrumentError
 from bench.model.ports import Identity
 from bench.plan import load_station
-from bench.run.bench.first_contact import Tried, record_of, unproved, walk, write_record
-from bench.run.bench.opener import open_bench
+from bench.run.bus.first_contact import Tried, record_of, unproved, walk, write_record
+from bench.run.bus.opener import open_bench
 from bench.run.observers import HeldTranscript
 from sim_instruments import krohn_hite_3988, thermotron_3800
 

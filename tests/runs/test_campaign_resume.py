@@ -40,12 +40,12 @@ from bench.plan import Plan, Step, check_plan, compile_sequence
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay import replay_rows
 from bench.replay.parts import recorded_windows
+from bench.run import hold
 from bench.run.besides import besides
 from bench.run.context import RunContext
-from bench.run.hold import standing
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import Conducted
-from bench.run.steps.setpoints import expected_of
+from bench.run.setpoints import expected_of
 from bench.run.stop import Wish
 from bench.session.happenings import splice_tables
 from bench.session.service import read_view
@@ -242,7 +242,7 @@ def test_a_run_that_was_stopped_twice_goes_on_twice(crashes: Crashes, tmp_path: 
 def test_a_run_that_ended_by_a_fault_goes_on(
     tmp_path: Path, rehearse: Callable[..., Rehearsal], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(standing, "AWAY_LIMIT_S", 60.0)
+    monkeypatch.setattr(hold, "AWAY_LIMIT_S", 60.0)
     plan = tiny_plan(tmp_path)
     target = kinds(plan)["between points"]
 

@@ -37,7 +37,7 @@ from bench.model.shipped import find_shipped
 from bench.plan import Plan, Step, check_plan, compile_sequence, frozen_plan, load_station
 from bench.record import Journal, SessionReader
 from bench.replay import replay_rows
-from bench.run.bench.talk import TalkSession
+from bench.run.bus.talk import TalkSession
 from bench.run.resume import changed_files, read_stopped
 from bench.run.session import Conducted
 from bench.session.happenings import happenings

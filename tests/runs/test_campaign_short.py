@@ -38,9 +38,9 @@ from bench.model.quantities import Quality
 from bench.plan import Plan, Step
 from bench.record import RecordError, SessionReader, SessionWriter
 from bench.replay import replay_rows
+from bench.run import hold
 from bench.run.besides import besides
-from bench.run.feed.client import FeedClient, FeedGone
-from bench.run.hold import standing
+from bench.run.control.client import FeedClient, FeedGone
 from bench.run.session import Beside, Conducted
 from bench.tables import watch
 from sim_instruments.worlds.common.world import World
@@ -319,7 +319,7 @@ def mute(world: World, role: str) -> None:
 def test_an_instrument_that_stays_silent_ends_the_run_safely(
     tmp_path: Path, rehearse: Start, role: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(standing, "AWAY_LIMIT_S", 60.0)
+    monkeypatch.setattr(hold, "AWAY_LIMIT_S", 60.0)
     found = rehearse(tiny_plan(tmp_path), act=at_record(4, lambda world: mute(world, role)))
     error = ended_with(found, "B-RUN-070")
     assert role in error.where

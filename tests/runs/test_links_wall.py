@@ -24,12 +24,12 @@ from bench.model.clock import NS, WallClock, to_ns
 from bench.model.events import Event
 from bench.record import SessionReader, SessionWriter
 from bench.record.layout import AppendFile, OsFiles
-from bench.run.bench.opener import open_port
+from bench.run.bus.acquisition import Acquisition
+from bench.run.bus.opener import open_port
+from bench.run.bus.port import PortLink
+from bench.run.bus.reader import SILENCE_S, LinkReader
 from bench.run.context import Decided
-from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
-from bench.run.links.port import PortLink
-from bench.run.links.reader import SILENCE_S, LinkReader
 from bench.run.observers import Observers
 from bench.run.steps.recording import silent
 from bench.run.stop import LINKS, Health, StopSwitch

@@ -31,7 +31,7 @@ from bench.plan.summary import summarise
 from bench.replay import replay_rows
 from bench.run.besides import besides
 from bench.run.context import RunContext
-from bench.run.feed.client import FeedClient
+from bench.run.control.client import FeedClient
 from bench.run.observers import Observer
 from bench.run.stop import Wish
 from bench.session.early import verdict

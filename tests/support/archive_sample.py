@@ -24,7 +24,7 @@ from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.plan import Plan, compile_sequence, load_station
 from bench.record import SessionReader, SessionWriter
-from bench.run.control.operator import SimulatedOperator
+from bench.run.operator import SimulatedOperator
 from bench.run.session import conduct
 from bench.session.history import enter_history
 from bench.session.view import KEPT_EVENTS, analyse_view

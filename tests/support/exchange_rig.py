@@ -15,9 +15,9 @@ from bench.frame import load_frame
 from bench.model.clock import NS, Clock
 from bench.model.ports import ByteLink
 from bench.plan import Step
+from bench.run.bus.acquisition import Acquisition
+from bench.run.bus.reader import LinkReader
 from bench.run.context import RunContext, Timeline
-from bench.run.links.acquisition import Acquisition
-from bench.run.links.reader import LinkReader
 from bench.run.observers import AtTerminal, Observers, Recorder
 from bench.run.stop import StopSwitch
 

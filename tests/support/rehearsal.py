@@ -25,7 +25,7 @@ import pytest
 from bench import cli
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, Clock, VirtualClock
 from bench.plan import Plan, Step, check_plan, compile_sequence
-from bench.run.control.operator import Operator, SimulatedOperator
+from bench.run.operator import Operator, SimulatedOperator
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import Beside, Conducted, conduct
 from sim_instruments.worlds import simulation

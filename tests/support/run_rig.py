@@ -21,11 +21,11 @@ from bench.model.ports import Effect, Identity, action
 from bench.model.quantities import Quality
 from bench.plan import Step
 from bench.record import Journal, RecordCutter
+from bench.run.bus.acquisition import Acquisition
+from bench.run.bus.reader import LinkReader
 from bench.run.context import RunContext, Timeline
-from bench.run.control.operator import Answer, Question
-from bench.run.links.acquisition import Acquisition
-from bench.run.links.reader import LinkReader
 from bench.run.observers import AtTerminal, Observers, Recorder
+from bench.run.operator import Answer, Question
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.stop import StopSwitch
 

@@ -38,9 +38,9 @@ from bench.plan import Plan, check_plan, compile_sequence, load_station
 from bench.record.writer import RETIRED_FILES
 from bench.replay import replay_rows
 from bench.run.besides import besides
-from bench.run.control.operator import SimulatedOperator
-from bench.run.feed.live import LiveFeed
+from bench.run.control.live import LiveFeed
 from bench.run.guard.guarding import guard_beside
+from bench.run.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
 from bench.session.view import KEPT_EVENTS, analyse_view
 from sim_instruments.seeds import generator

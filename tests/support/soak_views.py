@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.model.clock import VirtualClock
 from bench.model.events import UNDECLARED
-from bench.run.feed.live import LiveFeed
+from bench.run.control.live import LiveFeed
 from bench.run.session import Conducted
 from bench.session.recorded_state import RecordedState, read_recording, scenery_of
 from bench.tui.look import Look, catalogue

@@ -12,8 +12,8 @@ from bench.commands.origin import named_file
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.plan import load_station
-from bench.run.bench.drill import drill as run_drill
-from bench.run.bench.talk import TalkSession
+from bench.run.bus.talk import TalkSession
+from bench.run.guard.drill import drill as run_drill
 from bench.run.guard.guarding import station_lock
 from bench.session.output import make_folder
 

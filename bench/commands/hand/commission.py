@@ -12,8 +12,8 @@ from bench.model.clock import WallClock, utc_text
 from bench.model.drivers import manual_of
 from bench.model.errors import ExitStatus, InputError
 from bench.plan import load_station
-from bench.run.bench.first_contact import AS_DOCUMENTED, NOT_TRIED, Tried, record_of, told_once, walk, write_record
-from bench.run.bench.opener import open_bench, unheard
+from bench.run.bus.first_contact import AS_DOCUMENTED, NOT_TRIED, Tried, record_of, told_once, walk, write_record
+from bench.run.bus.opener import open_bench, unheard
 from bench.run.guard.guarding import station_lock
 
 

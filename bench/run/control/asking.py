@@ -18,7 +18,7 @@ from bench.model.errors import BenchError, RunError
 from bench.model.events import PromptAlarm
 from bench.model.units import parse_quantity, plain_quantity, plain_unit
 from bench.run.context import RunContext
-from bench.run.control.operator import BENCH, Answer, Question, judge, limits_of
+from bench.run.operator import BENCH, Answer, Question, judge, limits_of
 
 POLL_S = 0.25
 YES = ("y", "yes")

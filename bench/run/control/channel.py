@@ -19,9 +19,9 @@ from bench.model.clock import NS, utc_text
 from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
-from bench.run.control.operator import AFAR, BENCH
-from bench.run.feed.state import RunState
+from bench.run.feed.run_state import RunState
 from bench.run.observers import Following
+from bench.run.operator import AFAR, BENCH
 
 OPERATOR, EARLY = "operator", "early verdict"
 RELEASABLE = (OPERATOR, EARLY, events.DECISION, events.UNDECLARED)  # an interlock is released by its value

@@ -17,7 +17,7 @@ from bench.model.events import Alarm, Deviation, End, Error, Event, Hold, Interl
 from bench.model.yamlio import load_yaml
 from bench.plan import Notify as NotifySection
 from bench.run.context import RunContext
-from bench.run.control.notify_ways import ATTEMPTS, Message, NotSent, ways_of
+from bench.run.guard.notify_ways import ATTEMPTS, Message, NotSent, ways_of
 from bench.run.observers import Observer
 from bench.run.stop import repeated
 

@@ -29,7 +29,7 @@ from bench.model.events import (
 )
 from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step, left_out_by
 from bench.run.feed.planned import PlannedRun
-from bench.run.steps.position import point_start
+from bench.run.position import point_start
 
 SLOPE_S = 600.0
 LONG_CALL_S = 2.0  # an instrument that takes longer to do what it was told is waited for

@@ -21,7 +21,7 @@ from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
 from bench.model.installed import unforeseen
 from bench.model.ports import Effect, Instrument, actions_of, effects_of
-from bench.run.bench.safety import SafeState, WayToSafe, hurried
+from bench.run.bus.safety import SafeState, WayToSafe, hurried
 from bench.run.guard.decision import Action, Address, Brief
 from bench.run.guard.diary import Diary
 from bench.run.guard.last_words import last_words, write_to_terminal

@@ -18,7 +18,6 @@ from bench.model.events import Guard
 from bench.model.lab import code_used
 from bench.plan import Station
 from bench.run.context import RunContext
-from bench.run.control.operator import Answer, Operator, Question
 from bench.run.guard.act import heats, put_safe
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.diary import DIARY
@@ -26,8 +25,9 @@ from bench.run.guard.last_words import terminal_of
 from bench.run.guard.lock import BenchLock, bench_lock
 from bench.run.guard.notice import notice_command
 from bench.run.guard.start import GuardProcess
+from bench.run.guard.temperatures import Guarded, TemperatureWatch
+from bench.run.operator import Answer, Operator, Question
 from bench.run.stop import Health
-from bench.run.watch.temperatures import Guarded, TemperatureWatch
 
 
 def guard_beside(station: Station) -> Callable[[RunContext], AbstractContextManager[object]]:

@@ -20,7 +20,7 @@ from bench.model.clock import Clock, to_ns, utc_moment
 from bench.model.errors import InputError, unknown_form
 from bench.model.posix import ALONE, NO_LINK, lock_file, read_at, require, user_name, write_at
 from bench.model.quantities import Values
-from bench.run.bench.side_by_side import bus_of
+from bench.run.bus.side_by_side import bus_of
 from bench.run.guard.take_over import ask_to_let_go
 
 GUARD_PATIENCE_S = 90.0  # how long a controller waits for a guard that is making the bench safe

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from bench.model.posix import NOTICE, own_process
 from bench.plan import Notify
-from bench.run.control.notify_ways import ATTEMPTS, Message, NotSent, ways_of
+from bench.run.guard.notify_ways import ATTEMPTS, Message, NotSent, ways_of
 
 
 def notice_command(notify: Notify | None) -> tuple[str, ...]:

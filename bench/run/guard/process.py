@@ -24,7 +24,7 @@ from bench.model.errors import BenchError
 from bench.model.lab import demand
 from bench.model.ports import Instrument, actions_of
 from bench.model.posix import signals
-from bench.run.bench.opener import open_instrument, open_visa, unheard
+from bench.run.bus.opener import open_instrument, open_visa, unheard
 from bench.run.guard.act import Controller, Opener, act
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.diary import Diary

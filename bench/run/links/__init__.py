@@ -1,1 +1,1 @@
-"""The serial links of the unit: acquisition, supervision, opening again."""
+"""The serial links of the unit: supervision, opening again, answers."""

@@ -16,13 +16,12 @@ from bench.model.errors import LinkError, RunError
 from bench.model.events import Link
 from bench.model.ports import Effect, drivers_of
 from bench.plan import PlannedCommand, PlannedRecord, PlannedSend, PlannedSoak, Step
+from bench.run.bus.port import InstrumentLink, Reopenable, cure, kernel_counts, readers_beside
+from bench.run.bus.reader import LinkReader, age_s, is_silent, is_stale, silence_s
 from bench.run.context import RunContext
-from bench.run.links.port import InstrumentLink, Reopenable, cure, kernel_counts, readers_beside
-from bench.run.links.reader import LinkReader, age_s, is_silent, is_stale, silence_s
 from bench.run.links.unit import NOWHERE, CounterMark, Unit, went_on
 from bench.run.observers import Observer, Order
-from bench.run.stop import LINKS
-from bench.run.watch.clock import SUSPEND_S
+from bench.run.stop import LINKS, SUSPEND_S
 
 REOPEN_NS = NS // 2
 GOOD_FRAMES = 3  # in a row of time; a port that was opened in the middle of a frame costs one

@@ -18,8 +18,8 @@ from bench.model.errors import LinkError, RunError
 from bench.model.quantities import Values
 from bench.plan import UNIT, Plan, PlannedCommand, PlannedUnit
 from bench.record import RecordRow
+from bench.run.bus.reader import ANSWER, LinkReader, UnitAnswer, answers_of
 from bench.run.context import RunContext
-from bench.run.links.reader import ANSWER, LinkReader, UnitAnswer, answers_of
 
 IDENTIFY = "identify"  # name of the unit command, under unit_commands, whose answer tells who the unit is
 DONE = 0  # status of an answer

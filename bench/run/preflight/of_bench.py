@@ -8,15 +8,15 @@ from pathlib import PurePosixPath
 
 from bench.model.posix import termios
 from bench.plan import unwatched
-from bench.run.bench.drill import drill_age, latest_drill
-from bench.run.bench.drill_controller import has_source
-from bench.run.links.port import descriptor_of
+from bench.run.bus.port import descriptor_of
+from bench.run.guard.drill import drill_age, latest_drill
+from bench.run.guard.drill_controller import has_source
 from bench.run.preflight.context import Finding, PreflightContext, Status
 
 GUARD_LIMIT_S = 15.0
 DRILL_DAYS = 30
 _START = (
-    "import sys; import bench.run.guard.process; from bench.run.bench.opener import open_visa; "
+    "import sys; import bench.run.guard.process; from bench.run.bus.opener import open_visa; "
     "open_visa(sys.argv[1]); print('ready')"
 )
 LATENCY_MS = 2  # a USB adapter collects bytes so long before it sends them; 16 is what many start with

@@ -8,9 +8,9 @@ from typing import Any
 from bench.model.drivers import manual_of
 from bench.model.errors import BenchError, InstrumentError
 from bench.plan import WIRING, PlannedPrompt, PlannedRecord
-from bench.run.bench.first_contact import unproved
-from bench.run.bench.safety import hurried
-from bench.run.bench.side_by_side import asked
+from bench.run.bus.first_contact import unproved
+from bench.run.bus.safety import hurried
+from bench.run.bus.side_by_side import asked
 from bench.run.preflight.context import Finding, PreflightContext, Status
 
 MARGIN = timedelta(days=1)  # holds, retakes and a late start

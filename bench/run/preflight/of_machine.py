@@ -17,7 +17,7 @@ from bench.model.errors import InputError
 from bench.model.events import Inhibit
 from bench.model.posix import ALONE
 from bench.plan import summarise
-from bench.run.bench.beginning import SPACE_FACTOR, check_space, folder_above
+from bench.run.bus.beginning import SPACE_FACTOR, check_space, folder_above
 from bench.run.context import RunContext
 from bench.run.preflight.context import Finding, PreflightContext, Status, Surroundings
 from bench.run.provenance import PACKAGES

@@ -20,7 +20,7 @@ from bench.model.errors import BenchError, InstrumentError
 from bench.model.installed import unforeseen
 from bench.model.ports import ByteLink, Instrument
 from bench.plan import Plan, Station
-from bench.run.bench.opener import (
+from bench.run.bus.opener import (
     OpenBench,
     missing_buses,
     open_bench,
@@ -29,7 +29,7 @@ from bench.run.bench.opener import (
     open_visa,
     unheard,
 )
-from bench.run.bench.side_by_side import asked
+from bench.run.bus.side_by_side import asked
 from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight import of_bench, of_instruments, of_machine
 from bench.run.preflight.context import Finding, Host, PreflightContext, Report, Status, Surroundings, told

@@ -1,1 +1,1 @@
-"""The kinds of steps as they are carried out, and the place of the run."""
+"""The kinds of steps as they are carried out."""

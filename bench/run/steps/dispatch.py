@@ -42,10 +42,10 @@ from bench.plan import (
     Step,
 )
 from bench.record import RecordRow
+from bench.run.bus.reader import LinkReader, UnitAnswer
 from bench.run.context import Read, RunContext
-from bench.run.control.operator import Question, answered, judge, within
-from bench.run.links.reader import LinkReader, UnitAnswer
 from bench.run.links.unit import DONE, IDENTIFY, check_identity
+from bench.run.operator import Question, answered, judge, within
 from bench.run.steps.recording import act, call_or_flag, reading_of, take_record
 from bench.run.steps.soak import soak
 from bench.run.stop import Interruption, Wish

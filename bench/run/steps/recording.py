@@ -32,9 +32,9 @@ from bench.plan import (
     round_count,
 )
 from bench.record import RecordRow, row_of_readings
+from bench.run.bus.port import cure
+from bench.run.bus.reader import LinkReader
 from bench.run.context import RunContext
-from bench.run.links.port import cure
-from bench.run.links.reader import LinkReader
 from bench.run.links.unit import check_wiring
 
 BEHIND_FRAMES = 2  # the newest frame is older than this many periods: the link is behind

@@ -17,9 +17,9 @@ from bench.model.ports import drivers_of
 from bench.model.units import finite
 from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step, Steps
 from bench.run.context import RunContext, Timeline
-from bench.run.control.operator import changes_of
+from bench.run.operator import changes_of
+from bench.run.setpoints import changes_motion, motion_again, steps_again, warm_up_s
 from bench.run.steps.dispatch import execute
-from bench.run.steps.setpoints import changes_motion, motion_again, steps_again, warm_up_s
 from bench.run.steps.soak import drive, soak
 
 UNIT_SPEAKS_S = 10.0  # housekeeping comes ten times a second once the unit streams

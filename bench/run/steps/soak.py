@@ -22,8 +22,8 @@ from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Error, Late, Settled, Slip, ThermalLag
 from bench.model.units import finite
 from bench.plan import PlannedSoak, PlannedUnit, SetPoint
+from bench.run.bus.reader import hearing
 from bench.run.context import RunContext
-from bench.run.links.reader import hearing
 
 _LOOKS = 5  # in which the air stands still, and after which the means count
 _AT_REST_degC = 0.3  # by so much no reading of them is off the newest: three steps of a controller's display

@@ -1,1 +1,1 @@
-"""Watches while steps run: interlocks, deviations, temperatures, clocks, trend."""
+"""Watches while steps run: interlocks, deviations, clocks, trend."""

@@ -18,11 +18,10 @@ from contextlib import contextmanager
 from bench.model.clock import NS, Clock
 from bench.model.events import ClockStep, Suspend
 from bench.run.context import RunContext
-from bench.run.stop import repeated
+from bench.run.stop import SUSPEND_S, repeated
 
 LOOK_S = 0.5
 STEP_S = 0.5
-SUSPEND_S = 2.0  # the guard's own limit of silence: what is shorter is a machine with much to do
 SURE_NS = 20_000_000  # both clocks are read within this time, or again
 _TRIES = 5
 

@@ -25,13 +25,13 @@ from bench.model.units import finite
 from bench.plan import CHAMBER, InterlockRule, PlannedCall, PlannedRecord, SetPoint, Step
 from bench.record import RecordError
 from bench.run.context import RunContext
+from bench.run.guard.temperatures import BLIND_S
 from bench.run.observers import Following, Observer, Order
-from bench.run.steps.setpoints import VOLTAGE_WITHIN
+from bench.run.setpoints import VOLTAGE_WITHIN
 from bench.run.stop import CHAMBER_AIR, guarded
 from bench.run.watch.air import APART_BACK_K, APART_K, BACK_K, OWN, SECOND, ChamberAir
 from bench.run.watch.interlocks import LOOK_VIRTUAL_S, LOOK_WALL_S, InterlockState
 from bench.run.watch.signals import leaves_the_bus, read_idle, scanned
-from bench.run.watch.temperatures import BLIND_S
 
 LEAST_VOLTAGE_V = 0.1  # what a supply reads back of itself beside its share, and of 0 V
 RATE_WITHIN = 0.01  # of the demand: tables hold 1e-4, so this is no noise

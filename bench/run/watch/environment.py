@@ -6,7 +6,7 @@ from bench.model.errors import InstrumentError
 from bench.model.events import Environment, Error
 from bench.model.units import finite
 from bench.plan import CHAMBER
-from bench.run.bench.safety import QUICK_S, hurried
+from bench.run.bus.safety import QUICK_S, hurried
 from bench.run.context import RunContext, hottest_degC
 
 PERIOD_S = 60.0

@@ -24,11 +24,11 @@ from bench.model.errors import InstrumentError
 from bench.model.events import UNDECLARED
 from bench.model.ports import DE_ENERGISING, ENERGISING, SWITCHED_OFF, Instrument, drivers_of, effects_of
 from bench.plan import Step
-from bench.run.bench.safety import QUICK_S, hurried
+from bench.run.bus.safety import QUICK_S, hurried
 from bench.run.context import RunContext
 from bench.run.feed.bench_state import LOOK_VIRTUAL_S, LOOK_WALL_S, BenchState
 from bench.run.observers import Following, Observer, Order
-from bench.run.steps.setpoints import goes_off
+from bench.run.setpoints import goes_off
 from bench.run.stop import repeated
 from bench.run.watch.signals import leaves_the_bus
 

@@ -24,10 +24,10 @@ from bench.model.events import Error, Surroundings
 from bench.model.ports import Instrument
 from bench.plan import CHAMBER, SECOND_BYTES, InterlockRule, PlannedUnit
 from bench.record import RecordRow
-from bench.run.bench.safety import hurried
+from bench.run.bus.acquisition import STALE_S
+from bench.run.bus.reader import TEMPERATURE, LinkReader, age_s, of_unit
+from bench.run.bus.safety import hurried
 from bench.run.context import RunContext
-from bench.run.links.acquisition import STALE_S
-from bench.run.links.reader import TEMPERATURE, LinkReader, age_s, of_unit
 from bench.run.observers import Following
 from bench.run.stop import CHAMBER_AIR
 

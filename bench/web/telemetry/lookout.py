@@ -18,7 +18,7 @@ import numpy as np
 
 from bench.model.clock import NS, to_ns
 from bench.record import OPEN_MARKER
-from bench.run.feed.client import FeedReply
+from bench.run.control.client import FeedReply
 from bench.web.hub import Hub
 from bench.web.live import LOST_S, end_tasks
 from bench.web.now import silent_row

@@ -15,7 +15,7 @@ from bench.record import SessionReader
 from bench.replay import replay_rows
 from bench.run.context import RunContext
 from bench.run.control.channel import OPERATOR
-from bench.run.feed.state import RunState
+from bench.run.feed.run_state import RunState
 from bench.run.session import Conducted
 from bench.run.stop import Wish
 from bench.session.service import read_view

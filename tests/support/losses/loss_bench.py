@@ -21,7 +21,7 @@ from loss_schedule import ALL, Kind, Loss
 from waiting import until
 
 from bench.model.errors import BenchError
-from bench.run.bench.served_world import ask
+from bench.run.bus.served_world import ask
 
 START_S = 60.0
 LOOK_S = 0.2

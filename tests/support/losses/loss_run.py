@@ -23,7 +23,7 @@ from bench.commands.control import ask as ask_run
 from bench.model.clock import NS
 from bench.model.errors import BenchError
 from bench.record import SessionReader
-from bench.run.feed.client import FeedClient
+from bench.run.control.client import FeedClient
 from bench.run.guard.diary import DIARY, read_diary
 from bench.session.recorded_state import RecordedState, read_recording, scenery_of
 

@@ -7,7 +7,7 @@ from bench.model.clock import NS, VirtualClock
 from bench.plan import Plan, Step, compile_sequence
 from bench.record import RecordRow
 from bench.run.besides import besides
-from bench.run.control.operator import SimulatedOperator
+from bench.run.operator import SimulatedOperator
 from bench.run.session import Beside, Conducted, conduct
 
 ROOT = Path(__file__).resolve().parents[3]

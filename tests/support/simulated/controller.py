@@ -12,10 +12,10 @@ from pathlib import Path
 
 from bench.model.clock import WallClock
 from bench.plan import Step, check_plan, compile_sequence, load_station
-from bench.run.control.operator import Answer, Question
 from bench.run.guard.guarding import guard_beside
+from bench.run.guard.temperatures import TemperatureWatch
+from bench.run.operator import Answer, Question
 from bench.run.session import conduct
-from bench.run.watch.temperatures import TemperatureWatch
 
 HANG_S, ANSWER_S, FSYNC_S = 60.0, 5.0, 8.0
 MARK = "operate"

@@ -13,7 +13,7 @@ from typing import Any
 
 from waiting import until
 
-from bench.run.bench.served_world import ask
+from bench.run.bus.served_world import ask
 from bench.run.guard.diary import read_diary
 
 HERE = Path(__file__).resolve().parent

@@ -21,7 +21,7 @@ from bench.model.ports import RecordWindow
 from bench.plan import UNIT, Step
 from bench.record import SessionReader
 from bench.run.besides import besides
-from bench.run.control.operator import SimulatedOperator
+from bench.run.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import conduct
 from bench.session.one_unit import extract, serials_of, session_of_unit

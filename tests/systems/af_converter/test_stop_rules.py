@@ -21,10 +21,10 @@ from bench.model.stopping import STAGE, UNTIL
 from bench.plan import Plan, PlannedDecision, PlannedRecord, decisions_of
 from bench.record import UNIT_TEMPERATURE, RecordRow, SessionReader
 from bench.replay.parts import recorded_windows
-from bench.run.control.operator import SimulatedOperator
+from bench.run.operator import SimulatedOperator
+from bench.run.position import in_point, point_start, point_stop
 from bench.run.session import conduct
 from bench.run.steps.dispatch import looked_at
-from bench.run.steps.position import in_point, point_start, point_stop
 from bench.session.service import read_view
 from bench.session.view import analyse_view, material_of
 from bench.systems.af_converter.constants import read_campaign

@@ -19,7 +19,7 @@ from bench.model.errors import OperatorStop
 from bench.plan import Plan, PlannedCommand, Step, compile_sequence
 from bench.record import SessionReader
 from bench.run.control.asking import _judged
-from bench.run.control.operator import Answer, Question, SimulatedOperator
+from bench.run.operator import Answer, Question, SimulatedOperator
 from bench.run.session import Conducted, conduct
 from bench.session.service import read_view
 from bench.session.view import analyse_view

@@ -30,8 +30,8 @@ from bench.commands.tables import print_results, print_summary
 from bench.commands.usage import GROUPS, completing
 from bench.model.errors import BenchError
 from bench.plan import Step
-from bench.run.control.operator import Question
-from bench.run.feed.client import FeedGone
+from bench.run.control.client import FeedGone
+from bench.run.operator import Question
 
 PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0, duration_s=90.0, finally_s=0.0)
 

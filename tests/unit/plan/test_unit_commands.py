@@ -14,7 +14,7 @@ from bench.model.ports import Parameter
 from bench.plan import Findings, Plan, PlannedPrompt, check_plan, compile_sequence, plan_json, steps_of
 from bench.plan.check.actions import ActionCheck
 from bench.run.control.asking import Refused, _judged
-from bench.run.control.operator import Question, limits_of
+from bench.run.operator import Question, limits_of
 
 SEQUENCE = """\
 sequence: sample

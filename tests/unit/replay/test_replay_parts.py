@@ -19,7 +19,7 @@ from bench.model.quantities import Quality
 from bench.record import RecordRow, SessionWriter
 from bench.replay import compare, moved_rows, replay_rows
 from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
-from bench.run.control.operator import SimulatedOperator
+from bench.run.operator import SimulatedOperator
 from bench.run.session import conduct
 from sim_instruments.faults.switchboard import LinkFaults
 

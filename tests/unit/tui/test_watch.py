@@ -20,7 +20,7 @@ from bench.commands import top as command
 from bench.model.errors import ExitStatus, InputError
 from bench.model.texts import Texts
 from bench.record.writer import OPEN_MARKER
-from bench.run.feed.client import FeedGone
+from bench.run.control.client import FeedGone
 from bench.tui import watch
 from bench.tui.app import TopApp
 from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue

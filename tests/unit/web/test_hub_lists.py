@@ -19,7 +19,7 @@ from bench.model.clock import VirtualClock
 from bench.model.events import event_of
 from bench.record import OPEN_MARKER, SessionWriter
 from bench.run.feed.bench_state import bench_in_words
-from bench.run.feed.state import RunState
+from bench.run.feed.run_state import RunState
 from bench.run.guard.diary import DIARY
 from bench.run.guard.last_words import guard_lines
 from bench.session import partial_fits

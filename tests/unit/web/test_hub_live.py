@@ -20,9 +20,9 @@ from websockets.sync.client import ClientConnection, connect
 from bench.analysis import estimate
 from bench.model.clock import WallClock
 from bench.record import OPEN_MARKER
+from bench.run.control.client import FeedClient, FeedGone, FeedReply
+from bench.run.control.live import FeedServer
 from bench.run.control.local_socket import LIVE, socket_path
-from bench.run.feed.client import FeedClient, FeedGone, FeedReply
-from bench.run.feed.live import FeedServer
 from bench.run.feed.points import PointBatch
 from bench.web import live
 from bench.web.live import FeedLine, LiveRun

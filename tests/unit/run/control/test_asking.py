@@ -28,8 +28,8 @@ from bench.run.context import RunContext
 from bench.run.control.asking import AT_BENCH, Refused, WaitingOperator
 from bench.run.control.channel import Control
 from bench.run.control.early import EarlyVerdicts, judge_command
-from bench.run.control.operator import AFAR, BENCH, Answer, Question, limits_of
 from bench.run.observers import Following
+from bench.run.operator import AFAR, BENCH, Answer, Question, limits_of
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.early import drift_check, repeat_check, residual_check, scatter_check
 

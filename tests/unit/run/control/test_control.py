@@ -33,7 +33,7 @@ from bench.run.control.local_socket import (
     socket_path,
 )
 from bench.run.control.notify import Notifier
-from bench.run.feed.state import RunState
+from bench.run.feed.run_state import RunState
 from bench.run.observers import Following, Observer
 
 WAIT_S = 20.0

@@ -21,10 +21,10 @@ from bench.model.errors import InputErrors
 from bench.model.events import End, Error, Hold, Interlock, Phase, Verdict, event_of
 from bench.plan.language.notices import Apprise, Mail, Notify, Webhook
 from bench.run.context import RunContext
-from bench.run.control import notify_ways
 from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion, user_notify
-from bench.run.control.notify_ways import NotSent, by_apprise, by_command, by_mail, by_webhook
 from bench.run.control.systemd import ServiceNotice, service_notice
+from bench.run.guard import notify_ways
+from bench.run.guard.notify_ways import NotSent, by_apprise, by_command, by_mail, by_webhook
 from bench.run.observers import Following
 from bench.run.stop import SEQUENCER, WRITER
 
@@ -189,7 +189,7 @@ def test_apprise_gets_its_addresses_by_the_environment_alone(monkeypatch: pytest
     with running(Web()) as web:
         address = web.url.replace("http", "json").replace("127", "me:secret@127")
         monkeypatch.setenv("MESSAGES", f"{address} json://me:secret@127.0.0.1:{web.server_port}/second")
-        monkeypatch.setattr("bench.run.control.notify_ways.TIMEOUT_S", 60.0)  # a busy machine
+        monkeypatch.setattr("bench.run.guard.notify_ways.TIMEOUT_S", 60.0)  # a busy machine
         by_apprise(way, {**MESSAGE, "kind": "error", "code": "B-RUN-021"})
         assert [(body["title"], body["type"]) for body, _ in web.got] == [("[bench] error: a", "failure")] * 2
         assert web.got[0][0]["message"].splitlines()[:2] == ["kind: error", "session: a"]
@@ -206,7 +206,7 @@ def test_apprise_gets_its_addresses_by_the_environment_alone(monkeypatch: pytest
 
 @pytest.mark.parametrize("text", ["raise SystemExit(3)", "import time; time.sleep(60)", None])
 def test_a_program_that_fails_hangs_or_is_missing(text: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.run.control.notify_ways.TIMEOUT_S", 0.5)
+    monkeypatch.setattr("bench.run.guard.notify_ways.TIMEOUT_S", 0.5)
     words = ["/nowhere/at/all"] if text is None else [sys.executable, "-c", text]
     with pytest.raises(NotSent):
         by_command(words, MESSAGE)

@@ -22,10 +22,10 @@ from bench.frame import LinkCounts
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.events import Phase, Reentry
+from bench.run.control import live as served_by
+from bench.run.control.client import FeedClient, FeedGone
+from bench.run.control.live import LONGEST_LINE, FeedServer, links_of, live_feed
 from bench.run.control.local_socket import LIVE, LONGEST_PATH, MOST_CLIENTS, ControlServer, socket_path
-from bench.run.feed import live as served_by
-from bench.run.feed.client import FeedClient, FeedGone
-from bench.run.feed.live import LONGEST_LINE, FeedServer, links_of, live_feed
 from bench.run.feed.points import PointBatch
 
 WAIT_S = 20.0
@@ -290,7 +290,7 @@ def test_a_run_that_cannot_be_watched_runs(watched: tuple[HoldRig, Any], monkeyp
     def refused(folder: Path, what: str) -> Path:
         raise PermissionError("belongs to somebody else")
 
-    monkeypatch.setattr("bench.run.feed.live.socket_path", refused)
+    monkeypatch.setattr("bench.run.control.live.socket_path", refused)
     rig, context = watched
     with live_feed(context):
         assert any("nobody can watch this run" in text for text in rig.listener.messages)

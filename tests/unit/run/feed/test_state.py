@@ -12,7 +12,7 @@ from bench.model.events import Phase, ThermalLag, event_of
 from bench.plan import PlannedSoak
 from bench.run.feed.alarms import MOST, Alarms
 from bench.run.feed.planned import MARGIN_S, SHARE, PlannedRun, Remaining, early_s, end_of_run
-from bench.run.feed.state import RunState
+from bench.run.feed.run_state import RunState
 
 KEYS = {
     "proto", "run", "boot_id", "title", "sequence", "station", "uut", "simulated", "clock", "source", "state",

@@ -18,14 +18,14 @@ from bench.model.errors import InputError, RunError
 from bench.model.shipped import find_shipped
 from bench.plan import Step, compile_sequence
 from bench.plan.station import load_station
-from bench.run.control.operator import SimulatedOperator
 from bench.run.guard import start
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.guarding import guard_beside
 from bench.run.guard.start import BEAT_S, GOODBYE_S, UNANSWERED_S, GuardProcess
+from bench.run.guard.temperatures import LONGEST_S, WALL_S, patience_s
+from bench.run.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
 from bench.run.stop import CHAMBER_AIR, LINKS, SEQUENCER, Health, StopSwitch
-from bench.run.watch.temperatures import LONGEST_S, WALL_S, patience_s
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
 

@@ -20,12 +20,12 @@ from bench.model.posix import user_name
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from bench.plan.language.notices import Notify
-from bench.run.bench.drill import drill, latest_drill
-from bench.run.bench.drill_controller import source_of
 from bench.run.guard import last_words as last_words_module
 from bench.run.guard.act import act
 from bench.run.guard.decision import Action, Address, Brief, Watched
 from bench.run.guard.diary import Diary, guard_word, read_diary
+from bench.run.guard.drill import drill, latest_drill
+from bench.run.guard.drill_controller import source_of
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.last_words import guard_lines, last_words, terminal_of, write_to_terminal
 from bench.run.guard.notice import notice_command

@@ -14,7 +14,7 @@ from bench.plan import InterlockRule, compile_sequence
 from bench.run.context import RunContext
 from bench.run.control.asking import AT_BENCH, WaitingOperator
 from bench.run.control.channel import Control
-from bench.run.hold.standing import LIMIT_S, energised_again
+from bench.run.hold import LIMIT_S, energised_again
 from bench.run.observers import Following
 from bench.run.sequencer import Outcome
 from bench.run.watch.interlocks import interlocks
@@ -192,7 +192,7 @@ def test_a_resume_from_afar_is_refused_while_an_interlock_is_beyond_its_limit(tm
 
 def test_nobody_comes_for_a_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert LIMIT_S == 86_400.0
-    monkeypatch.setattr("bench.run.hold.standing.LIMIT_S", 600.0)
+    monkeypatch.setattr("bench.run.hold.LIMIT_S", 600.0)
     rig = Bench(tmp_path)
     rig.at(40.0, lambda: rig.say("resume", "afar"))
     outcome = rig.carried_out()

@@ -13,7 +13,7 @@ from run_rig import RECORD_S, SETTLE_S, HoldRig, Instrument, Passive, Rig, instr
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.ports import Effect, Identity, action
 from bench.plan import Step
-from bench.run.hold.standing import ALARM_S, ASK_S, MOST_HOLDS
+from bench.run.hold import ALARM_S, ASK_S, MOST_HOLDS
 from bench.run.stop import AWAY_LIMIT_S, Holds, Interruption, StopSwitch, Wish
 
 POINT_S = SETTLE_S + RECORD_S

@@ -24,9 +24,9 @@ from bench.model.clock import NS, VirtualClock, to_ns
 from bench.model.errors import InputError, InputErrors, InstrumentError, LinkError
 from bench.model.shipped import find_shipped
 from bench.plan import Step, load_station
-from bench.run.bench.opener import open_port
-from bench.run.links.port import TIOCGICOUNT, InstrumentLink, PortLink, descriptor_of, kernel_counts
-from bench.run.links.reader import LinkReader, is_stale
+from bench.run.bus.opener import open_port
+from bench.run.bus.port import TIOCGICOUNT, InstrumentLink, PortLink, descriptor_of, kernel_counts
+from bench.run.bus.reader import LinkReader, is_stale
 from bench.run.links.unit import CounterMark, Unit, went_on
 
 FRAME = load_frame(find_shipped("frames", "time_tags"))

@@ -15,7 +15,7 @@ from bench.model.errors import ExitStatus
 from bench.model.shipped import find_shipped
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.replay import replay_rows
-from bench.run.control.operator import SimulatedOperator
+from bench.run.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.af_converter import ngu as ngu_core

@@ -20,10 +20,10 @@ from bench.frame import FrameDefinition, LinkBatch, load_frame
 from bench.model.clock import NS, Clock, VirtualClock, WallClock
 from bench.model.shipped import find_shipped
 from bench.record import RecordError
-from bench.run.links import reader as link_reader
-from bench.run.links.acquisition import QUEUE_BYTES, SERVICE_S, Acquisition
-from bench.run.links.port import PortLink
-from bench.run.links.reader import LinkReader
+from bench.run.bus import reader as link_reader
+from bench.run.bus.acquisition import QUEUE_BYTES, SERVICE_S, Acquisition
+from bench.run.bus.port import PortLink
+from bench.run.bus.reader import LinkReader
 from bench.run.stop import StopSwitch
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.simulation import open_world

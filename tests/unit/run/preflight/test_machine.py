@@ -21,8 +21,8 @@ from bench.model.shipped import find_shipped
 from bench.plan import Station, compile_sequence, load_station
 from bench.plan.served import served_station
 from bench.plan.summary import summarise
-from bench.run.bench.drill import RESULT
-from bench.run.bench.opener import open_port
+from bench.run.bus.opener import open_port
+from bench.run.guard.drill import RESULT
 from bench.run.preflight import Status
 from bench.run.preflight.context import Host, KernelClock
 from bench.run.preflight.of_bench import drill, guard, latency_timers, line_settings, quiet

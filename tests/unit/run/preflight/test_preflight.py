@@ -26,8 +26,8 @@ from bench.model.errors import ExitStatus, InputError, InstrumentError
 from bench.model.events import Event
 from bench.model.ports import Identity
 from bench.report.tables import analysis_tables
-from bench.run.bench.opener import open_bench
-from bench.run.bench.side_by_side import bus_of
+from bench.run.bus.opener import open_bench
+from bench.run.bus.side_by_side import bus_of
 from bench.run.preflight import Finding, Preflight, Report, Status
 from bench.run.preflight import survey as surveying
 from bench.run.preflight.context import PreflightContext

@@ -11,7 +11,7 @@ from run_rig import Rig
 from bench.model.events import Event, Resume, Retake, Skip, event_of
 from bench.plan.station import driver_actions
 from bench.record import JournalEntry
-from bench.run.steps.position import Position, in_point, point_start, point_stop, readings_of, stopped_at
+from bench.run.position import Position, in_point, point_start, point_stop, readings_of, stopped_at
 
 
 def plan(folder: Path, points: int = 3) -> Any:

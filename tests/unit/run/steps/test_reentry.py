@@ -16,8 +16,8 @@ from bench.run.context import RunContext
 from bench.run.control.channel import Control
 from bench.run.links.keeper import keep_links
 from bench.run.observers import Following
+from bench.run.setpoints import differences, expected_of, read_back, steps_again
 from bench.run.steps.reentry import come_back, enter
-from bench.run.steps.setpoints import differences, expected_of, read_back, steps_again
 from bench.run.stop import Interruption, Wish
 
 SOAK = {"temperature": 20.0, "ramp": 0.5, "slot": 600.0, "within": 1.0, "for": 120.0, "sensor": "unit", "late": "abort"}

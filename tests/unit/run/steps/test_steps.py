@@ -20,7 +20,7 @@ from bench.model.events import Event, ThermalLag
 from bench.model.quantities import Quality
 from bench.plan import PlannedSoak
 from bench.run.context import Decided, InUse, Timeline
-from bench.run.control.operator import Answer, Question, SimulatedOperator, judge
+from bench.run.operator import Answer, Question, SimulatedOperator, judge
 from bench.run.steps.soak import Approach, Rest
 from bench.run.stop import StopSwitch
 from sim_instruments.worlds.common.thermal import UNIT_LAG_S, Thermal

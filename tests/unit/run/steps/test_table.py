@@ -14,8 +14,8 @@ from run_rig import HoldRig, Instrument, Rig
 from bench.model.drivers import driver_class
 from bench.model.ports import Effect, Parameter, action, actions_of, can_move
 from bench.plan import Step
-from bench.run.steps.position import point_start
-from bench.run.steps.setpoints import goes_off, motion_again, steps_again
+from bench.run.position import point_start
+from bench.run.setpoints import goes_off, motion_again, steps_again
 from bench.run.stop import Wish
 
 DRIVERS = {"turntable": actions_of(driver_class("acutrol_3000")), "supply": actions_of(driver_class("hp_6632b"))}

@@ -25,7 +25,7 @@ from bench.model.ports import ByteLink, SessionSink
 from bench.model.units import finite
 from bench.plan import PlannedUnit
 from bench.record import RecordError
-from bench.run.links.port import InstrumentLink
+from bench.run.bus.port import InstrumentLink
 
 READ_BYTES = 4_000_000  # without a time-out a read returns what is there: 1 s of 600,000 edges and more
 HELD_BYTES = 8_000_000  # per link, read and not yet recorded: 11 minutes at 115,200 Bd

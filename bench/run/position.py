@@ -25,7 +25,7 @@ from bench.plan import (
     left_out_by,
 )
 from bench.record import JournalEntry
-from bench.run.steps.setpoints import is_motion
+from bench.run.setpoints import is_motion
 
 
 @dataclass(frozen=True)

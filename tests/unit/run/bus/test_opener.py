@@ -18,13 +18,13 @@ from pyvisa_py.sessions import Session, UnavailableSession
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, InstrumentError
 from bench.plan import Plan, Station, compile_sequence, load_station
-from bench.run.bench import opener
-from bench.run.bench.opener import OpenBench, check_answers, missing_buses, open_bench, port_of
-from bench.run.bench.safety import LATE_S, PAUSE_S, QUICK_S, WayToSafe, make_safe, states_of
-from bench.run.bench.served_world import ask, told
-from bench.run.bench.side_by_side import asked, bus_of
-from bench.run.control.operator import SimulatedOperator
+from bench.run.bus import opener
+from bench.run.bus.opener import OpenBench, check_answers, missing_buses, open_bench, port_of
+from bench.run.bus.safety import LATE_S, PAUSE_S, QUICK_S, WayToSafe, make_safe, states_of
+from bench.run.bus.served_world import ask, told
+from bench.run.bus.side_by_side import asked, bus_of
 from bench.run.observers import HeldTranscript, Observers, Recorder, new_folder
+from bench.run.operator import SimulatedOperator
 from bench.run.session import conduct
 from sim_instruments.served.process import ControlSocket
 

@@ -26,8 +26,8 @@ from bench.model.clock import Clock
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError, InstrumentError, LinkError
 from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
-from bench.run.bench.served_world import told
-from bench.run.links.port import InstrumentLink, PortLink
+from bench.run.bus.port import InstrumentLink, PortLink
+from bench.run.bus.served_world import told
 
 if TYPE_CHECKING:
     from bench.plan import Station  # the guard opens instruments too, and must not need plans

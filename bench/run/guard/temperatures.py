@@ -11,7 +11,7 @@ from bench.model.errors import InstrumentError
 from bench.model.events import Event
 from bench.model.ports import Instrument
 from bench.plan import CHAMBER
-from bench.run.bench.safety import hurried
+from bench.run.bus.safety import hurried
 from bench.run.context import InUse
 from bench.run.stop import CHAMBER_AIR, UNIT, Health, StopSwitch, guarded
 

@@ -9,7 +9,7 @@ from bench.model.clock import Clock, utc_stamp
 from bench.model.lab import code_texts, recorded_code
 from bench.plan import Station
 from bench.record import SessionWriter
-from bench.run.bench.opener import open_bench
+from bench.run.bus.opener import open_bench
 from bench.run.observers import HeldTranscript, Observers, Recorder, new_folder
 from bench.run.provenance import lab_of, software
 

@@ -3,7 +3,7 @@
 Every instrument that drives a stimulus or leads it to the unit is made safe in the station's order (the calibrator goes
 to standby before a relay opens), and so is a table, because somebody may come to it. Supply, clock and chamber go on,
 so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like any others.
-Before anything is energised or moves again somebody arms the bench (bench.run.hold.standing).
+Before anything is energised or moves again somebody arms the bench (bench.run.hold).
 
 One that cannot be reached is tried again and again. Where nothing of the path of the stimulus is confirmed open, those
 supplies that can be reached are switched off too, in the same order, and the run ends.
@@ -29,10 +29,10 @@ from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Armed, Hold, HoldAlarm, Release, StimulusAlarm, by_instrument
 from bench.model.ports import ENERGISING, Drivers, Effect, drivers_of, effects_of
 from bench.plan import Step
-from bench.run.bench.safety import QUICK_S, WayToSafe, hurried
+from bench.run.bus.safety import QUICK_S, WayToSafe, hurried
 from bench.run.context import RunContext
-from bench.run.control.operator import Question
-from bench.run.steps.setpoints import drives, goes_off, motion_again
+from bench.run.operator import Question
+from bench.run.setpoints import drives, goes_off, motion_again
 from bench.run.stop import AWAY_LIMIT_S, Wish
 
 LIMIT_S = 24 * 3600.0  # as a pause: somebody comes within a day, or the run ends safely

@@ -19,9 +19,9 @@ from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, InputError
 from bench.model.ports import Effect, Instrument, effects_of
 from bench.plan import Station, load_station
-from bench.run.bench.beginning import begin_safely
-from bench.run.bench.opener import OpenBench, open_bench
-from bench.run.bench.safety import make_safe, states_of
+from bench.run.bus.beginning import begin_safely
+from bench.run.bus.opener import OpenBench, open_bench
+from bench.run.bus.safety import make_safe, states_of
 from bench.run.guard.diary import DIARY
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.start import GuardProcess

@@ -21,8 +21,8 @@ from typing import Any, Protocol
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
 from bench.model.installed import unforeseen
 from bench.plan import PlannedUnit
-from bench.run.links.port import InstrumentLink, PortThread, descriptor_of
-from bench.run.links.reader import TEMPERATURE, LinkReader, of_unit, status_of, thermometer
+from bench.run.bus.port import InstrumentLink, PortThread, descriptor_of
+from bench.run.bus.reader import TEMPERATURE, LinkReader, of_unit, status_of, thermometer
 from bench.run.stop import StopSwitch, guarded
 
 VIRTUAL_POLL_S = 1.0

@@ -24,15 +24,15 @@ from bench.model.events import Event
 from bench.model.ports import Instrument
 from bench.model.posix import DRILL_CONTROLLER, own_process, signals
 from bench.plan import Station
-from bench.run.bench.beginning import begin_safely, identities_of
-from bench.run.bench.drill_controller import stimulate, stimulated
-from bench.run.bench.opener import open_bench
+from bench.run.bus.beginning import begin_safely, identities_of
+from bench.run.bus.opener import open_bench
 from bench.run.context import InUse
 from bench.run.guard.diary import DIARY, read_diary
+from bench.run.guard.drill_controller import stimulate, stimulated
 from bench.run.guard.guarding import GuardTask, station_lock
 from bench.run.observers import HeldTranscript, new_folder
 from bench.run.provenance import lab_of, software
-from bench.run.steps.setpoints import drives
+from bench.run.setpoints import drives
 from bench.run.stop import CHAMBER_AIR, Health, StopSwitch
 
 SAFE_S = 5.0  # how soon after the kill every output must be off

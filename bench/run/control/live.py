@@ -29,14 +29,14 @@ from bench.model.quantities import Quality
 from bench.model.units import finite
 from bench.plan import Step, unwatched
 from bench.record import RecordRow, canonical_json
+from bench.run.bus.reader import LinkReader, age_s, state_of
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
+from bench.run.control.client import LENGTHS
 from bench.run.control.local_socket import LIVE, POLL_S, Client, LocalServer, forget_socket, socket_path
-from bench.run.feed.client import LENGTHS
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, PointBatch, Points
+from bench.run.feed.run_state import PROTO, RunState
 from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows, signals_of
-from bench.run.feed.state import PROTO, RunState
-from bench.run.links.reader import LinkReader, age_s, state_of
 from bench.run.observers import Observer
 from bench.run.stop import UNIT
 

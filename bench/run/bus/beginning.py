@@ -11,9 +11,9 @@ from bench.model.errors import BenchError, InputError, InstallationError, Instru
 from bench.model.installed import unforeseen
 from bench.model.ports import Identity
 from bench.plan import Plan, Station, summarise
-from bench.run.bench.opener import OpenBench
-from bench.run.bench.safety import make_safe
-from bench.run.bench.side_by_side import asked
+from bench.run.bus.opener import OpenBench
+from bench.run.bus.safety import make_safe
+from bench.run.bus.side_by_side import asked
 
 SPACE_FACTOR = 2
 SILENT = "B-INST-001"

@@ -1,1 +1,0 @@
-"""Opening of the bench, its safe state, and the drill of that."""

@@ -1,0 +1,1 @@
+"""The bus: what is opened, read and made safe."""

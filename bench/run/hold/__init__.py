@@ -1,1 +1,0 @@
-"""Holds: a run stands still and goes on."""
