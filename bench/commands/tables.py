@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ from rich.text import Text
 from bench import analysis
 from bench.analysis import Analysis, Estimate, doubt_lines, estimates_of, limits_of, stated_value
 from bench.commands.console import plain_table, warn
-from bench.maths.verdict import WORST_FIRST, passed, verdict_words, worst
+from bench.maths.verdict import count_verdicts, passed, verdict_words, worst
 from bench.model.errors import BenchError, ExitStatus, InstallationError
 
 if TYPE_CHECKING:
@@ -142,8 +141,8 @@ def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
 
 
 def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
-    counts = Counter[str](estimate.verdict for estimate in estimates if estimate.verdict != "none")
-    shown = ", ".join(f"{counts[name]} {verdict_words(name)}" for name in WORST_FIRST if counts[name])
+    counts = count_verdicts(estimate.verdict for estimate in estimates)
+    shown = ", ".join(f"{count} {verdict_words(name)}" for name, count in counts.items())
     judged = f"verdicts: {shown}; " if shown else "not judged; "
     out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json")
 

@@ -7,6 +7,7 @@ JCGM 106:2012 sections 7 to 9.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -109,6 +110,18 @@ def worst(verdicts: Iterable[str]) -> Verdict:
     """
     said = set(verdicts)
     return next((verdict for verdict in WORST_FIRST if verdict in said), "none")
+
+
+def count_verdicts(verdicts: Iterable[str]) -> dict[Verdict, int]:
+    """Return how often each verdict was given, the worst first; what is not judged is not counted.
+
+    Args:    verdicts: of single values.
+    Returns: counts by verdict, {} if nothing is judged.
+    Raises:  nothing.
+    Source:  docs/decisions/0025-doubt.md.
+    """
+    counts = Counter(verdicts)
+    return {verdict: counts[verdict] for verdict in WORST_FIRST if counts[verdict]}
 
 
 def passed(verdicts: Iterable[str]) -> bool:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -23,7 +22,7 @@ from bench.analysis import (
     unit_text,
     use_of,
 )
-from bench.maths.verdict import meaning_of, worst
+from bench.maths.verdict import Verdict, count_verdicts, meaning_of, worst
 from bench.model.systems import is_size
 from bench.model.texts import Texts, sizes_of_assumptions, told
 from bench.report.estimate_tables import prefixed, readable, span, two_places, value_text
@@ -39,19 +38,12 @@ _AGREED = (
 )  # fmt: skip
 
 
-def verdict_counts(model: ReportModel) -> Counter[str]:
-    """Return how many estimates carry each verdict other than none."""
-    rows = model.rows
-    return Counter(str(row.verdict) for row in rows if row.verdict != "none")
-
-
 def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
     """Return look (of ``bench.maths.verdict``) and words of the overall verdict."""
-    counts = verdict_counts(model)
+    counts = count_verdicts(row.verdict for row in model.rows)
     if not counts:
         return "none", words(f"verdicts.{_lacking(model) or 'none'}")
-    listed = ", ".join(_counted(words, name, counts[name]) for name in sorted(counts))
-    return meaning_of(worst(counts)).look, words("verdicts.overall", counts=listed)
+    return meaning_of(worst(counts)).look, words("verdicts.overall", counts=_listed(words, counts))
 
 
 def _lacking(model: ReportModel) -> str:
@@ -115,7 +107,6 @@ def used(row: Estimate) -> float:
 def _row(words: Texts, channel: Any, group: Sequence[Estimate], *, size: bool) -> tuple[str, ...]:
     worst = max(group, key=lambda row: (used(row), abs(row.value or 0.0)))
     scale, unit = readable([worst])
-    counted = Counter(str(row.verdict) for row in group)
     probability = worst.conformance_probability
     return (
         str(channel),
@@ -124,12 +115,13 @@ def _row(words: Texts, channel: Any, group: Sequence[Estimate], *, size: bool) -
         limits_text(limits_of(worst), scale, words.all["coverage.span"], size=size),
         unit_text(unit),
         "–" if probability is None or not worst.expanded_uncertainty else percent(probability),
-        ", ".join(_counted(words, name, count) for name, count in sorted(counted.items())),
+        _listed(words, count_verdicts(row.verdict for row in group)),
     )
 
 
-def _counted(words: Texts, verdict: str, count: int) -> str:
-    return words("verdict.counted", count=number(count), verdict=words(f"verdict.{verdict}"))
+def _listed(words: Texts, counts: Mapping[Verdict, int]) -> str:
+    of_each = ((number(count), words(f"verdict.{verdict}")) for verdict, count in counts.items())
+    return ", ".join(words("verdict.counted", count=count, verdict=verdict) for count, verdict in of_each)
 
 
 def percent(probability: float) -> str:

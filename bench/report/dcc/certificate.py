@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 
 from bench import __version__
 from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
-from bench.maths.verdict import WORST_FIRST
+from bench.maths.verdict import count_verdicts
 from bench.model.errors import InputError
 from bench.report.dcc.calibration import ITEM_ID, SPECIMEN, TEXTS, Calibration
 from bench.report.dcc.elements import DCC, LANGUAGE, VERSION, XSI, Element, dcc, document_text, leaf, words
@@ -204,17 +204,16 @@ def _accreditation(calibration: Calibration) -> list[Element]:
 
 
 def _conformity(calibration: Calibration) -> list[Element]:
-    counted = Counter(estimate.verdict for estimate in calibration.estimates if estimate.verdict in STATUS)
+    counted = count_verdicts(estimate.verdict for estimate in calibration.estimates if estimate.verdict in STATUS)
     if not counted:
         return [_statement(TEXTS("statement.not_judged"), "bench_decisionRule")]
     rule = str(calibration.results.get("decision_rule") or "non_binary")
-    worst = next(verdict for verdict in WORST_FIRST if counted[verdict])
-    tally = ", ".join(f"{counted[verdict]} {STATUS[verdict]}" for verdict in WORST_FIRST if counted[verdict])
+    tally = ", ".join(f"{count} {STATUS[verdict]}" for verdict, count in counted.items())
     whole = all(is_sound(estimate) for estimate in calibration.estimates)
     judged = TEXTS("statement.judged" if whole else "statement.judged_part", count=sum(counted.values()), tally=tally)
     return [
         _statement(TEXTS(f"rule.{rule}"), "bench_decisionRule", norm="JCGM 106:2012", reference="ILAC-G8:09/2019"),
-        _statement(judged, "basic_conformity", conformity=STATUS[worst]),
+        _statement(judged, "basic_conformity", conformity=STATUS[next(iter(counted))]),
     ]
 
 
