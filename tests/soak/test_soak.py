@@ -46,7 +46,7 @@ from bench.model.events import UNDECLARED
 from bench.plan import PlannedCall
 from bench.plan.plan import no_effect
 from bench.run import sequencer
-from bench.run.feed import bench_state, state
+from bench.run.feed import bench_state, run_state
 
 SHORT_INTERVAL_S = 50.0  # between faults: so short that as many faults are drawn as in 13 campaigns of make soak
 
@@ -72,7 +72,7 @@ def test_a_kind_of_step_with_a_falsely_empty_set_of_effects_is_found(
 
 def test_every_view_that_shows_off_what_is_on_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_state._Part, "known", lambda part: (False, VIRTUAL_START_UTC_NS / 1e9))
-    monkeypatch.setattr(state, "GOOD_FOR", 1000.0)
+    monkeypatch.setattr(run_state, "GOOD_FOR", 1000.0)
     (found,) = violations(tmp_path, range(1)).values()
     views = {text.partition(":")[0] for text in found}
     assert {"page", "top", "metrics", "message", "recorded page", "recorded top", "recorded metrics"} <= views
