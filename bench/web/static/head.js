@@ -138,19 +138,16 @@ function stepLine() {
 }
 
 function waitLine() {
-  const { wait, started_utc_s: started_s } = page.state;
+  const { holds, wait, started_utc_s: started_s } = page.state;
   if (!wait) return "";
+  const held = Object.entries(holds ?? {}).map(([name, reason]) => t("status.hold", { name, reason })).join("; ");
   const now_s = page.t_s || page.state.t_utc_s;
   return [
-    t("status.wait", { reason: inUnits(wait.reason) }),
+    held || t("status.wait", { reason: inUnits(wait.reason) }),
     wait.since_utc_s ? t("status.since", { time: clock(wait.since_utc_s, started_s), gone: duration(now_s - wait.since_utc_s) }) : "",
     wait.until_utc_s ? t("status.until", { time: clock(wait.until_utc_s, started_s) }) : "",
     wait.last ? t("status.last", { last: inUnits(wait.last) }) : "",
   ].filter(Boolean).join(" \u00b7 ");
-}
-
-function holdLine() {
-  return Object.entries(page.state.holds ?? {}).map(([name, reason]) => t("status.hold", { name, reason })).join("; ");
 }
 
 function outcomeLine() {
@@ -199,7 +196,6 @@ export function showHead() {
   byId("simulated").hidden = byId("watermark").hidden = !state.simulated;
   say(byId("step"), stepLine());
   show("wait", waitLine());
-  show("holds", holdLine());
   byId("badge").dataset.attention = state.attention ?? "none";
   show("outcome", outcomeLine());
   show("unwatched", (state.unwatched ?? []).join("; "));

@@ -311,7 +311,7 @@ def alarm(text: str, code: str | None = None) -> dict[str, Any]:
 
 def held(by: str, reason: str) -> dict[str, Any]:
     wait = {"reason": reason, "since_utc_s": now_utc_s() - 100, "until_utc_s": None, "last": None}
-    return {"state": "holding", "holds": {by: reason}, "wait": wait}
+    return {"state": "holding", "eta": None, "holds": {by: reason}, "wait": wait}
 
 
 QUESTION = {
@@ -321,7 +321,8 @@ QUESTION = {
 LIVING = {
     "running": Situation("RUNNING", "none", says=("calibrator", "20 mA"), replies={**DRIVEN, **WARM}),
     "soak": Situation("RUNNING", "none", says=("soak 55", "18 V, 1.25 A")),
-    "prompt": Situation("WAITING FOR A PERSON", "some", {"state": "waiting", "prompt": QUESTION}, (QUESTION["text"],)),
+    "prompt": Situation("WAITING FOR A PERSON", "some", {"state": "waiting", "eta": None, "prompt": QUESTION},
+                        (QUESTION["text"],)),
     "port": Situation("HOLDING", "much", {**held("link port_a", PORT), "alarms": [alarm(PORT, "B-LINK-003")]}, (PORT,)),
     "instrument": Situation("HOLDING", "some", held("instrument dmm", "dmm: no answer"), ("dmm: no answer",)),
     "mute": Situation("HOLDING", "much", held("instrument calibrator", "calibrator: no answer"),

@@ -138,4 +138,4 @@ class _Rows(LevelRows):
                     whole = np.zeros(self.visit.size)
                     whole[part] = -operator[_usable(fitted.group, fitted.meter)]
                     found.append((whole, entry))
-        return np.array([row for row, _ in found]), [entry for _, entry in found]
+        return np.array([row for row, _ in found]).reshape(-1, self.visit.size), [entry for _, entry in found]

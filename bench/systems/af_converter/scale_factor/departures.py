@@ -437,7 +437,7 @@ class _Rows(LevelRows):
         }
         known = [(self._operator(entry, of_visit), entry) for entry in entries if entry.expanded_uncertainty]
         found = [(row, entry) for row, entry in known if row is not None]
-        return np.array([row for row, _ in found]), [entry for _, entry in found]
+        return np.array([row for row, _ in found]).reshape(-1, self.visit.size), [entry for _, entry in found]
 
     def _referred(self, visit: GroupFit, alone: Mapping[Place, Floats]) -> Floats:
         """Return what a row changes in a visit, (2, r), by the slopes that refer its rows to one temperature."""

@@ -94,7 +94,7 @@ class Triad:
         free = np.column_stack([self.input, *(self.set == number for number in np.unique(self.set))])
         visits = np.array([row.number for row in self.records])
         stated = [one for one in estimates if one.expanded_uncertainty and one.quantity.startswith(self.prefix)]
-        operator = np.array([self._operator(entry) for entry in stated])
+        operator = np.array([self._operator(entry) for entry in stated]).reshape(-1, len(noise))
         widened = [math.sqrt(fit.chi2 / fit.residual_dof) if fit.inflated else 1.0 for fit in self.fits]
         rows = Residuals(
             readings=outputs.ravel(),

@@ -159,6 +159,11 @@ def test_group_that_is_not_determined_is_named_and_the_others_stand(campaign: si
     assert f"No result: {missing}" in analysis.notes
 
 
+def test_a_repeat_alone_gives_no_coefficients_and_no_error(campaign: sim.SimulatedCampaign) -> None:
+    flag(campaign, lambda at: not at.conditions["repeat"])
+    assert {entry.quantity for entry in run(campaign).estimates} == {"clock_ratio_error", "master_clock_error"}
+
+
 def flag(campaign: sim.SimulatedCampaign, is_bad: Callable[[sim.Window], bool]) -> None:
     campaign.rows = [
         dataclasses.replace(row, quality=Quality.TRIPPED) if is_bad(row.window) else row for row in campaign.rows
