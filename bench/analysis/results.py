@@ -119,7 +119,7 @@ def acceptable(entries: Estimates, named: str) -> Estimates:
         raise InputError(
             "B-ACC-002",
             f"{refused.quantity} is refused and has no value to accept: {refused.reasons[0].sentence}",
-            where=_place(refused),
+            where=", ".join(f"{name} {value}" for name, value in refused.conditions.items()),
             next_step="measure again; what is only doubtful is accepted by its conditions, such as 'dsf_n channel=2'",
         )
     doubtful = [entry for entry in of_it if entry.quality == DOUBTFUL]
@@ -138,10 +138,6 @@ def _condition_is(condition: object, text: str) -> bool:
         except ValueError:
             return False
     return str(condition) == text
-
-
-def _place(entry: Estimate) -> str:
-    return ", ".join(f"{name} {value}" for name, value in entry.conditions.items())
 
 
 SCHEMA = 2

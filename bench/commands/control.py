@@ -31,18 +31,14 @@ def ask(folder: Path, command: str, reason: str = "", **about: object) -> dict[s
     Raises: InputError B-CTRL-001 if no run of this session is alive, B-CTRL-002 if the run refuses the command,
     B-CTRL-003 if there is no answer in 5 s or none that is understood.
     """
-    line = json.dumps({"command": command, "reason": reason, "place": _place(), **about}).encode() + b"\n"
+    place = "afar" if os.environ.get("SSH_CONNECTION") else "bench"  # as sshd(8) says it, ENVIRONMENT
+    line = json.dumps({"command": command, "reason": reason, "place": place, **about}).encode() + b"\n"
     if len(line) > LONGEST_LINE:
         raise _refused(folder, command, f"the words are too long: {len(line)} bytes, at most {LONGEST_LINE}")
     reply = _exchange(folder, line)
     if not reply.get("ok"):
         raise _refused(folder, command, str(reply.get("error", "refused")))
     return reply
-
-
-def _place() -> str:
-    """Return where this terminal is: "afar" if ssh has opened it (sshd(8), ENVIRONMENT), else "bench"."""
-    return "afar" if os.environ.get("SSH_CONNECTION") else "bench"
 
 
 def _refused(folder: Path, command: str, why: str) -> InputError:

@@ -100,18 +100,6 @@ def verdict(value: float, expanded_uncertainty: float, limit: Limit | None, rule
     return "conditional_fail" if lower - guard <= value <= upper + guard else "fail"
 
 
-def worst(verdicts: Iterable[str]) -> Verdict:
-    """Return the verdict that stands for several: a sound fail, else one that is indeterminate, else the worst.
-
-    Args:    verdicts: of single values.
-    Returns: the verdict; "none" if nothing is judged.
-    Raises:  nothing.
-    Source:  docs/decisions/0025-doubt.md.
-    """
-    said = set(verdicts)
-    return next((verdict for verdict in WORST_FIRST if verdict in said), "none")
-
-
 def count_verdicts(verdicts: Iterable[str]) -> dict[Verdict, int]:
     """Return how often each verdict was given, the worst first; what is not judged is not counted.
 
@@ -122,6 +110,17 @@ def count_verdicts(verdicts: Iterable[str]) -> dict[Verdict, int]:
     """
     counts = Counter(verdicts)
     return {verdict: counts[verdict] for verdict in WORST_FIRST if counts[verdict]}
+
+
+def worst(verdicts: Iterable[str]) -> Verdict:
+    """Return the verdict that stands for several: a sound fail, else one that is indeterminate, else the worst.
+
+    Args:    verdicts: of single values.
+    Returns: the verdict; "none" if nothing is judged.
+    Raises:  nothing.
+    Source:  docs/decisions/0025-doubt.md.
+    """
+    return next(iter(count_verdicts(verdicts)), "none")
 
 
 def passed(verdicts: Iterable[str]) -> bool:

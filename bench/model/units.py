@@ -135,13 +135,9 @@ def _close(unit: str, known: list[str]) -> str:
     folded = _WRITTEN_OUT.get(unit.casefold(), unit).casefold()
     alike = [name for name in known if name.casefold() == folded]
     if alike:
-        return min(alike, key=lambda name: (_differences(name, unit), name))
+        return min(alike, key=lambda name: (sum(a != b for a, b in zip(name, unit, strict=False)), name))
     of_degrees = f"deg{unit}"  # "C" for "degC"
     return of_degrees if of_degrees in known else ""
-
-
-def _differences(name: str, unit: str) -> int:
-    return sum(a != b for a, b in zip(name, unit, strict=False))
 
 
 def _due(dimension: str) -> str:

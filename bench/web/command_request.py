@@ -73,7 +73,7 @@ def taken(document: dict[str, Any]) -> bool:
 def _text(document: dict[str, Any], key: str, longest: int, *, empty: bool = False) -> str:
     value = document.get(key, "")
     text = _BLANKS.sub(" ", value).strip() if isinstance(value, str) else None
-    if text is None or len(text) > longest or not (text or empty) or not _is_one_line(text):
+    if text is None or len(text) > longest or not (text or empty) or not text.isprintable():
         need = "a line" if empty else "a line that is not empty,"
         raise _wrong(f"{key}: {need} of at most {longest} characters is due")
     return text
@@ -88,10 +88,6 @@ def _value(document: dict[str, Any]) -> float | str | bool | None:
             raise _wrong("value: a finite number is due")
         return value
     return _text(document, "value", LONGEST_REASON, empty=True)
-
-
-def _is_one_line(text: str) -> bool:
-    return all(letter.isprintable() for letter in text)
 
 
 def _wrong(what: str) -> Refusal:

@@ -103,17 +103,13 @@ class _Asset:
 
 async def static(request: Request) -> Response:
     """``GET /static/{file}``: a file of the page."""
-    return _send(request, _own_files().get(request.path_params["file"]))
+    own = {path.name: path for path in _HERE.glob("static/[!.]*") if path.is_file()}
+    return _send(request, own.get(request.path_params["file"]))
 
 
 async def bokeh(request: Request) -> Response:
     """``GET /bokeh/{file}``: a file of BokehJS, from the installed package."""
     return _send(request, _bokeh_files().get(request.path_params["file"]))
-
-
-def _own_files() -> dict[str, Path]:
-    """Return what there is to send of our own, by name."""
-    return {path.name: path for path in _HERE.glob("static/[!.]*") if path.is_file()}
 
 
 @cache
