@@ -142,7 +142,7 @@ def noise_at_rest(samples: Floats, interval_s: float) -> NoiseAtRest:
 def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, int, float]:
     """Return the fit of the terms that are there, the first averaging time that it describes, its chance.
 
-    Where no times are described it is the best of all, and its chance says so.
+    Where no times are described the chance says so.
     """
     fits, well = [], False
     for first in range(len(deviation.tau_s)):
@@ -154,7 +154,8 @@ def _terms(deviation: AllanDeviation, long: Sequence[str]) -> tuple[NoiseTerms, 
         if fits[-1][2] > _MISFIT and (well or all(term.name != FILTERING for term in fit.terms)):
             return fits[-1]
         well = fits[-1][2] > _FILTERED_MISFIT
-    return max(fits, key=lambda fit: fit[2])
+    best = max(fits, key=lambda fit: fit[2])
+    return best if best[2] > _MISFIT else fits[0]
 
 
 def _with_short_terms(curve: AllanDeviation, long: Sequence[str], filtered: bool) -> NoiseTerms:
