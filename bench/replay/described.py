@@ -52,12 +52,8 @@ def session_frames(folder: Path) -> Mapping[str, FrameDefinition]:
 
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012, B-REC-014.
     """
-    return _frames(folder, _first_file(folder))
-
-
-def _first_file(folder: Path) -> int:
-    """Return number of the first segment's file: another one at the same place is another session."""
-    return SessionReader(folder).segments[0].stat().st_ino
+    of_file = SessionReader(folder).segments[0].stat().st_ino  # another one at the same place is another session
+    return _frames(folder, of_file)
 
 
 @lru_cache(maxsize=KEPT)

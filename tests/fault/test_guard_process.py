@@ -95,8 +95,7 @@ def test_a_killed_or_stopped_controller_leaves_a_safe_bench(
     is_on(served, controller)
     moment_s = time.monotonic()
     os.kill(controller.process.pid, number)
-    done = controller.wait_for_guard("safe", "unsafe")
-    assert done["what"] == "safe"
+    assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
     assert 0 < off_after_s(served, moment_s) <= SAFE_S
     assert controller.end() == -signal.SIGKILL  # a stopped one is ended too: it must never go on by itself
     assert controller.why == {signal.SIGKILL: "gone", signal.SIGSTOP: "silent"}[number]
@@ -211,8 +210,7 @@ def test_the_drill_finds_the_bench_safe_and_says_where_it_cannot_begin(served: S
     assert found["passed"]
     assert [(trial["kill"], trial["still_on"]) for trial in found["trials"]] == [("SIGKILL", {}), ("SIGSTOP", {})]
     assert served.on() == []
-    newest = latest_drill(out, station)
-    assert newest["utc"] == found["utc"]
+    assert latest_drill(out, station)["utc"] == found["utc"]
     served.fault("identity", "calibrator", "FLUKE,5500E,1,1")
     with pytest.raises(RunError) as refused:
         drill(station, served.station, out, WallClock())

@@ -122,6 +122,5 @@ def test_a_link_in_the_place_of_a_session_is_not_followed(tmp_path: Path, monkey
     monkeypatch.setattr("bench.run.session.session_name", lambda plan, clock: "known")
     Path("out").mkdir()
     Path("out", "known").symlink_to(elsewhere)
-    code = attempt(SEQUENCE, None)
-    assert code in ("", "B-REC-001")
+    assert attempt(SEQUENCE, None) in ("", "B-REC-001")
     assert not elsewhere.exists()

@@ -153,8 +153,7 @@ def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path
     assert record.with_suffix(".md").is_file()
     (found,) = first_contact(inside, station)
     assert found["status"] == "ok"
-    state = table.state()["instruments"]["turntable"]
-    assert state["interlocks"] == ["Open"] * 3
+    assert table.state()["instruments"]["turntable"]["interlocks"] == ["Open"] * 3
 
 
 def test_a_gateway_that_is_not_there(table: Served, tmp_path: Path, inside: Inside) -> None:

@@ -176,8 +176,7 @@ def counted(folder: Path) -> dict[str, int]:
 def test_a_killed_run_is_gone_on_with(crashes: Crashes, number: int, tmp_path: Path) -> None:
     source = crashes.at(number)
     folder = Path(shutil.copytree(source, tmp_path / source.name))
-    done = go_on(folder, away_s=600.0)
-    assert done.outcome.error is None
+    assert go_on(folder, away_s=600.0).outcome.error is None
     view = read_view(folder)
     assert not view.incomplete
     assert [row.window.number for row in view.rows] == list(range(1, RECORDS + 1))

@@ -252,8 +252,7 @@ def test_every_fault_is_in_the_list_and_has_a_test(served: Served, inside: Insid
 
 def test_it_ends_clean_and_takes_over_from_one_that_was_killed(tmp_path: Path) -> None:
     folder = tmp_path / "sim"
-    killed = Served(folder, "af_bench_sim", "--rate", "10")
-    assert killed.end(signal.SIGKILL) == -signal.SIGKILL
+    assert Served(folder, "af_bench_sim", "--rate", "10").end(signal.SIGKILL) == -signal.SIGKILL
     assert (folder / "port_a").is_symlink()
     again = Served(folder, "af_bench_sim", "--rate", "10", "--set", "world.noise=off")
     again.send("supply", "VOLT 18", "CURR 2", "OUTP ON")

@@ -207,8 +207,7 @@ def test_a_run_that_has_ended_so_decides_again_when_it_is_gone_on_with(
 ) -> None:
     """What ended the run was no decision: the last record is taken again, and its reading counts."""
     folder = rehearse(deciding_plan(tmp_path, never())).run.folder
-    again = go_on(folder, away_s=60.0)
-    assert again.outcome.error.code == "B-RUN-073"
+    assert go_on(folder, away_s=60.0).outcome.error.code == "B-RUN-073"
     assert len(events_of(folder, "record")) == 3
 
 

@@ -236,8 +236,7 @@ def test_the_search_goes_on_from_a_ramp_that_is_nearly_the_shortest(
     monkeypatch.setattr(Ramps, "moves", tried)
     monkeypatch.setattr(Ramps, "starts", [NEAR])
     targets = default_targets(problem().wanted, reached(problem().estimates(*problem().today)))
-    design = designed(problem(), targets)
-    assert design.candidate == SHORTEST
+    assert designed(problem(), targets).candidate == SHORTEST
 
 
 def test_the_rules_hold_and_break() -> None:

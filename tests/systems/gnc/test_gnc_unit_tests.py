@@ -176,8 +176,7 @@ def test_a_unit_with_a_short_is_never_powered(tmp_path: Path, text: str, value: 
 def test_a_run_that_is_gone_on_with_does_not_power_the_unit_either(tmp_path: Path) -> None:
     done, _ = run_units(tmp_path, Leaver({"GNC-01: resistance from 5 V": 0.5}))
     assert done.outcome.error is not None
-    run = go_on(done.folder, watched())
-    assert run.outcome.error is None
+    assert go_on(done.folder, watched()).outcome.error is None
     analysis = analyse_view(read_view(done.folder))[1]
     assert verdicts_of(analysis) == {"GNC-01": "FAIL", "GNC-02": "PASS"}
     assert switched(done.folder).count("OUTP ON") == 1

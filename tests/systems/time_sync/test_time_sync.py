@@ -206,8 +206,7 @@ def gone_on(killed: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.Mo
     source = killed.at(number)
     folder = Path(shutil.copytree(source, tmp_path / str(number) / source.name))
     watch_worlds(monkeypatch, watched := nobody())
-    run = go_on(folder, watched)
-    assert run.outcome.error is None
+    assert go_on(folder, watched).outcome.error is None
     view = read_view(folder)
     assert [row.window.number for row in view.rows] == list(range(1, killed.plan.record_count + 1))
     first = [row.window.first_counter for row in view.rows]

@@ -380,8 +380,7 @@ def test_a_frame_that_the_chunk_behind_the_silence_completes_is_kept(engine: str
     frame, link = answer(5, b"abcdef"), link_of(engine)
     link.push(0, frame[:cut])
     link.push(1000 * MS, frame[cut:] + answer(6)[:7])
-    batch = link.flush()
-    assert batch.messages["answer"].raw("payload").tolist() == [b"abcdef"]
+    assert link.flush().messages["answer"].raw("payload").tolist() == [b"abcdef"]
     link.push(1001 * MS, answer(6)[7:])
     assert link.flush().messages["answer"].raw("sequence").tolist() == [6]
     assert (link.counts.bad, link.counts.skipped_bytes) == (0, 0)

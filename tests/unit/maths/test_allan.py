@@ -148,8 +148,7 @@ def test_degrees_of_freedom_against_another_implementation(exponent: int) -> Non
     for factor, within in ((1, 1e-9), (5, 1e-9), (20, 1e-9)) if exponent > 0 else ((50, 0.03), (100, 0.03)):
         differences = 1001 - 2 * factor
         expected = allantools.edf_greenhall(exponent, 2, factor, 1001, overlapping=True, modified=False)
-        found = degrees_of_freedom(factor, differences, exponent)
-        assert found == pytest.approx(expected, rel=within)
+        assert degrees_of_freedom(factor, differences, exponent) == pytest.approx(expected, rel=within)
 
 
 @pytest.mark.parametrize("exponent", [2, 0, -1, -2])
@@ -164,8 +163,7 @@ def test_intervals_cover_and_the_noise_is_recognised(exponent: int) -> None:
     assert (inside > 0.88).all()
     assert (inside < 0.985).all()
     assert recognised > 0.55
-    nearest = np.mean([np.abs(curve.exponents - exponent) <= 1 for curve in curves])
-    assert nearest > 0.98
+    assert np.mean([np.abs(curve.exponents - exponent) <= 1 for curve in curves]) > 0.98
 
 
 @pytest.mark.parametrize("name", TERMS)

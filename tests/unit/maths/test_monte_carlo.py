@@ -65,8 +65,7 @@ def test_additive_model(
     assert found.std == pytest.approx(std, rel=0.005)
     assert found.low == pytest.approx(-half, abs=5 * found.low_numerical_std)
     assert found.high == pytest.approx(half, abs=5 * found.high_numerical_std)
-    check = budget.check_interval(0.0, std, 1.96 * std, found, digits)
-    assert check.statement == statement
+    assert budget.check_interval(0.0, std, 1.96 * std, found, digits).statement == statement
 
 
 @pytest.mark.validates(
@@ -210,8 +209,7 @@ def test_grubbs(n: int, critical: float) -> None:
         readings = np.append(others, middle)
         size = (middle - readings.mean()) / readings.std(ddof=1)
         low, high = (middle, high) if size < critical else (low, middle)
-    found = odd_one(np.append(others, low))
-    assert found.probability == pytest.approx(0.05, rel=0.01)
+    assert odd_one(np.append(others, low)).probability == pytest.approx(0.05, rel=0.01)
 
 
 def test_trend_is_the_slope_of_a_line() -> None:

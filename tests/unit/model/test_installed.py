@@ -243,8 +243,7 @@ def test_one_analysis_or_section_of_a_foreign_system_and_ours_b_pkg_001(tmp_path
     distribution(tmp_path, "stranger", systems="copy = stranger_copy\nmore = stranger_more")
     package(tmp_path, "stranger_copy", init="", declaration=text.format(name="copy", analysis="fog_north"))
     package(tmp_path, "stranger_more", init="", declaration=text.format(name="more", analysis="curve"))
-    entry = systems.installed_analysis("fog_north")
-    assert entry.offer.distribution == "inertial-bench"
+    assert systems.installed_analysis("fog_north").offer.distribution == "inertial-bench"
     (refusal,) = systems.system_refusals()
     assert "both offer the analysis 'fog_north'" in refusal.error.message
     language_of_sequence({"analysis": "imu_six_position", "uut": {"imu": {}}})

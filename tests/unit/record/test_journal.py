@@ -62,8 +62,7 @@ def test_flipped_bits_end_the_good_part(tmp_path: Path) -> None:
             damaged = bytearray(content)
             damaged[at] ^= 1 << bit
             path.write_bytes(damaged)
-            got = list(read_journal(tmp_path).entries)
-            assert got == entries[: content[:at].count(b"\n")]
+            assert list(read_journal(tmp_path).entries) == entries[: content[:at].count(b"\n")]
 
 
 def test_lines_out_of_place_are_refused(tmp_path: Path) -> None:

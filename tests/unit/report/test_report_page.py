@@ -146,8 +146,7 @@ def test_every_estimate_has_its_place(model: ReportModel, outline: Outline) -> N
         *("dsf_n", "dsf_p", "dsf_asymmetry", "bias", "dsf_n_drift", "master_clock_error"),
         *(f"{quantity}_tc{order}" for quantity in ("dsf_n", "dsf_p", "bias") for order in range(3)),
     }
-    text = " ".join(cell for row in outline.rows for cell in row)
-    assert text.count("−400 ± 10") == 50
+    assert " ".join(cell for row in outline.rows for cell in row).count("−400 ± 10") == 50
     assert ["10", "Scale-factor error P / ppm", "100.0 ± 2.0", "8.00 ± 0.16", "0.03000 ± 0.00060"] in outline.rows
     assert ["10", "Bias / nA", "100.0 ± 1.0", "8.000 ± 0.080", "0.03000 ± 0.00030"] in outline.rows
     heads = (["Scale-factor error N / ppm"], ["Scale-factor error P / ppm"], ["Bias / nA"])

@@ -194,8 +194,7 @@ def test_a_long_path_gets_a_short_socket(tmp_path: Path, monkeypatch: pytest.Mon
         assert not (folder / "control.sock").exists()
         command.pause(folder, "door")
     assert not (folder / "control.path").exists()
-    parent = find_socket(folder).parent
-    assert parent == folder
+    assert find_socket(folder).parent == folder
     exact = tmp_path / ("y" * (LONGEST_PATH - len(os.fsencode(tmp_path.resolve())) - len("control.sock") - 2))
     exact.mkdir()
     assert len(os.fsencode(socket_path(exact))) == LONGEST_PATH

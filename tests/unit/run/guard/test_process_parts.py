@@ -390,8 +390,7 @@ def test_a_word_that_contradicts_itself_confirms_nothing(
 ) -> None:
     lines = [json.dumps(entry) + "\n" for entry in ({"what": "act", "text": "too hot"}, *entries)]
     (tmp_path / "guard.jsonl").write_text("".join(lines))
-    word = guard_word(tmp_path)
-    assert word["safe"] is safe
+    assert guard_word(tmp_path)["safe"] is safe
 
 
 def test_a_guard_that_did_not_act_has_no_words(tmp_path: Path) -> None:
