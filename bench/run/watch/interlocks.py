@@ -156,10 +156,13 @@ class InterlockWatch:
         now_ns = self._context.clock.now_ns()
         overdue = now_ns - self._ask_ns
         free = overdue > self._period_ns or leaves_the_bus(self._context, self._following)
-        if overdue >= 0 and not self._context.stop.over and free:
+        if overdue < 0 or self._context.stop.over or not free or not self._asking.acquire(blocking=False):
+            return  # all are being read anew: under the virtual clock by this very thread
+        try:
             self._ask_ns = now_ns + self._period_ns
-            with self._asking:
-                self.signals.ask()
+            self.signals.ask()
+        finally:
+            self._asking.release()
 
     def _changed(self, state: InterlockState, change: Change, action: Action) -> None:
         if change == "lasting":

@@ -235,6 +235,17 @@ def test_an_instrument_in_use_is_not_asked(tmp_path: Path) -> None:
     assert [t_s for t_s in rig.called("chamber.measure_air") if t_s > 50.0] == []
 
 
+def test_what_comes_due_while_all_is_read_anew_waits_for_nobody(tmp_path: Path) -> None:
+    rig = chamber_rig(tmp_path, 1)
+    rig.instruments["chamber"].measure_air = lambda: rig.clock.sleep(70.0) or 20.0  # type: ignore[attr-defined]
+    context = rig.context()
+    with interlocks(context, [HOT], Following(context.observers)) as watch:
+        reading = threading.Thread(target=watch.look_again, daemon=True)
+        reading.start()
+        reading.join(30.0)
+        assert not reading.is_alive()
+
+
 def test_a_step_that_begins_while_an_instrument_is_read_waits_for_its_bus(tmp_path: Path) -> None:
     """The reading holds the lock of the bus; whoever marks the instrument before is left alone."""
     rig = chamber_rig(tmp_path, 1)
