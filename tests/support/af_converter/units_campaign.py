@@ -95,7 +95,7 @@ def compared(found: Mapping[str, Any], truth: list[dict[str, Any]], serial: str 
     values = {}
     for entry in found["estimates"]:
         if entry["quantity"] in ("dsf_n", "dsf_p", "dsf_asymmetry"):
-            absent = sum(part**2 for parts in entry["common"].values() for part in parts.values())
+            absent = sum(part**2 for parts in entry.get("common", {}).values() for part in parts.values())
             own = math.sqrt(entry["std_uncertainty"] ** 2 - absent)
             values[entry["quantity"]] = entry["value"] - true[entry["quantity"]], own
     return values
