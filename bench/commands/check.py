@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from bench.commands.console import console, print_json
-from bench.commands.origin import say_origins
+from bench.commands.console import console, print_json, say_origins
 from bench.commands.requests import CheckRequest
 from bench.frame import Pace, pace_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock

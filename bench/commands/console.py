@@ -1,10 +1,13 @@
-"""The console of the command line: plain text where there is no terminal."""
+"""The console of the command line: plain text where there is no terminal.
+
+Files that a word of the command line means, and a line where a lab's own one stands in for an installed one.
+"""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.model.clock import NS, WallClock
+from bench.model.shipped import KINDS, Kind, find_shipped, replaced_by_lab
 from bench.model.units import hours
 
 PLAIN_COLUMNS = 110
@@ -98,3 +102,22 @@ def print_json(document: Any, **form: Any) -> None:
 def print_sorted_json(document: Any) -> None:
     """Print a JSON document with its keys in order, and no number that JSON does not have."""
     print_json(document, sort_keys=True, ensure_ascii=False, allow_nan=False)
+
+
+def named_file(kind: Kind, name_or_path: str) -> Path:
+    """Return the file; say on standard error if a lab's own one is taken. Raises: InputError B-SHIP-001, B-LAB-001."""
+    path = find_shipped(kind, name_or_path)
+    _say(replaced_by_lab(kind, path))
+    return path
+
+
+def say_origins(files: Mapping[str, str]) -> None:
+    """Say of the files of a plan, by their names in a session, which are a lab's own instead of installed ones."""
+    for kind in KINDS:
+        for path in (path for name, path in files.items() if name.startswith(f"{kind}/")):
+            _say(replaced_by_lab(kind, Path(path)))
+
+
+def _say(sentence: str) -> None:
+    if sentence:
+        warn(sentence)

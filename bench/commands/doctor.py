@@ -12,8 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.console import console, headed_table, print_json, say
-from bench.commands.origin import named_file
+from bench.commands.console import console, headed_table, named_file, print_json, say
 from bench.model.clock import WallClock
 from bench.model.errors import InstallationError
 from bench.model.installed import (

@@ -22,7 +22,7 @@ from bench.plan import Plan, PlannedPrompt, PlannedRecord, PlannedSettle, Planne
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.client import FeedClient, FeedGone
-from bench.run.feed.planned import in_words
+from bench.run.feed.place import in_words
 from bench.run.guard.last_words import roles_in_words
 
 PLAIN_EVERY = 50

@@ -9,9 +9,8 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.commands.conducting import conduct_watched, ended, tell_results, wall_clock
-from bench.commands.console import console
+from bench.commands.console import console, named_file
 from bench.commands.control import release
-from bench.commands.origin import named_file
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.events import Resume

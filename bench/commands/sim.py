@@ -13,7 +13,7 @@ from typing import Any
 import typer
 
 from bench.commands.check import settings_of
-from bench.commands.origin import named_file
+from bench.commands.console import named_file
 from bench.model.clock import NS, WallClock
 from bench.model.errors import InputError, InputErrors
 from bench.model.posix import require

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from bench.model.texts import ENGLISH
 from bench.model.units import plain_quantity
-from bench.run.feed.planned import conditions_in_words
+from bench.run.feed.place import conditions_in_words
 from bench.tui.folding import cut, folded, joined
 from bench.tui.look import Look, duration
 from bench.tui.watch import AIR, UNIT, Range, Seen

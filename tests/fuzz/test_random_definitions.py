@@ -13,9 +13,8 @@ import pytest
 from test_frame_engines import DAMAGE, Generator, chunks_of, damage, everything, random_values
 
 from bench.frame import FrameDefinition, FrameSpec, parse_frame
-from bench.frame.catalogue import find_model
 from bench.frame.compiling.whole import compile_frame
-from bench.frame.crc import CHECKSUMS, Crc
+from bench.frame.crc import CHECKSUMS, Crc, find_model
 from bench.frame.definition import encode_frame
 from bench.frame.packets import ESCAPES
 from bench.model.errors import InputError

@@ -8,8 +8,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import BinaryIO
 
-from bench.commands.console import console, print_json, say
-from bench.commands.origin import named_file
+from bench.commands.console import console, named_file, print_json, say
 from bench.frame import Counted, FrameDefinition, MessageBatch, Tables, decode_capture, load_frame, pace_of
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError

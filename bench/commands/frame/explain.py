@@ -7,9 +7,8 @@ from collections import Counter
 from io import BytesIO
 from pathlib import Path
 
-from bench.commands.console import console
+from bench.commands.console import console, named_file
 from bench.commands.frame.decode import opened, print_bad
-from bench.commands.origin import named_file
 from bench.frame import (
     LOOKED_AT_BYTES,
     Guess,

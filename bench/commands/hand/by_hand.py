@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console, print_json, warn
-from bench.commands.origin import named_file
+from bench.commands.console import console, named_file, print_json, warn
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.plan import load_station

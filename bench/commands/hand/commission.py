@@ -6,8 +6,7 @@ from collections import Counter
 
 import typer
 
-from bench.commands.console import console
-from bench.commands.origin import named_file
+from bench.commands.console import console, named_file
 from bench.model.clock import WallClock, utc_text
 from bench.model.drivers import manual_of
 from bench.model.errors import ExitStatus, InputError

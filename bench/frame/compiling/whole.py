@@ -7,10 +7,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compiling.fields import Placed, place
-from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
+from bench.frame.crc import (
+    ALIASES,
+    CATALOGUE,
+    CHECKSUM_ALIASES,
+    CHECKSUMS,
+    Check,
+    Crc,
+    CrcModel,
+    find_checksum,
+    find_model,
+)
 from bench.frame.layout import OFFSET, Field, Layout, Message, Part, Span
 from bench.frame.parts import blank_row
 from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, Endian, FieldSpec, FrameSpec, ItemsSpec

@@ -15,8 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.frame.catalogue import CATALOGUE
-from bench.frame.crc import CHECKSUMS, Check, Crc
+from bench.frame.crc import CATALOGUE, CHECKSUMS, Check, Crc
 from bench.model.arrays import Integers, Octets
 
 LOOKED_AT_BYTES = 1 << 20

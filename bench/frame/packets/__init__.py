@@ -1,7 +1,6 @@
 """Frames that are found one by one: between delimiters, in lines of text, without sync bytes."""
 
 from bench.frame.packets.escape import ESCAPES
-from bench.frame.packets.lines import LineReader
-from bench.frame.packets.one_by_one import one_by_one, why_bad
+from bench.frame.packets.lines import LineReader, one_by_one, why_bad
 
 __all__ = ["ESCAPES", "LineReader", "one_by_one", "why_bad"]

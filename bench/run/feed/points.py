@@ -34,7 +34,7 @@ from bench.model.events import Decision, Event, Record, Retake
 from bench.model.quantities import Values
 from bench.plan import is_measurement
 from bench.record import HELD_S
-from bench.run.feed.planned import PlannedRun
+from bench.run.feed.place import PlannedRun
 
 LAST = 10
 REMEMBERED = 64  # records that may still be taken back

@@ -39,8 +39,19 @@ from bench.run.feed.bench_state import (
     InstrumentPanel,
     bench_in_words,
 )
-from bench.run.feed.place import Place, Temperature, wait_document, wait_of
-from bench.run.feed.planned import PlannedRun, Remaining, corners, early_s, end_of_run, in_words, soak_to_come_s
+from bench.run.feed.place import (
+    Place,
+    PlannedRun,
+    Remaining,
+    Temperature,
+    corners,
+    early_s,
+    end_of_run,
+    in_words,
+    soak_to_come_s,
+    wait_document,
+    wait_of,
+)
 from bench.run.feed.points import Records
 
 PROTO = 1

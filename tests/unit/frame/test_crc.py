@@ -18,8 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.frame import FrameDefinition, LinkDecoder, decode_capture, parse_frame
-from bench.frame.catalogue import CATALOGUE, CrcModel, find_model
-from bench.frame.crc import CHECKSUMS, Crc, find_checksum, require_fast_crc
+from bench.frame.crc import CATALOGUE, CHECKSUMS, Crc, CrcModel, find_checksum, find_model, require_fast_crc
 from bench.frame.packets import ESCAPES
 from bench.model.errors import InputError, InputErrors
 
