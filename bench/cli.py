@@ -35,8 +35,7 @@ from bench.commands.usage import App, completing
 from bench.model.errors import ExitStatus, InputError
 from bench.model.extras import extras_named
 from bench.model.installed import OWN, checked_package, unforeseen
-from bench.model.lab import TRUST
-from bench.model.shipped import find_shipped
+from bench.model.lab import TRUST, find_shipped
 
 app = App(
     name="bench",

@@ -31,7 +31,7 @@ from rehearsal import (
 )
 from two_ends import TwoEnds, arrange
 
-from bench.model.shipped import cache_folder
+from bench.model.lab import cache_folder
 
 pytest_plugins = ["stalls"]
 

@@ -17,7 +17,7 @@ from bench.commands.requests import CheckRequest
 from bench.frame import Pace, pace_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError, InputErrors
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.model.stopping import UNTIL
 from bench.model.systems import assumptions_of, declared_by
 from bench.model.units import hours

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.model.clock import NS, WallClock
-from bench.model.shipped import KINDS, Kind, find_shipped, replaced_by_lab
+from bench.model.lab import KINDS, Kind, find_shipped, replaced_by_lab
 from bench.model.units import hours
 
 PLAIN_COLUMNS = 110

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bench.commands.console import say, warn
 from bench.model.errors import ExitStatus, InputError
-from bench.model.shipped import folder_name
+from bench.model.lab import folder_name
 from bench.session.one_unit import extract
 from bench.tables import Session, export_session
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NoReturn, Protocol
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
-from bench.model.shipped import Kind, shipped_names
+from bench.model.lab import Kind, shipped_names
 
 GROUPS: dict[str, dict[str, str]] = {
     "Run a campaign": {

@@ -12,7 +12,7 @@ from typing import Any
 from bench.frame import FrameDefinition
 from bench.model.declaration import ChannelKind, UnitSections, stated
 from bench.model.errors import InputError
-from bench.model.shipped import folder_name
+from bench.model.lab import folder_name
 from bench.model.systems import analysis_declaration, sections_in
 from bench.model.units import format_quantity, likely, read_quantity
 from bench.plan.check.everything import NO_SERIAL, SERIAL, short

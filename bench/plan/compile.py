@@ -18,8 +18,8 @@ from pydantic import RootModel
 
 from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
+from bench.model.lab import find_beside, find_shipped
 from bench.model.quantities import Values
-from bench.model.shipped import find_beside, find_shipped
 from bench.model.units import likely, read_quantity
 from bench.model.yamlio import Document, load_yaml
 from bench.plan.channels import (

@@ -10,9 +10,8 @@ from tempfile import TemporaryDirectory
 from typing import Literal
 
 from bench.model.errors import InputError, SessionDamaged
-from bench.model.lab import recorded_code, require_code
+from bench.model.lab import recorded_code, require_code, shipped_folder
 from bench.model.quantities import Values
-from bench.model.shipped import shipped_folder
 from bench.plan.compile import compile_sequence
 from bench.plan.plan import Plan, Step, steps_sha256
 from bench.plan.station import load_station

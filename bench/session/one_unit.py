@@ -17,8 +17,8 @@ from typing import Any
 
 from bench.model.clock import NS
 from bench.model.errors import InputError
+from bench.model.lab import folder_name
 from bench.model.quantities import Values
-from bench.model.shipped import folder_name
 from bench.model.yamlio import parse_yaml
 from bench.plan import UNIT, Plan, PlannedRecord, StationFile, Step, plan_json, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, SessionReader, SessionWriter, layout

@@ -24,10 +24,9 @@ from bench import __version__
 from bench.analysis import Closed
 from bench.model.errors import InputError, InstallationError
 from bench.model.installed import OWN, offers
-from bench.model.lab import lab_here, own_code_names, sha256_of
+from bench.model.lab import cache_folder, lab_here, own_code_names, sha256_of
 from bench.model.posix import is_own
 from bench.model.segments import OPEN_MARKER, sealed_end, session_segments
-from bench.model.shipped import cache_folder
 from bench.session.output import write_file
 
 ACCEPTANCES = "acceptances.json"  # beside the recording

@@ -15,7 +15,7 @@ from soak_campaign import HERE
 from bench.commands.recover import recover
 from bench.commands.resume import resume
 from bench.model.errors import BenchError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import compile_sequence, load_station
 from bench.record import SessionWriter
 

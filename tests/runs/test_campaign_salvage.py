@@ -33,7 +33,7 @@ from bench.commands.resume import resume
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError, InstrumentError, SessionDamaged
 from bench.model.events import Skip
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import Plan, Step, check_plan, compile_sequence, frozen_plan, load_station
 from bench.record import Journal, SessionReader
 from bench.replay import replay_rows

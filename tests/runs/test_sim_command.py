@@ -21,7 +21,7 @@ from bench.commands.sim import sim
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import load_station
 from sim_instruments.served.process import ServedBench
 from sim_instruments.worlds.simulation import open_world, possible_faults

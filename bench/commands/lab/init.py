@@ -12,8 +12,7 @@ from pathlib import Path
 from bench.commands.console import console, say
 from bench.commands.schema import schema
 from bench.model.errors import InputError
-from bench.model.lab import CODE, FILE
-from bench.model.shipped import find_shipped, shipped_folder, shipped_names
+from bench.model.lab import CODE, FILE, find_shipped, shipped_folder, shipped_names
 from bench.session.output import write_file, writing
 
 _TEMPLATES = files("bench.commands.lab") / "templates"

@@ -14,8 +14,19 @@ from rich.table import Table
 from bench.commands.console import console, print_json, say
 from bench.model.errors import InputError, InstallationError
 from bench.model.installed import Refusal, driver_packages, driver_refusals
-from bench.model.lab import CodeKind, Lab, lab_here, own_code_names, refused_twice, sha256_of
-from bench.model.shipped import KINDS, Kind, own_names, shipped_folder, shipped_names
+from bench.model.lab import (
+    KINDS,
+    CodeKind,
+    Kind,
+    Lab,
+    lab_here,
+    own_code_names,
+    own_names,
+    refused_twice,
+    sha256_of,
+    shipped_folder,
+    shipped_names,
+)
 from bench.model.systems import analyses, system_refusals
 from bench.model.yamlio import load_yaml
 

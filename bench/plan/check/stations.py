@@ -17,7 +17,7 @@ from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.installed import offer_of, offers, simulator_module, try_foreign, world_parts
-from bench.model.shipped import find_beside
+from bench.model.lab import find_beside
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import parse_yaml
 from bench.plan.findings import Draft, Findings, suggestion

@@ -23,7 +23,7 @@ from pydantic import (
 from pydantic_core import InitErrorDetails
 
 from bench.model.declaration import LogColumn, LogSections, System
-from bench.model.shipped import refuse_other_kinds
+from bench.model.lab import refuse_other_kinds
 from bench.model.systems import analysis_declaration, fields_of, sections_in, systems, systems_named, with_sections
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, characters, load_yaml

@@ -16,8 +16,8 @@ from threading import Lock
 from typing import Any
 
 from bench.model.errors import BenchError, InputError
+from bench.model.lab import cache_folder
 from bench.model.posix import TREND, own_process
-from bench.model.shipped import cache_folder
 from bench.record import FOLDER, TrendReader, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.session.partial_fits import finished_estimates

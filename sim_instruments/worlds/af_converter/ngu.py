@@ -21,7 +21,7 @@ from enum import IntEnum
 from bench.frame import FrameDefinition, load_frame
 from bench.model.arrays import Integers
 from bench.model.clock import NS, Clock, VirtualClock
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from sim_instruments.worlds.af_converter.block import BlockFactory
 from sim_instruments.worlds.af_converter.gates import Drive, GateMachine, GateRows, GateState
 from sim_instruments.worlds.af_converter.ports import GATES_PER_FRAME, Framer, FramerState, Housekeeping, Mode

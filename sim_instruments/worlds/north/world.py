@@ -19,8 +19,8 @@ import numpy as np
 from bench.frame import load_frame
 from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS, Clock, to_ns
+from bench.model.lab import find_shipped
 from bench.model.ports import RecordWindow
-from bench.model.shipped import find_shipped
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion

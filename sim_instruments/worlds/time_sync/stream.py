@@ -19,7 +19,7 @@ import numpy as np
 from bench.frame import load_frame
 from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.time_sync.options import SyncOptions

@@ -10,8 +10,8 @@ from typing import Any
 
 from bench.model.clock import NS, Clock, VirtualClock
 from bench.model.errors import InstrumentError
+from bench.model.lab import find_shipped
 from bench.model.ports import Identity
-from bench.model.shipped import find_shipped
 from bench.plan import Plan, compile_sequence, load_station
 from bench.plan.served import served_station
 from bench.run.preflight.context import Host, KernelClock, PreflightContext

@@ -11,7 +11,7 @@ from served import Served as ServedProcess
 
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import WallClock
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import load_station
 
 CLOCK = WallClock()

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from bench.analysis import analyse
 from bench.analysis.estimates import Estimate, estimates_of
 from bench.cli import app
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import compile_sequence
 from bench.session.service import read_view
 from bench.session.view import analyse_view, material_of

@@ -19,8 +19,7 @@ from bench.commands import cluster as study_cluster
 from bench.commands.cluster import failed, outcome_of, run_on_cluster, run_there, software_here
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, InputError
-from bench.model.lab import CODE, lab_here
-from bench.model.shipped import find_beside, find_shipped, replaced_by_lab, shipped_folder
+from bench.model.lab import CODE, find_beside, find_shipped, lab_here, replaced_by_lab, shipped_folder
 from bench.report import load_laboratory
 from bench.systems.time_sync.study.study import BASE, Group, Task
 

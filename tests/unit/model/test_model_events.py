@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from bench.model import errors, events, shipped
+from bench.model import errors, events, lab
 from bench.model.errors import ExitStatus, InputError
 from bench.model.events import Error, Event, Hold, Late, Record, Resume, event_of
 from bench.model.extras import extras_named
-from bench.model.shipped import find_shipped, shipped_folder, shipped_names
+from bench.model.lab import find_shipped, shipped_folder, shipped_names
 
 RECORD = Record(
     number=1, link="port_a", first_counter=5, frames=100, t_start_ns=0, t_end_ns=9, conditions={"channel": 1}, step=3
@@ -113,7 +113,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     inside = tmp_path / "site" / "bench" / "shipped" / "frames"
     inside.mkdir(parents=True)
     (inside / "ngu_a.yaml").write_text("frame: ngu_a\n")
-    monkeypatch.setattr(shipped, "_PACKAGE", tmp_path / "site" / "bench")
+    monkeypatch.setattr(lab, "_PACKAGE", tmp_path / "site" / "bench")
     empty = tmp_path / "empty"
     empty.mkdir()
     monkeypatch.chdir(empty)
@@ -154,7 +154,7 @@ def test_nothing_of_that_name(package: Path, name: str) -> None:
         ("stations", "ngu_a", "this is a frame, and a station is due", "a sequence names it under 'frame'"),
     ],
 )
-def test_another_kind_of_file_is_named_with_who_takes_it(kind: shipped.Kind, name: str, what: str, taken: str) -> None:
+def test_another_kind_of_file_is_named_with_who_takes_it(kind: lab.Kind, name: str, what: str, taken: str) -> None:
     with pytest.raises(InputError, match=what) as caught:
         find_shipped(kind, name)
     assert (caught.value.code, caught.value.exit_status) == ("B-SHIP-002", ExitStatus.BAD_INPUT)

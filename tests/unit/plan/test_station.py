@@ -7,7 +7,7 @@ import pytest
 from plan_sample import FLAT, ROOT, SEQUENCE, TRACED, changed, make_bench, mistakes
 
 from bench.model.errors import InputErrors
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.model.yamlio import parse_yaml
 from bench.plan import Plan, Station, compile_sequence, load_station, summarise, unwatched
 from bench.plan.served import served_station

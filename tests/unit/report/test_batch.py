@@ -30,7 +30,7 @@ from report_sample import (
 from bench.analysis import Figure, estimate, series
 from bench.analysis import Table as Shown
 from bench.model.errors import InputError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import Step, compile_sequence, planned_temperature
 from bench.report import Report
 from bench.report.batch.document import batch_document, batch_html, batch_json

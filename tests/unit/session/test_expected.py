@@ -31,9 +31,9 @@ from bench.analysis import (
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment, Event, Phase, Resume, event_of
+from bench.model.lab import find_shipped
 from bench.model.ports import RecordWindow
 from bench.model.quantities import Quality
-from bench.model.shipped import find_shipped
 from bench.model.systems import analyses
 from bench.plan import Plan, compile_sequence
 from bench.record import UNIT_TEMPERATURE, RecordRow

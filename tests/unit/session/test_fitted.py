@@ -16,7 +16,7 @@ from bench.commands import conducting
 from bench.commands.verify import check_certificates
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import Resume
-from bench.model.shipped import cache_folder
+from bench.model.lab import cache_folder
 from bench.record import SessionReader, SessionWriter, resume_session
 from bench.report import certificate_text
 from bench.run.guard.last_words import guard_lines

@@ -18,7 +18,7 @@ from scripted import refused
 from bench.frame import LinkDecoder, MessageBatch, load_frame
 from bench.model.clock import NS, Clock, VirtualClock
 from bench.model.errors import InstrumentError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from instruments.pendulum_cnt_91 import PendulumCnt91
 from sim_instruments.bus.time_tag_blocks import MEMORY_BLOCKS, MOST_EVENTS, TagBlocks
 from sim_instruments.worlds.common.world import World

@@ -17,7 +17,7 @@ import numpy as np
 from bench.analysis import Figure, Floats, Table, curve, no_result, with_uncertainty, worded_figure
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.model.shipped import folder_name
+from bench.model.lab import folder_name
 from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import RestNoise, RotationRecord, rest_dof, static_means, up_in_body
 from bench.systems.gnc.estimators.rotations import RotationFit

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, worded_table
 from bench.model.errors import FitError
-from bench.model.shipped import folder_name
+from bench.model.lab import folder_name
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.units import (
     IDENTITY,

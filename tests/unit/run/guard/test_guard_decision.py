@@ -15,7 +15,7 @@ from waiting import until
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError, RunError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import Step, compile_sequence
 from bench.plan.station import load_station
 from bench.run.guard import start

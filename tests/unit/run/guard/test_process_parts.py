@@ -15,9 +15,9 @@ import pytest
 
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, RunError
+from bench.model.lab import find_shipped
 from bench.model.ports import Effect, action
 from bench.model.posix import user_name
-from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from bench.plan.language.notices import Notify
 from bench.run.guard import last_words as last_words_module

@@ -22,7 +22,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock, to_ns
 from bench.model.errors import InputError, InputErrors, InstrumentError, LinkError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import Step, load_station
 from bench.run.bus.opener import open_port
 from bench.run.bus.port import TIOCGICOUNT, InstrumentLink, PortLink, descriptor_of, kernel_counts

@@ -12,7 +12,7 @@ from run_rig import Listener
 from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import ExitStatus
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.replay import replay_rows
 from bench.run.operator import SimulatedOperator

@@ -18,7 +18,7 @@ from sim_bench import Bench, station
 
 from bench.frame import FrameDefinition, LinkBatch, load_frame
 from bench.model.clock import NS, Clock, VirtualClock, WallClock
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.record import RecordError
 from bench.run.bus import reader as link_reader
 from bench.run.bus.acquisition import QUEUE_BYTES, SERVICE_S, Acquisition

@@ -17,7 +17,7 @@ from preflight_bench import NOON_NS, TODAY, Machine, clock_at_noon, context, in_
 
 from bench.model.clock import NS
 from bench.model.errors import LinkError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import Station, compile_sequence, load_station
 from bench.plan.served import served_station
 from bench.plan.summary import summarise

@@ -11,9 +11,9 @@ from run_rig import BLOCK, GATE_NS, K0_C, LINE_NS, PortA, Rig
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus
+from bench.model.lab import find_shipped
 from bench.model.ports import RecordWindow
 from bench.model.quantities import Quality
-from bench.model.shipped import find_shipped
 from bench.record import RecordCutter, RecordRow
 from bench.run.steps.recording import AHEAD_S, measurement_rows
 from bench.run.steps.soak import POLL_S

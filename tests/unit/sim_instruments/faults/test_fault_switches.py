@@ -16,7 +16,7 @@ from sim_bench import DRIVERS, Bench, open_bench, station, timed_out, trip_calib
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from sim_instruments.faults.fault import Fault
 from sim_instruments.faults.named import FaultSwitches, listing
 from sim_instruments.faults.switchboard import Faults, LinkFaults

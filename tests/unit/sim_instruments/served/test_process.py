@@ -13,7 +13,7 @@ from sim_bench import Bench, descriptors, open_bench
 
 from bench.model.clock import NS, WallClock
 from bench.model.errors import InputError, InputErrors
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from bench.plan import check_plan, compile_sequence, load_station
 from bench.plan.check.stations import check_station
 from bench.plan.findings import Findings

@@ -7,7 +7,7 @@ import serial
 from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock, to_ns
 from bench.model.errors import LinkError
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.af_converter.constants import KINDS
 from sim_instruments.worlds.af_converter.ngu import Ngu

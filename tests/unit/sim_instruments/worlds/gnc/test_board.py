@@ -9,7 +9,7 @@ from gnc_rig import ANSWER, BAUD, REFUSAL, STREAM, frames_in, open_host, packed
 
 from bench.frame import load_frame
 from bench.model.clock import NS
-from bench.model.shipped import find_shipped
+from bench.model.lab import find_shipped
 from sim_instruments.worlds.gnc.module import CRYSTAL_PPM_DEGC2
 
 BYTE_NS = 10 * NS / BAUD
