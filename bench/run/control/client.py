@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.model.errors import InputError
+from bench.model.errors import InputError, unknown_form
 from bench.model.posix import unix_socket
 from bench.run.control.local_socket import LIVE, find_socket
 
@@ -128,6 +128,8 @@ def understood(told: bytes, packed: bytes, state: bool) -> FeedReply:
     header = json.loads(told)
     if not isinstance(header, dict) or not isinstance(header.get("boot_id"), str):
         raise ValueError("no reply of the feed")
+    if why := unknown_form(header, "proto"):
+        raise ValueError(f"it answers in a live protocol {why}: look at it with the version that runs it")
     if not all(type(header.get(name)) is int and header[name] >= 0 for name in ("first", "n", "signals", "seq")):
         raise ValueError("no reply of the feed")
     if state and not isinstance(header.get("state"), dict):

@@ -124,9 +124,9 @@ def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 REPLY = {"boot_id": "0", "first": 0, "n": 0, "signals": 0, "seq": 0, "state": {}}
+WRONG = {"boot_id": None, "first": -1, "n": -1, "signals": True, "seq": "1", "state": None, "proto": 2}
 NO_REPLIES = [b"[]", b"{}", b"{", b"[" * 30_000, json.dumps({**REPLY, "n": 3}).encode()] + [
-    json.dumps({**REPLY, key: value}).encode()
-    for key, value in (("boot_id", None), ("first", -1), ("n", -1), ("signals", True), ("seq", "1"), ("state", None))
+    json.dumps({**REPLY, key: value}).encode() for key, value in WRONG.items()
 ]
 
 
