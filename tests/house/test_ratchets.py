@@ -8,20 +8,20 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 976_333,
+    "tokens": 976_116,
     "tokens a line": 10.57,
-    "files": 742,
+    "files": 736,
     "dict[str, Any]": 482,
     "lines of tests": 95_500,
-    "tests of several deep modules": 138,
+    "tests of several deep modules": 133,
     "words of docs": 155_340,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 59,
-    "files of a step": 90,
-    "files of a check": 53,
+    "files of a step": 87,
+    "files of a check": 51,
     "changes in a decode": 20,
-    "changes in a call": 147,
+    "changes in a call": 144,
     "changes in the check of a step": 34.9,
 }
 
