@@ -16,7 +16,7 @@ from bench.frame.batch import MessageBatch
 from bench.frame.definition import Engine, FrameDefinition
 from bench.frame.layout import Layout
 from bench.frame.packets import why_bad
-from bench.frame.refusal import Cause, Refusal
+from bench.frame.parts import Cause, Refusal
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 
 _BLOCK_BYTES = 4_000_000

@@ -28,8 +28,7 @@ from bench.frame.explain import checks_that_fit
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import ESCAPES, one_by_one, why_bad
-from bench.frame.parts import packed
-from bench.frame.refusal import why_refused
+from bench.frame.parts import packed, why_refused
 from bench.frame.spec import FrameSpec
 from bench.model.arrays import Array, Octets
 from bench.model.clock import NS, Clock

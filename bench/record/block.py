@@ -20,8 +20,7 @@ from bench.model.arrays import Array, Flags, Indices, Integers
 from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.layout import Message
-from bench.record.mapped import Content
-from bench.record.mcap_format import channel_of
+from bench.record.mcap_format import Content, channel_of
 from bench.record.scan import MAX_CHUNK_BYTES, consistent, unpack
 
 FIRST_BYTES = 100_000  # whoever reads the head of a session only needs no more

@@ -18,8 +18,7 @@ from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.block import Block
 from bench.record.layout import Message
-from bench.record.mapped import segment_bytes
-from bench.record.mcap_format import Summary, channel_of, chunk_spans, chunks_with, read_summary
+from bench.record.mcap_format import Summary, channel_of, chunk_spans, chunks_with, read_summary, segment_bytes
 from bench.record.scan import Damage, SegmentScan, Span, note
 from bench.record.walk import Walk
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import lz4.frame
 
 from bench.record import mcap_format as mcap
-from bench.record.mapped import Content, let_go, pieces
+from bench.record.mcap_format import Content, let_go, pieces
 
 _CHUNK_LIKE = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # opcode and a length below 2^40
 _COMPRESSIONS = (b"", b"lz4", b"zstd")

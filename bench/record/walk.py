@@ -14,8 +14,7 @@ from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.block import BLOCK_BYTES, Block, Records, Stretch, block_of, proved, stretches, taken_apart, unpacked
 from bench.record.layout import Message
-from bench.record.mapped import Content, let_go
-from bench.record.mcap_format import Summary, channel_of, read_summary
+from bench.record.mcap_format import Content, Summary, channel_of, let_go, read_summary
 from bench.record.scan import Damage, SegmentScan, Span, chain_value, note
 
 _ENVELOPED = mcap.ENVELOPED

@@ -17,9 +17,8 @@ from functools import partial
 from typing import NamedTuple
 
 from bench.frame.layout import Field, Layout, Message
-from bench.frame.packets.escape import ESCAPES, ROOM, Packet, PacketDecoder, Search
-from bench.frame.reference import ReferenceDecoder
-from bench.frame.refusal import Refusal, why_refused
+from bench.frame.packets.escape import ESCAPES, ROOM, Packet, PacketDecoder, ReferenceDecoder, Search
+from bench.frame.parts import Refusal, why_refused
 from bench.frame.spec import LinesSpec
 
 _FLOAT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)

@@ -9,11 +9,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import doubt_lines, estimates_of, is_sound
-from bench.maths.verdict import INDETERMINATE, WORST_FIRST, passed, worst
+from bench.analysis import (
+    Estimate,
+    cell,
+    doubt_lines,
+    estimates_of,
+    is_sound,
+    limits_of,
+    limits_text,
+    stated_value,
+    use_of,
+)
+from bench.maths.verdict import INDETERMINATE, WORST_FIRST, is_refused, passed, worst
 from bench.model.errors import BenchError, InputError
 from bench.model.events import End, Error, Safe, event_of
 from bench.model.segments import SEGMENT_NAME
@@ -84,7 +95,18 @@ def _judged(results: Mapping[str, Any], off: bool | None) -> SessionOutcome:
     unsound = sum(not is_sound(entry) for entry in estimates)
     verdict = worst(verdicts)
     word = DOUBTFUL if unsound and passed([verdict]) else _WORDS.get(verdict, NOT_JUDGED)
-    return SessionOutcome(word, "; ".join(doubt_lines(estimates))[:300], verdicts, unsound, off)
+    return SessionOutcome(
+        word, "; ".join([*_refused(estimates), *doubt_lines(estimates)])[:300], verdicts, unsound, off
+    )
+
+
+def _refused(estimates: Sequence[Estimate]) -> Iterator[str]:
+    """Yield the refused value that leaves its limits furthest, with its place; nothing where none is refused."""
+    refused = [entry for entry in estimates if is_refused(entry.verdict) and entry.value is not None]
+    places = [(use_of(entry.value, limits), limits, entry) for entry in refused if (limits := limits_of(entry))]
+    for _, limits, entry in sorted(places, key=itemgetter(0))[-1:]:
+        where = ", ".join(f"{name} {cell(value)}" for name, value in entry.conditions.items())
+        yield f"{entry.quantity} ({where}): {stated_value(entry)} {entry.unit}, limit {limits_text(limits)}"
 
 
 class _Ending:

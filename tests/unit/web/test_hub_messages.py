@@ -350,10 +350,10 @@ def outcome(folder: Path) -> SessionOutcome:
     return outcome_of(folder, results_of(folder))
 
 
-def judged(folder: Path, *verdicts: str, quality: str = "sound") -> SessionOutcome:
+def judged(folder: Path, *verdicts: str, quality: str = "sound", limit: float | None = None) -> SessionOutcome:
     """The outcome with other verdicts in the results than they have."""
     results = results_of(folder)
-    first = results["estimates"][0]
+    first = results["estimates"][0] | {"limit": limit}
     results["estimates"] = [
         {**(first if quality == "sound" else unsound(first, quality)), "verdict": verdict} for verdict in verdicts
     ]
@@ -380,6 +380,7 @@ def test_the_worst_verdict_counts_and_a_pass_with_doubt_is_doubtful(session: Pat
     assert judged(session, "pass", "none").word == "pass"
     assert judged(session, "pass", "conditional_pass").word == "conditional_pass"
     assert judged(session, "pass", "fail").word == "fail"
+    assert judged(session, "pass", "fail", limit=2.0).why.endswith(" ppm, limit ± 2")
     assert judged(session, "conditional_fail", "pass").word == "conditional_fail"
     assert judged(session, "indeterminate", "conditional_fail").word == "doubtful"
     for verdict in ("pass", "conditional_pass", "none"):
