@@ -8,9 +8,9 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 976_116,
+    "tokens": 976_152,
     "tokens a line": 10.57,
-    "files": 736,
+    "files": 733,
     "dict[str, Any]": 482,
     "lines of tests": 95_500,
     "tests of several deep modules": 133,
