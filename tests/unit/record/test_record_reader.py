@@ -22,7 +22,6 @@ from bench.record import (
     SessionWriter,
     block,
     layout,
-    mapped,
     recover_session,
     resume_session,
     scan,
@@ -409,8 +408,8 @@ def test_a_large_segment_is_read_through_a_window_alike(tmp_path: Path, monkeypa
         whole = recover_session(tmp_path / name)
         messages = list(SessionReader(tmp_path / name).messages())
         with monkeypatch.context() as small:
-            small.setattr(mapped, "WHOLE_BYTES", 0)
-            small.setattr(mapped, "_PIECE_BYTES", 1000)
+            small.setattr(mcap, "WHOLE_BYTES", 0)
+            small.setattr(mcap, "_PIECE_BYTES", 1000)
             small.setattr(scan, "_SEARCHED_BYTES", 50)
             assert recover_session(tmp_path / name) == whole
             assert list(SessionReader(tmp_path / name).messages()) == messages
