@@ -15,12 +15,12 @@ from typing import Any
 
 from bench.analysis import (
     Estimate,
-    cell,
     doubt_lines,
     estimates_of,
     is_sound,
     limits_of,
     limits_text,
+    placed,
     stated_value,
     use_of,
 )
@@ -105,8 +105,8 @@ def _refused(estimates: Sequence[Estimate]) -> Iterator[str]:
     refused = [entry for entry in estimates if is_refused(entry.verdict) and entry.value is not None]
     places = [(use_of(entry.value, limits), limits, entry) for entry in refused if (limits := limits_of(entry))]
     for _, limits, entry in sorted(places, key=itemgetter(0))[-1:]:
-        where = ", ".join(f"{name} {cell(value)}" for name, value in entry.conditions.items())
-        yield f"{entry.quantity} ({where}): {stated_value(entry)} {entry.unit}, limit {limits_text(limits)}"
+        where = placed(entry.quantity, entry.conditions)
+        yield f"{where}: {stated_value(entry)} {entry.unit}, limit {limits_text(limits)}"
 
 
 class _Ending:
