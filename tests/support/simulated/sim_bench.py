@@ -1,6 +1,7 @@
 """A simulated bench for tests: the ten instruments, a unit that only writes down what its inputs see, one instrument
 alone on a bus of texts."""
 
+import importlib
 import socket
 import struct
 import threading
@@ -14,6 +15,8 @@ import numpy as np
 import pyvisa
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
+from pyvisa.resources import MessageBasedResource
+from scripted import Log
 
 from bench.model.clock import NS, Clock, VirtualClock, WallClock
 from sim_instruments.served.process import InstrumentServers
@@ -92,13 +95,14 @@ class RecordingUnit:
 
 
 class Bench:
-    """An open world with one PyVISA resource per role."""
+    """An open world with one PyVISA resource per role; ``log`` is the transcript of drivers."""
 
     def __init__(self, world: World, manager: pyvisa.ResourceManager) -> None:
         self.world = world
         self.clock: Any = world.clock
         self.unit: Any = world.unit
         self.manager = manager
+        self.log = Log()
         self._resources: dict[str, Any] = {}
 
     def __getitem__(self, role: str) -> Any:
@@ -107,6 +111,15 @@ class Bench:
                 ADDRESSES[role], read_termination="\n", write_termination="\n"
             )
         return self._resources[role]
+
+    def open(self, role: str) -> Any:
+        """Another session of an instrument, as drivers want it."""
+        return self.manager.open_resource(ADDRESSES[role], resource_pyclass=MessageBasedResource)
+
+    def driver(self, role: str, resource: Any = None, **named: Any) -> Any:
+        """The driver of an instrument, not yet identified."""
+        made = importlib.import_module(f"instruments.{DRIVERS[role]}").DRIVER
+        return made(resource or self.open(role), role=role, clock=self.clock, transcript=self.log, **named)
 
     def ask(self, role: str, *messages: str) -> str:
         """Send the messages but the last, then query that one."""

@@ -91,7 +91,6 @@ class LineServer:
         self.address = f"TCPIP0::127.0.0.1::{self._listener.getsockname()[1]}::SOCKET"
         self.waits: dict[str, list[threading.Event]] = {}
         self.heard: list[str] = []
-        self.hang_up = False
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
@@ -104,9 +103,6 @@ class LineServer:
             with client, client.makefile("rw", newline="\n") as stream:
                 for line in stream:
                     self.heard.append(line.strip())
-                    if self.hang_up:
-                        self.hang_up = False
-                        break
                     answers = {"*IDN?": "HEWLETT-PACKARD,6632B,US1,A", "SYST:ERR?": '0,"No error"'}
                     for event in self.waits.pop(line.strip(), []):
                         event.wait(10.0)
@@ -125,24 +121,14 @@ def server() -> Iterator[LineServer]:
     made.close()
 
 
-def open_driver(server: LineServer, **rungs: Any) -> tuple[Any, list[str]]:
-    visa = pyvisa.ResourceManager("@py")
-    lines: list[str] = []
-
-    def opened() -> Any:
-        return visa.open_resource(server.address, resource_pyclass=MessageBasedResource)
-
-    driver = importlib.import_module("instruments.hp_6632b").DRIVER(
-        opened(), role="supply", clock=WallClock(), transcript=lambda _, way, text, __: lines.append(f"{way} {text}"),
-        **({"reopen": opened} if rungs.get("reopens") else {}),
-    )  # fmt: skip
-    driver.timeout_s = 0.2
-    return driver, lines
-
-
 def test_on_a_raw_socket_the_late_reply_is_told_from_the_echo(server: LineServer) -> None:
     """No clear reaches an instrument there: what was asked is answered in order, so the echo comes after it."""
-    driver, lines = open_driver(server)
+    lines: list[str] = []
+    resource = pyvisa.ResourceManager("@py").open_resource(server.address, resource_pyclass=MessageBasedResource)
+    driver = importlib.import_module("instruments.hp_6632b").DRIVER(
+        resource, role="supply", clock=WallClock(), transcript=lambda _, way, text, __: lines.append(f"{way} {text}")
+    )
+    driver.timeout_s = 0.2
     driver.identify()
     release = threading.Event()
     server.waits["VOLT?"] = [release]
@@ -159,14 +145,6 @@ def test_on_a_raw_socket_the_late_reply_is_told_from_the_echo(server: LineServer
     assert late[0] == "rx <not used: 3.0>"  # the third line it heard was the first VOLT?
     assert late[1].startswith("rx <not used: HEWLETT")
     assert answer == server.heard.index("VOLT?", 3) + 1
-    driver.close()
-
-
-def test_a_raw_socket_that_hangs_up_is_opened_again(server: LineServer) -> None:
-    driver, _ = open_driver(server, reopens=True)
-    driver.identify()
-    server.hang_up = True
-    assert driver.ask("VOLT?", float) == len(server.heard)
     driver.close()
 
 

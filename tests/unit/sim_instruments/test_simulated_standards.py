@@ -3,28 +3,22 @@ as their last user left them: after the driver's preparation the stimulus or the
 the bench and not by what reads back; a driver may also say what is wrong.
 """
 
-import importlib
-import struct
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-import pyvisa
 from fog_signal import NorthBench, Turning
 from gnc_rig import open_table
-from pyvisa.resources import MessageBasedResource
-from scripted import Log, refused
-from sim_bench import ADDRESSES, DRIVERS, Bench, open_bench
+from scripted import refused
+from sim_bench import Bench, open_bench
 
-from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError
 from sim_instruments.bus.ohms import ACCURACY as OHMS_ACCURACY
 from sim_instruments.bus.ohms import RANGES_OHM
 from sim_instruments.hp_3458a import ACCURACY, Hp3458A
 from sim_instruments.thermotron_3800 import PROGRAM_RUN
 from sim_instruments.worlds.common.terminals import Source
-from sim_instruments.worlds.simulation import open_world
 
 DAY_S = 86_400.0
 
@@ -285,9 +279,7 @@ FREQUENCY_Hz, AMPLITUDE_V, VOLTAGE_V, CURRENT_A = 1e7, 2.5, 15.0, 0.1
 def left(bench: Bench, role: str, seed: int) -> Any:
     """Return the driver of an instrument that somebody used before, not yet identified."""
     bench.world.instruments[role].left_by_another(np.random.default_rng([SEED, seed]))
-    resource = bench.manager.open_resource(ADDRESSES[role], resource_pyclass=MessageBasedResource)
-    driver = importlib.import_module(f"instruments.{DRIVERS[role]}").DRIVER
-    return driver(resource, role=role, clock=bench.clock, transcript=Log(), options={})
+    return bench.driver(role)
 
 
 def soiled(bench: Bench, role: str, seed: int) -> Any:
@@ -453,47 +445,3 @@ def test_lock_in_amplifiers_and_their_filter_measure_as_after_a_clean_start(star
             assert found["x_V"] == pytest.approx(np.cos(PHI_RAD - ahead_rad) / np.sqrt(2), abs=4e-4)
             assert found["y_V"] == pytest.approx(np.sin(PHI_RAD - ahead_rad) / np.sqrt(2), abs=4e-4)
         bench.close()
-
-
-def events_of(content: bytes) -> list[tuple[int, int]]:
-    """Ticks and bits 0 to 2 of all events in blocks as frames/time_tags.yaml describes them."""
-    found, at = [], 0
-    while at < len(content):
-        length, _, tick, clock_Hz, dropped, edges = struct.unpack_from("<HIQIIH", content, at + 4)
-        assert (clock_Hz, dropped) == (10_000_000, 0)
-        words = struct.unpack_from(f"<{edges}I", content, at + 28)
-        found += [(tick + (word >> 3), word & 7) for word in words]
-        at += length
-    return found
-
-
-def tags(seed: int | None) -> list[tuple[int, int]]:
-    """Events of a fifth of a second of a ring laser; ``seed`` None: of a tagger nobody had before."""
-    entry = {"driver": "pendulum_cnt_91", "resource": ADDRESSES["counter"], "options": {}}
-    clock = VirtualClock()
-    world: Any = open_world("ring_laser", clock=clock, seed=1, station={"instruments": {"tagger": entry}, "links": {}})
-    manager = pyvisa.ResourceManager(world.visa_library)
-    world.unit.connect("rlg", 115_200)
-    world.unit.set_power(True, 0, 15.0)
-    if seed is not None:
-        world.instruments["tagger"].left_by_another(np.random.default_rng([SEED, seed]))
-    resource = manager.open_resource(entry["resource"], resource_pyclass=MessageBasedResource)
-    driver = importlib.import_module("instruments.pendulum_cnt_91").DRIVER
-    tagger = driver(resource, role="tagger", clock=clock, transcript=Log(), options={})
-    tagger.configure(10e6)
-    clock.sleep_until_ns(5 * NS)
-    tagger.start()
-    clock.sleep_until_ns(5 * NS + NS // 4)
-    tagger.stop()
-    events = events_of(tagger.read_stream(10_000_000))
-    manager.close()
-    world.close()
-    return [event for event in events if 50_500_000 <= event[0] < 52_000_000]
-
-
-@pytest.mark.parametrize("starts", [5, pytest.param(1000, marks=pytest.mark.sweep)])
-def test_a_time_tagger_stamps_as_after_a_clean_start(starts: int) -> None:
-    clean = tags(None)
-    assert len(clean) > 1000
-    for seed in range(starts):
-        assert tags(seed) == clean
