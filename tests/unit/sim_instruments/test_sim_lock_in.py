@@ -198,24 +198,6 @@ def make() -> Iterator[Callable[..., NorthBench]]:
         one.close()
 
 
-@pytest.mark.parametrize("phase", [0.0, -90.0, -180.0, -270.0])
-def test_driver_and_simulator_give_the_paper_s_equations(make: Callable[..., NorthBench], phase: float) -> None:
-    bench = make(Turning(SINE), divider=10)
-    bench.driver["filter"].configure(1.0)
-    for role in ("direct", "filtered"):
-        bench.driver[role].configure(0.3, 24, 1.0, "on")
-        bench.driver[role].set_phase(phase)
-    bench.clock.sleep(20.0)
-    for role, ahead in (("direct", 0.0), ("filtered", 90.0)):
-        found = bench.driver[role].measure()
-        angle = math.radians(PHI_DEG - ahead - phase)
-        assert found["x_V"] == pytest.approx(math.cos(angle) / math.sqrt(2), abs=4e-4)
-        assert found["y_V"] == pytest.approx(math.sin(angle) / math.sqrt(2), abs=4e-4)
-        assert found["frequency_Hz"] == 1.0
-        assert bench.driver[role].locked() is True
-    assert found["overload"] is False
-
-
 @pytest.mark.parametrize("fault", ["garbled", "late"])
 def test_a_reply_that_goes_wrong_leaves_the_set_up_right(make: Callable[..., NorthBench], fault: str) -> None:
     """Whichever reply of a set-up is damaged or comes late: the settings are as wanted at the end."""

@@ -9,7 +9,6 @@ from gnc_rig import TableRig, open_table
 from scripted import refused
 
 from bench.model.clock import NS
-from bench.model.errors import InputError
 from sim_instruments.acutrol_3000 import BRAKE_DEG_S2
 
 SAFE_S = 5.0  # the deadline of safety
@@ -108,19 +107,6 @@ def test_after_a_spin_a_move_goes_on_from_the_reading(rig: TableRig) -> None:
     assert rig.moved_deg(began_ns) <= 180.0
 
 
-def test_closing_the_interlock_moves_nothing_whatever_was_loaded_before(rig: TableRig) -> None:
-    rig.send(":dem:rate 3,250", ":dem:pos 3,90", ":mode:rate 3")
-    began_ns = rig.clock.now_ns()
-    driver = rig.ready()
-    driver.spin(3, 200.0)
-    rig.clock.sleep(2.0)
-    driver.open_interlock()
-    began_ns = rig.clock.now_ns()
-    driver.close_interlock()
-    rig.clock.sleep(5.0)
-    assert rig.moved_deg(began_ns) == 0.0
-
-
 def spin(driver: Any, rig: TableRig) -> None:
     for axis, rate in ((1, 300.0), (2, -150.0), (3, 300.0)):
         driver.spin(axis, rate)
@@ -165,20 +151,6 @@ def test_the_safe_state_is_reached_from_any_state_in_time(
     assert took_s <= SAFE_S
     rig.clock.sleep(60.0)
     assert rig.moved_deg(rig.clock.now_ns() - 60 * NS) == 0.0
-
-
-def test_a_mute_table_is_stopped_and_opened_all_the_same(rig: TableRig) -> None:
-    driver = rig.ready()
-    spin(driver, rig)
-    rig.world.switches.switch("mute", "turntable")
-    began_ns = rig.clock.now_ns()
-    with driver.quick(0.5), refused("B-INST-001"):
-        driver.make_safe()
-    assert rig.since_s(began_ns) < SAFE_S
-    rig.clock.sleep(1.0)
-    assert rig.table.outputs() == {"interlocks": ["Open"] * 3, "rates_deg_s": [0.0] * 3}
-    rig.world.switches.clear()
-    driver.make_safe()
 
 
 def test_a_stalled_axis_is_noticed(rig: TableRig) -> None:
@@ -298,12 +270,3 @@ def test_an_interlock_that_drops_is_told_at_the_next_command_and_needs_a_reset(r
     driver.make_safe()
     driver.close_interlock()
     assert driver.in_position()
-
-
-@pytest.mark.parametrize(
-    "words", [("table_stall", 4), ("table_stall", 1.5), ("table_offset", 2), ("table_interlock", 1)]
-)
-def test_wrong_faults_are_refused(rig: TableRig, words: tuple[Any, ...]) -> None:
-    with pytest.raises(InputError, match="B-SIM-012: "):
-        rig.world.switches.switch(*words)
-    assert rig.world.switches.on == []

@@ -1,7 +1,7 @@
 """The simulated time tagger: its blocks byte by byte, the stream of the driver, restarts, faults of the bus."""
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any
@@ -13,15 +13,13 @@ import pyvisa
 from crccheck.crc import Crc32
 from numpy.typing import NDArray
 from pyvisa.resources import MessageBasedResource
-from scripted import refused
+from scripted import Log
 
 from bench.frame import LinkDecoder, MessageBatch, load_frame
-from bench.model.clock import NS, Clock, VirtualClock
-from bench.model.errors import InstrumentError
+from bench.model.clock import VirtualClock
 from bench.model.lab import find_shipped
 from instruments.pendulum_cnt_91 import PendulumCnt91
 from sim_instruments.bus.time_tag_blocks import MEMORY_BLOCKS, MOST_EVENTS, TagBlocks
-from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world
 
 ADDRESS = "TCPIP0::192.168.1.91::INSTR"
@@ -61,49 +59,30 @@ class Edges:
         return -(-(t_ns - self.edges_epoch_ns) * 1000 // self.period_ps)
 
 
-def wire(world: World, edges: Edges) -> None:
-    """Lead the edges to the tagger's inputs."""
-    for name in ("edges_until", "skip_edges", "edges_epoch_ns"):
-        setattr(world, name, getattr(edges, name))
-
-
-def station(options: Mapping[str, Any] | None = None, address: str = ADDRESS) -> dict[str, Any]:
-    """A bench with nothing but the tagger."""
-    entry = {"driver": "pendulum_cnt_91", "resource": address, "options": dict(options or {})}
-    return {"instruments": {"tagger": entry}, "links": {}}
+WIRES = ("edges_until", "skip_edges", "edges_epoch_ns")  # to the tagger's inputs
 
 
 class TaggerBench:
-    """World, edges, driver; ``transcript`` has the lines of the driver."""
+    """A bench with nothing but the tagger: world, edges, driver."""
 
-    def __init__(self, options: Mapping[str, Any], period_ps: int, clock: Clock | None = None) -> None:
-        self.clock: Any = clock or VirtualClock()
+    def __init__(self, options: dict[str, Any], period_ps: int) -> None:
+        self.clock = VirtualClock()
+        entry = {"driver": "pendulum_cnt_91", "resource": ADDRESS, "options": options}
+        station = {"instruments": {"tagger": entry}, "links": {}}
         self.world = open_world(
-            "af_converter",
-            clock=self.clock,
-            seed=91,
-            station=station(options),
-            unit_factory=lambda *_: MagicMock(),
+            "af_converter", clock=self.clock, seed=91, station=station, unit_factory=lambda *_: MagicMock()
         )
         self.edges = Edges(period_ps, self.clock.now_ns())
-        wire(self.world, self.edges)
+        for name in WIRES:
+            setattr(self.world, name, getattr(self.edges, name))
         self.visa = pyvisa.ResourceManager(self.world.visa_library)
-        self.transcript: list[tuple[str, str, str, int]] = []
         self.tagger = self.driver(options)
-        self.device: Any = self.world.instruments["tagger"]
-        self.faults = self.world.faults.instrument("tagger")
 
-    def driver(self, options: Mapping[str, Any] | None = None) -> PendulumCnt91:
+    def driver(self, options: dict[str, Any] | None = None) -> PendulumCnt91:
         """Another driver of the same instrument."""
         resource = self.visa.open_resource(ADDRESS, resource_pyclass=MessageBasedResource)
         assert isinstance(resource, MessageBasedResource)
-        return PendulumCnt91(
-            resource,
-            role="tagger",
-            clock=self.clock,
-            transcript=lambda *line: self.transcript.append(line),
-            options=dict(options or {}),
-        )
+        return PendulumCnt91(resource, role="tagger", clock=self.clock, transcript=Log(), options=options)
 
     def stream(self, clock_Hz: float = 100e6) -> None:
         """Configure and start."""
@@ -161,12 +140,6 @@ class Blocks:
 SLOW_PS = 33_333_331  # 30,000 edges/s
 
 
-def numbers(bench: TaggerBench, found: Blocks) -> np.ndarray:
-    """Which edge each stamp is of, from its time; at 100 MHz a period has 3333 ticks."""
-    ticks_ps = found.ticks * (10**12 // found.clock_Hz[0])
-    return np.ceil(ticks_ps / bench.edges.period_ps).astype(np.int64)
-
-
 def test_a_run_begins_with_its_own_blocks_and_ends_with_the_safe_state() -> None:
     with tagger_bench(period_ps=SLOW_PS) as bench:
         bench.stream()
@@ -187,78 +160,6 @@ def test_a_run_begins_with_its_own_blocks_and_ends_with_the_safe_state() -> None
         assert len(Blocks(bench.tagger.read_stream(10**8)).counter) in (50, 51)
         bench.clock.sleep(1.0)
         assert bench.tagger.read_stream(10**8) == b""
-
-
-def test_a_reader_inside_every_call_takes_no_reply_of_theirs() -> None:
-    """A task of the virtual clock reads each 0.7 ms: inside writes and reads of the driver, whatever it is doing."""
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        chunks: list[bytes] = []
-        inside: list[bool] = []
-
-        def read() -> None:
-            inside.append(bench.tagger.bus._conversation.depth > 0)
-            chunks.append(bench.tagger.read_stream(10**7))
-            assert not (inside[-1] and chunks[-1])
-
-        task = bench.clock.every(0.0007, read)
-        for clock_Hz in (20e6, 100e6) * 3:
-            bench.stream(clock_Hz)
-            for _ in range(40):
-                assert bench.tagger.events_lost() == 0
-                assert bench.tagger.measuring()
-            bench.clock.sleep(0.2)
-        bench.tagger.stop()
-        bench.clock.sleep(0.1)
-        task.cancel()
-        found = Blocks(b"".join(chunks))
-        np.testing.assert_array_equal(np.diff(found.counter), 1)
-        assert found.counts.bad == found.counts.lost == 0
-        assert len(found.counter) > 200
-        assert bench.tagger.drain_errors() == []
-        assert inside.count(True) > 100 < inside.count(False)
-
-
-def test_a_mute_tagger_costs_little_time_and_its_stream_goes_on_afterwards() -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        bench.stream()
-        stream = bench.collect(1.0)
-        bench.faults.mute = True
-        for is_asked in (True, False, True, False):  # in between it is cleared
-            began_ns = bench.clock.now_ns()
-            if is_asked:
-                with refused("B-INST-001"):
-                    bench.tagger.read_stream(10**7)
-            else:
-                assert bench.tagger.read_stream(10**7) == b""
-            assert bench.clock.now_ns() - began_ns < 1.5 * NS
-        bench.faults.mute = False
-        stream += bench.collect(1.0)
-        found = Blocks(stream)
-        lost = np.diff(found.counter).max() - 1
-        assert 0 < lost < 400  # the blocks of the replies that never came are gone, and seen to be
-        assert found.counts.lost == np.sum(np.diff(found.counter) - 1)
-        assert found.counts.bad == 0
-        assert bench.tagger.drain_errors() == []
-
-
-@pytest.mark.parametrize("replies", [1, 3])
-def test_damaged_blocks_are_left_to_the_checksum(replies: int) -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        bench.stream()
-        stream = bench.collect(0.5, every_s=0.1)
-        bench.faults.garbled_replies = replies
-        codes = set()
-        for _ in range(30):
-            bench.clock.sleep(0.1)
-            try:
-                stream += bench.tagger.read_stream(10**7)
-            except InstrumentError as error:
-                codes.add(error.code)
-        assert codes <= {"B-INST-001", "B-INST-004"}
-        found = Blocks(stream)
-        np.testing.assert_array_equal(found.words & 7, bench.edges.flags(numbers(bench, found)))
-        assert 0 < found.counts.lost < 60
-        assert found.counter[-1] > 300
 
 
 def written(counter: int, tick: int, clock_Hz: int, dropped: int, events: str) -> bytes:
@@ -367,26 +268,6 @@ def test_stamps_are_whole_ticks_of_its_own_clock(clock_Hz: int, error_ppm: float
         assert set(np.diff(found.tick).tolist()) == {clock_Hz // 100}
 
 
-def test_a_reader_who_pauses_a_second_loses_nothing_and_one_who_pauses_ten_is_told() -> None:
-    with tagger_bench() as bench:
-        bench.stream()
-        whole = Blocks(bench.collect(2.0, every_s=2.0))
-        assert (whole.counts.lost, bench.tagger.events_lost()) == (0, 0)
-        bench.clock.sleep(10.0)
-        late = Blocks(bench.tagger.read_stream(10**8) + bench.collect(1.0))
-        gap = np.flatnonzero(np.diff(late.counter) > 1)
-        assert len(gap) == 1
-        missing = int(late.counter[gap[0] + 1] - late.counter[gap[0]] - 1)
-        assert 650 < missing < 720  # ten seconds less the memory
-        assert late.counts.lost == missing
-        lost = int(late.dropped[-1])
-        assert lost == bench.tagger.events_lost()
-        assert late.dropped[gap[0]] == 0
-        assert late.dropped[gap[0] + 1] == lost
-        first, last = (int(late.ticks[at]) * 10_000 / PERIOD_PS for at in (0, -1))
-        assert round(last) - round(first) + 1 == len(late.ticks) + lost  # every edge is there or counted
-
-
 def test_an_idle_tagger_asks_for_no_edge_and_without_comparators_blocks_are_empty() -> None:
     with tagger_bench() as bench:
         bench.tagger.configure(100e6)
@@ -397,7 +278,7 @@ def test_an_idle_tagger_asks_for_no_edge_and_without_comparators_blocks_are_empt
         assert len(bench.edges.asked_ns) >= 6
         assert np.diff([bench.clock.now_ns() - 5 * 10**9, *bench.edges.asked_ns]).max() <= 10**9
     with tagger_bench() as bench:
-        for name in ("edges_until", "skip_edges", "edges_epoch_ns"):
+        for name in WIRES:
             delattr(bench.world, name)
         bench.stream()
         found = Blocks(bench.collect(1.0))

@@ -1,22 +1,15 @@
 """Simulated instruments over HiSLIP and raw sockets, reached by stock PyVISA with pyvisa-py; late replies."""
 
-import gc
 import socket
-import subprocess
-import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
-from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
-from pyvisa_py.common import LOGGER
 from sim_bench import DRIVERS, LIMIT_S, RawClient, Served, descriptors, serve, threads
 
-from bench.model.clock import VirtualClock, WallClock
+from bench.model.clock import VirtualClock
 from sim_instruments.served.process import InstrumentServers
 from sim_instruments.worlds.simulation import open_world
 
@@ -105,44 +98,6 @@ def test_two_sessions_on_one_instrument_share_its_state_and_not_their_replies(se
     assert guard.query("SYST:ERR?") == '+0,"No error"'
 
 
-def test_unknown_sub_address_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(LOGGER.logger, "disabled", True)  # a log that is kept would keep the traceback, and its socket
-    with serve() as served:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ResourceWarning)  # pyvisa-py leaves the socket of a failed opening open
-            with pytest.raises(VisaIOError) as caught:
-                served.visa.open_resource(f"TCPIP0::127.0.0.1::hislip10,{served.servers.hislip_port}::INSTR")
-            assert caught.value.error_code == StatusCode.error_resource_not_found
-            del caught
-            gc.collect()
-        assert served.open("supply").query("VOLT?") == "0.00000E+00"
-
-
-KILLED = """
-import os, signal, sys, pyvisa
-r = pyvisa.ResourceManager("@py").open_resource(sys.argv[1], write_termination="\\n", read_termination="\\n")
-assert r.visalib.sessions[r.session].interface.async_lock_request(1.0) == "success"
-r.write("VOLT 3")
-assert r.query("VOLT?") == "3.00000E+00"
-r.write("*IDN?")
-interface = r.visalib.sessions[r.session].interface
-interface._sync.sendall(b"HS\\x07\\x00" + bytes(11) + b"\\x20" + b"VOLT 19")
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_client_killed_in_the_middle_leaves_the_instrument_free(served: Served) -> None:
-    address = served.servers.resources()["supply"]
-    died = subprocess.run([sys.executable, "-c", KILLED, address], check=False, timeout=60)
-    assert died.returncode == -9
-    client = RawClient(served.servers.hislip_port)
-    assert client.lock(timeout_ms=5000) == 1
-    client.close()
-    supply = served.open("supply")
-    assert supply.query("VOLT?") == "3.00000E+00"
-    assert supply.query("SYST:ERR?") == '+0,"No error"'
-
-
 def test_closing_leaves_no_thread_no_port_and_no_descriptor() -> None:
     with serve() as served:  # whatever is made once per process is made now
         served.open("supply").query("*IDN?")
@@ -161,22 +116,6 @@ def test_closing_leaves_no_thread_no_port_and_no_descriptor() -> None:
                 socket.create_connection(("127.0.0.1", port))
         assert threads() == set()
         assert descriptors() == before
-
-
-def test_sessions_that_come_and_go_leave_nothing(served: Served) -> None:
-    served.open("supply").close()
-    before = descriptors()
-    for _ in range(200):
-        session = served.open("supply")
-        session.write("*IDN?")
-        session.close()
-    wait = WallClock()
-    for _ in range(1000):
-        if descriptors() <= before:
-            break
-        wait.sleep(0.01)
-    assert descriptors() <= before
-    assert served.open("supply").query("VOLT?") == "0.00000E+00"
 
 
 IDENTITY = b"HEWLETT-PACKARD,6632B,SIM6632,A.03.01\n"
@@ -238,48 +177,3 @@ def test_lock_over_hislip_keeps_a_raw_socket_waiting(served: Served, sock: socke
     sock.settimeout(LIMIT_S)
     holder.close()
     assert lines(sock, 1) == [b"0.00000E+00\n"]
-
-
-SEED = 4880
-ROLE = "supply"
-
-
-class Questions:
-    """Asks for numbers that change with each question, of an instrument that is late now and then."""
-
-    def __init__(self, served: Served, timeout_s: float, *, late: float) -> None:
-        served.no_latency()
-        self.timeout_s, self.late = timeout_s, late
-        self.rng = np.random.default_rng(SEED)
-        self.faults = served.world.faults.instrument(ROLE)
-        self.session = served.open(ROLE, round(1000 * timeout_s))
-        self.answers = self.timeouts = self.mismatches = 0
-
-    def ask(self, number: int) -> None:
-        """Set a register to the number and ask for it, once, with a seeded delay about the timeout."""
-        self.session.write(f"*ESE {number % 256}")
-        self.faults.late_s = float(self.rng.uniform(0.0, 2.5 * self.timeout_s))
-        self.faults.late_replies = int(self.rng.random() < self.late)
-        try:
-            answer = self.session.query("*ESE?")
-        except VisaIOError:
-            self.timeouts += 1
-            return
-        self.answers += 1
-        self.mismatches += answer != str(number % 256)
-
-
-@pytest.mark.parametrize(
-    ("count", "timeout_s", "late", "timeouts"),
-    [(500, 0.02, 0.5, 50), pytest.param(100_000, 0.004, 0.2, 5_000, marks=pytest.mark.sweep)],
-)
-def test_after_a_timeout_the_next_question_gets_its_own_answer(
-    served: Served, count: int, timeout_s: float, late: float, timeouts: int
-) -> None:
-    questions = Questions(served, timeout_s, late=late)
-    for number in range(count):
-        questions.ask(number)
-    print(f"seed {SEED}: {questions.answers} answers, {questions.timeouts} time-outs")
-    assert (questions.mismatches, questions.answers + questions.timeouts) == (0, count)
-    assert questions.timeouts > timeouts
-    assert questions.answers > 100
