@@ -84,23 +84,6 @@ def test_counts_equal_the_clock_by_clock_loop(shape, case):
     assert n_pulses.sum() + p_pulses.sum() > 0
 
 
-@pytest.mark.parametrize("case", range(20))
-def test_one_stretch_at_a_time_equals_the_loop(case):
-    rng = np.random.default_rng([SEED, case])
-    q_n, q_p = rng.integers(UNIT * 999 // 1000, UNIT * 1001 // 1000, (2, 5))
-    bank = ChargeBalance(np.full(5, UNIT))
-    bank.set_quanta(q_n, q_p)
-    residue = [0] * 5
-    for _ in range(10):
-        charge, clocks = rng.integers(-UNIT, UNIT, 5) * 9 // 10, int(rng.integers(0, 60))
-        n_pulses, p_pulses = bank.advance_once(charge, clocks)
-        for row in range(5):
-            step, quanta = int(charge[row]), (int(q_n[row]), int(q_p[row]))
-            expected, residue[row] = loop([step], [clocks], *quanta, UNIT, residue[row])
-            assert (n_pulses[row], p_pulses[row]) == tuple(expected[0])
-    assert bank.residue.tolist() == residue
-
-
 @pytest.mark.parametrize("case", range(6))
 def test_one_way_equals_any_way(case):
     """Also where the charge that is left belongs to the other polarity, and where an unsigned type holds the counts."""
@@ -125,28 +108,6 @@ def test_a_call_that_could_leave_64_bits_is_refused():
     ):
         with pytest.raises(ValueError, match="clocks in one call"):
             call()
-
-
-@pytest.mark.parametrize("case", range(40))
-def test_counts_of_16_bits_are_those_of_64(case):
-    """The noise is a part of a block, as in a run."""
-    rng = np.random.default_rng([SEED, case])
-    rows, n, design = 10, int(rng.integers(1, 1000)), 1 << 40
-    residue = rng.integers(-design, design + 1, rows)
-    q_n, q_p = design + rng.integers(-(10**8), 10**8, (2, rows))
-    steady = (rng.uniform(-0.97, 0.97, rows) * design * 10.0 ** rng.integers(-6, 1, rows)).astype(np.int64)
-    peak = np.minimum(np.abs(steady), 1 << 22)[:, None]
-    noise = (rng.uniform(-1.0, 1.0, (rows, 1000)) * peak).astype(np.int32)[:, 1000 - n :]
-    clocks = rng.integers(1, 2570, n)
-    counts, residues = [], []
-    for pulse_type in (np.uint16, np.int64):
-        bank = ChargeBalance(np.full(rows, design), pulse_type)
-        bank.residue = residue
-        bank.set_quanta(q_n, q_p)
-        counts.append(bank.advance_one_way(steady, noise, clocks))
-        residues.append(bank.residue)
-    np.testing.assert_array_equal(counts[0], counts[1])
-    np.testing.assert_array_equal(residues[0], residues[1])
 
 
 SECONDS = 0.4

@@ -14,7 +14,7 @@ from sim_instruments.worlds.af_converter.block import BlockFactory
 from sim_instruments.worlds.af_converter.constants import CHANNELS, WALK_A_RTH
 from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.af_converter.unit_constants import BiasWalk, NguTruth
-from sim_instruments.worlds.common.thermal import Thermal, follow, play_after
+from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.simulation import open_world
 
 NUMBERS = np.arange(1, 11)
@@ -41,17 +41,6 @@ def literal_play(degC: np.ndarray, half_width: float) -> np.ndarray:
             state = value + half_width
         found.append(state)
     return np.array(found)
-
-
-def test_play_by_hand() -> None:
-    """Up to 10, back: rests while 2 r are crossed; an inner loop smaller than 2 r leaves no trace."""
-    assert play_after((0.0,), 2.0) == 0.0
-    assert play_after((0.0, 1.5), 2.0) == 0.0
-    assert play_after((0.0, 10.0), 2.0) == 8.0
-    assert play_after((0.0, 10.0, 6.5), 2.0) == 8.0
-    assert play_after((0.0, 10.0, 5.0), 2.0) == 7.0
-    assert play_after((0.0, 10.0, 6.5, 9.0, 7.0), 2.0) == 8.0
-    np.testing.assert_array_equal(follow([8.0, 8.0], 20.0, [2.0, 3.0]), [18.0, 17.0])
 
 
 @pytest.mark.validates(

@@ -175,43 +175,6 @@ def test_the_frame_file_and_the_board_mean_the_same():
         assert host.board.correction.sin_alpha == pytest.approx(0.02)
 
 
-def exchanges_over_a_bad_line(count, seed):
-    """How many were completed in three tries; checks that none is done twice or answered wrongly."""
-    print("seed", seed)
-    with open_host(seed) as host:
-        host.world.faults.link("rs422").bit_error_rate = 0.05 / (8 * 30)  # about one frame of 30 bytes in twenty
-        memories = host.board.module.memories
-        completed = repeated = 0
-        for number in range(count):
-            echo = number % 4 != 0
-            pattern = struct.pack("<IQ", number, number * 0x9E3779B97F4A7C15 % 2**64)
-            request = (0x18, pattern) if echo else (0x12, struct.pack("<3B2I", *ERASE))
-            before = memories.erases[2]
-            frame = None
-            for turn in range(3):
-                if frame is None:
-                    frame = host.exchange(*request, sequence=number % 256)
-                    repeated += turn > 0
-            assert memories.erases[2] - before <= (0 if echo else 1)
-            if frame is None:
-                continue
-            completed += 1
-            assert (frame.kind, frame.payload[0]) == (ANSWER, 0)
-            if echo:
-                assert frame.payload[1:] == pattern
-            else:
-                assert struct.unpack("<6I", frame.payload[1:])[5] == memories.erases[2]
-    assert repeated > count / 30, "the line was not bad"
-    return completed
-
-
-@pytest.mark.parametrize(
-    ("count", "seed", "due"), [(300, 4, 298), pytest.param(2000, 5, 1990, marks=pytest.mark.sweep)]
-)
-def test_commands_over_a_bad_line_are_completed_by_repeating_them(count, seed, due):
-    assert exchanges_over_a_bad_line(count, seed) >= due
-
-
 def streamed(host, rate=200, seconds=5.0, sensors=7, samples=0, look_s=0.25):
     """Samples as rows of (counter, tick, count, gyro, accel, mag, temperature)."""
     assert host.ask(0x20, "BHI", sensors, rate, samples) == (0, b"")

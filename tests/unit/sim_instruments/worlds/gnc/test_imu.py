@@ -205,21 +205,6 @@ def test_slow_noise_is_a_gauss_markov_process_from_the_first_power_on() -> None:
     assert np.ptp(drifts[0]) > 1e-4
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_samples_do_not_depend_on_the_calls(seed: int) -> None:
-    stamps = times_ns(1100.0)
-    whole = GncImu(seed, "GNC-07").sample(stamps)
-    cut = np.random.default_rng(seed).choice(np.arange(1, stamps.size), 12, replace=False)
-    pieces = np.split(stamps, np.sort(cut))
-    unit = GncImu(seed, "GNC-07")
-    order = np.random.default_rng(seed + 5).permutation(len(pieces))
-    drawn = {int(place): unit.sample(pieces[place]) for place in order}
-    for name in ("gyro", "accel", "mag", "temperature"):
-        joined = np.concatenate([getattr(drawn[place], name) for place in range(len(pieces))])
-        assert np.array_equal(joined, getattr(whole, name)), name
-    assert unit.sample(stamps[:0]).gyro.shape == (0, 3)
-
-
 def test_random_walks_by_allantools_whatever_the_rate() -> None:
     """N of the truth is what allantools finds at 1 s in the counts, rounding and slow noise included (1 % of it)."""
     options = ImuOptions(errors=False)

@@ -50,17 +50,6 @@ def test_a_unit_that_is_put_in_starts_at_once_and_is_the_same_when_it_comes_back
         assert np.abs(np.subtract(imu_means(host)[3:], first[3:])).max() < 100  # 1 mg of warming and turn-on
 
 
-def test_a_module_is_a_function_of_seed_and_serial():
-    found = {}
-    for seed in (1, 2):
-        for serial in ("A", "B"):
-            with open_host(seed, serial) as host, open_host(seed, serial) as again:
-                assert imu_means(host) == imu_means(again)
-                assert host.world.load == again.world.load
-                found[seed, serial] = imu_means(host)
-    assert len(set(found.values())) == 4
-
-
 def test_the_mounting_decides_which_axis_feels_gravity_from_the_act_on():
     with open_host(options={"imu_errors": "off", "noise": "off"}) as host:
         felt = {}

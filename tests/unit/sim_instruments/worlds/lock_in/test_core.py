@@ -179,22 +179,6 @@ def test_quantum_noise_is_a_random_walk_of_its_size():
     assert np.abs(simulated(replace(laser, quantum_deg_rt_h=0.0), 0.1).phase_rad).max() < 1e-9
 
 
-def test_a_second_harmonic_makes_jumps_of_its_own():
-    plain = RingLaser(0.28, 0.7)
-    both = replace(plain, second_harmonic=0.1, second_phase_rad=1.0)
-    first, second = (simulated(one, 0.05) for one in (plain, both))
-    measured, expected, _ = jumps(both, second)
-    left = measured - expected
-    without, theory, _ = jumps(plain, first)
-    assert np.std(left) > 1.5 * np.std(without - theory)
-    middle = 0.5 * (second.phase_rad[1:] + second.phase_rad[:-1])
-    swing = both.scale * np.radians(second.dither_deg_s) * both.half_s / math.pi
-    up = 1.0 - 2.0 * (np.arange(len(swing)) % 2)
-    size = 0.1 * both.kappa_rad_s * np.sqrt(np.pi / (swing * (math.pi / both.half_s) ** 2))  # bends twice as fast
-    own = -size * np.sin(2.0 * (middle + up * swing) + 1.0 - up * np.pi / 4.0)
-    assert np.corrcoef(left, own)[0, 1] > 0.7
-
-
 def test_pick_off_edges_stand_at_the_maxima_of_the_velocity():
     edges = simulated(RingLaser(0.28), 0.02)
     pick_off = edges.channel == PICK_OFF

@@ -11,7 +11,6 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import spherical_jn
 
-from bench.maths.geodesy import TangentFrame, body_to_level
 from sim_instruments.worlds.time_sync.flight.imu import ImuClass, ImuErrors, exact_increments, imu_runs
 from sim_instruments.worlds.time_sync.flight.path import (
     MANOEUVRES,
@@ -20,7 +19,7 @@ from sim_instruments.worlds.time_sync.flight.path import (
     gravity_m_s2,
     normal_gravity_m_s2,
 )
-from sim_instruments.worlds.time_sync.samples import TangentPlane, euler_rad, level_axes, to_earth, to_geodetic
+from sim_instruments.worlds.time_sync.samples import euler_rad, level_axes, to_earth, to_geodetic
 
 Array = np.ndarray
 
@@ -223,15 +222,6 @@ def test_spherical_bessel_functions_by_series_and_closed_form_are_those_of_scipy
         assert found == pytest.approx(spherical_jn(order, x), rel=1e-13, abs=1e-300)
 
 
-def test_acceleration_and_yaw_rate_are_derivatives() -> None:
-    path = FlightPath(_PIECES, 30.0, 20.0)
-    t_s = np.array([1.0, 3.0, 7.0, 10.0, 14.0, 18.2, 25.0])
-    h = 1e-4
-    before, now, after = path.state(t_s - h), path.state(t_s), path.state(t_s + h)
-    assert now.a == pytest.approx((after.v - before.v) / (2 * h), abs=2e-4)
-    assert now.yaw_rate == pytest.approx((after.yaw - before.yaw) / (2 * h), abs=1e-7)
-
-
 def test_a_piece_changes_the_future_only_and_of_this_path_only() -> None:
     path = FlightPath(((0.0, 0.0, 0.0), (10.0, 5.0, 0.0), (20.0, 0.0, 9.0)), 100.0)
     past = path.state(np.linspace(-5.0, 14.99, 50))
@@ -322,16 +312,3 @@ def test_axes_and_angles_are_those_of_a_second_method():
     angles = np.random.default_rng(3).uniform([-3.0, -1.5, 0.0], [3.0, 1.5, 6.28], (50, 3))
     turn = Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix()
     close(euler_rad(turn), angles, atol=1e-12)
-
-
-def test_the_analysis_finds_the_tangent_plane_again():
-    """Its own conversion, written apart: positions, velocities and attitudes of a flight of 100 km."""
-    draw = np.random.default_rng(11)
-    p = draw.uniform(-1e5, 1e5, (200, 3)) * [1.0, 1.0, 0.1]
-    v, turn = draw.normal(0.0, 100.0, (200, 3)), Rotation.random(200, random_state=2).as_matrix()
-    told = TangentPlane(37.5, 127.0).told(p, v, turn)
-    frame = TangentFrame(37.5, 127.0)
-    close(frame.positions_m(told.latitude_deg, told.longitude_deg, told.height_m), p, atol=1e-8)
-    back = frame.from_level(told.latitude_deg, told.longitude_deg)
-    close(np.einsum("nij,nj->ni", back, told.velocity_m_s), v, atol=1e-10)
-    close(back @ body_to_level(*told.attitude_deg.T), turn, atol=1e-11)
