@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crccheck.crc import Crc16Ibm3740
 from numpy.typing import NDArray
 from record_sample import ROOT, frame
 
@@ -205,25 +204,3 @@ def test_a_valid_frame_that_overlaps_another_by_one_byte_is_not_taken() -> None:
         counts, found = everything(definition, engine, [stream])
         assert found["command"] == [0, len(first) + len(second) - 1]
         assert (counts.bad, counts.skipped_bytes) == (0, len(second) - 1)
-
-
-def independent(stream: bytes) -> tuple[list[int], int]:
-    """A third decoder of ngu_a, written against nothing but the wire format, with the oracle's CRC."""
-    at, accepted, rejected = 0, [], 0
-    while (at := stream.find(b"\xeb\x90", at)) >= 0 and at + 57 <= len(stream):
-        if Crc16Ibm3740.calc(stream[at + 2 : at + 55]) == int.from_bytes(stream[at + 55 : at + 57], "big"):
-            accepted.append(at)
-            at += 57
-        else:
-            rejected += 1
-            at += 1
-    return accepted, rejected
-
-
-@pytest.mark.parametrize("seed", range(0, 40, 4))
-def test_an_independent_decoder_agrees(seed: int) -> None:
-    generator = np.random.default_rng(seed)
-    definition = frame("ngu_a")
-    stream = damaged_stream(definition, generator)
-    counts, found = everything(definition, "numpy", [stream])
-    assert (found["frame"], counts.bad) == independent(stream)

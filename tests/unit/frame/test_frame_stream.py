@@ -27,22 +27,6 @@ def feed(
     return unwrapper.feed(values, times, lambda first: [b""] * (len(values) - first))
 
 
-@pytest.mark.parametrize(
-    ("batches", "lost", "duplicate"),
-    [
-        ([[65534, 65535, 65538, 65539], [65545]], 7, 0),
-        ([[9, 10, 11, 9, 10, 11, 12, 12, 15]], 2, 4),
-        ([[9, 10, 11], [9], [10, 11, 12]], 0, 3),
-        ([[65535, 65536], [65535, 65536, 65537]], 0, 2),
-    ],
-)
-def test_lost_and_repeated_frames_in_and_between_batches(batches: list[list[int]], lost: int, duplicate: int) -> None:
-    unwrapper = CounterUnwrapper(WRAP, None)
-    found = [feed(unwrapper, batch) for batch in batches]
-    assert [result.counter.tolist() for result in found] == batches
-    assert (sum(one.lost for one in found), sum(one.duplicate for one in found)) == (lost, duplicate)
-
-
 @pytest.mark.parametrize("gap", [1, 2, 500, 65535, 65536, 65537, 200_000, 1_000_000])
 def test_gaps_longer_than_a_wrap_by_receive_time(gap: int) -> None:
     """100 Hz in 1 s reads; the time of the gap is off by up to a read."""
@@ -54,18 +38,6 @@ def test_gaps_longer_than_a_wrap_by_receive_time(gap: int) -> None:
         result = feed(unwrapper, raw, np.full(100, t_ns))
         assert result.counter.tolist() == raw.tolist()
         assert result.lost == gap - 1
-
-
-def test_a_narrow_fast_counter_is_followed_by_time() -> None:
-    """u8 at 1 kHz, read once a second: a thousand frames per read are four wraps."""
-    unwrapper = CounterUnwrapper(256, 1000.0)
-    at = 0
-    for second in range(1, 20):
-        size = 1000 if second != 7 else 990  # ten frames lost somewhere in the read
-        true = np.concatenate((np.arange(at, at + 500), np.arange(at + 1500 - size, at + 1000)))
-        result = feed(unwrapper, true % 256, np.full(size, second * SECOND))
-        assert result.counter.tolist() == true.tolist(), second
-        at += 1000
 
 
 def test_one_odd_counter_is_suspect_and_changes_nothing_inside_a_batch_or_at_its_end() -> None:
@@ -157,20 +129,6 @@ def frames(definition: FrameDefinition, counters: Any) -> np.ndarray:
     return definition.encode(columns | {"counter": counters % 65536}, len(counters))
 
 
-def test_push_only_queues() -> None:
-    definition = frame("ngu_a")
-    link = LinkDecoder(definition)
-    stream = frames(definition, range(4)).tobytes()
-    link.push(10, stream[:100])
-    link.push(20, stream[100:])
-    assert link.pending_bytes == 4 * LENGTH
-    assert link.counts.bytes == 0
-    batch = link.flush().messages["frame"]
-    assert link.pending_bytes == 0
-    assert batch.raw("counter").tolist() == [0, 1, 2, 3]
-    assert (link.counts.bytes, link.counts.frames, link.counts.skipped_bytes) == (4 * LENGTH, 4, 0)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_the_stamp_is_that_of_the_chunk_that_completed_the_frame(seed: int) -> None:
     generator = np.random.default_rng(seed)
@@ -189,21 +147,6 @@ def test_the_stamp_is_that_of_the_chunk_that_completed_the_frame(seed: int) -> N
             stamps += link.flush().messages["frame"].t_ns.tolist()  # type: ignore[union-attr]
     stamps += link.finish().messages["frame"].t_ns.tolist()  # type: ignore[union-attr]
     assert stamps == [arrival[LENGTH * (index + 1)] for index in range(60)]
-
-
-def test_lost_bad_duplicate_and_their_stamps() -> None:
-    definition = frame("ngu_a")
-    rows = frames(definition, [0, 1, 2, 3, 4, 4, 7])
-    rows[3, 20] ^= 4
-    link = LinkDecoder(definition)
-    for stamp, part in ((5, rows[:3]), (6, rows[3:4]), (7, rows[4:])):
-        link.push(stamp, part.tobytes())
-    batch = link.finish()
-    assert batch.messages["frame"].counter.tolist() == [0, 1, 2, 4, 4, 7]  # type: ignore[union-attr]
-    assert (batch.bad_offset.tolist(), batch.bad_t_ns.tolist()) == ([3 * LENGTH], [6])
-    counts = link.counts
-    assert (counts.frames, counts.bad, counts.lost, counts.duplicate, counts.suspect) == (6, 1, 3, 1, 0)
-    assert counts.skipped_bytes == LENGTH
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -457,18 +400,3 @@ def test_engines_agree_however_the_chunks_are_flushed(chunks: Chunks, flushes: s
     each = set(range(len(chunks)))
     for engine, flushed in (("numpy", set()), *product(ENGINES, (flushes, each))):
         assert decoded(engine, chunks, flushed) == due
-
-
-@seed(7)
-@settings(max_examples=100, deadline=None)
-@given(chunks=chunked(), payload=st.binary(max_size=40))
-def test_a_whole_frame_behind_a_silence_is_found_at_once(chunks: Chunks, payload: bytes) -> None:
-    for engine in ENGINES:
-        link = link_of(engine)
-        for stamp, chunk in chunks:
-            link.push(stamp, chunk)
-        link.flush()
-        link.push(chunks[-1][0] + 101 * MS, answer(200, payload))
-        found = link.flush().messages["answer"]
-        heard = any(chunk for _, chunk in chunks)
-        assert not heard or (200, payload) in zip(found.raw("sequence").tolist(), found.raw("payload"), strict=True)
