@@ -15,7 +15,7 @@ from imported_logs import LOG, SHORT
 from kill_drill import LONGEST_S, Process, killed, resumable, safe_after_s, session_in
 from own_lab import ANALYSIS, DRIVER, NAME, SIMULATOR, copied
 from rehearsal import ROOT, Inside, bench, contents
-from served import SAFE_S, ServedPage, serving
+from served import SAFE_S, serving
 from waiting import until
 
 import bench as bench_module
@@ -223,17 +223,6 @@ def test_without_owners_it_is_loaded_by_trust(lab: Path) -> None:
 def test_the_option_of_windows_trusts_nothing_here(lab: Path) -> None:
     (lab / DRIVER).chmod(0o666)
     one_line(bench("--trust-lab", "check", "air_mean", cwd=lab), "B-LAB-004")
-
-
-@pytest.mark.waits
-@pytest.mark.slow
-def test_the_page_shows_it(lab: Path, tmp_path: Path) -> None:
-    page = ServedPage(lab, tmp_path / "config")
-    try:
-        assert json.loads(page.get(f"/api/v1/runs/{NAME}"))["state"] == "ended"
-        assert "Mean temperature of the air" in page.get(f"/api/v1/runs/{NAME}/report")
-    finally:
-        page.kill()
 
 
 NOBODY = 1 << 22  # a number that no process has
