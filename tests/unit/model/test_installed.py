@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from importlib.abc import MetaPathFinder
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from own_lab import ANALYSIS, DRIVER, SIMULATOR, copied
 from pydantic import ValidationError
+from rehearsal import main_of
 
 from bench.commands.doctor import _installed
 from bench.commands.lab.listing import print_list
@@ -168,6 +170,16 @@ def test_a_package_of_another_distribution_is_named_b_pkg_003(monkeypatch: pytes
     with pytest.raises(InstallationError, match="is of jsonkit, not of inertial-bench") as caught:
         installed.checked_package("json", "inertial-bench")
     assert caught.value.next_step.startswith("uninstall jsonkit")
+
+
+def test_a_bench_whose_own_packages_are_another_s_does_nothing_b_pkg_003(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(installed, "_MARK", re.compile("^(never)$"))
+    with pytest.raises(InstallationError, match="'instruments' of inertial-bench is damaged"):
+        installed.driver_packages()
+    assert main_of(monkeypatch, "--help") == ExitStatus.BAD_INPUT
+    assert capsys.readouterr().err.startswith("error B-PKG-003: ")
 
 
 @pytest.mark.parametrize(
