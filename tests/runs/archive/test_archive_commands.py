@@ -3,7 +3,6 @@
 import hashlib
 import json
 import shutil
-import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -154,14 +153,6 @@ def test_what_was_archived_and_is_shorter_says_so_everywhere(say: Say, archive: 
             assert "B-ARC-004" in (text := say(*command)[1])
             assert "shorter than what was archived" in text or command[0] == "add"
     assert "B-ARC-004" in say("refit", "--select", "until=2000-02-02", "--to", str(tmp_path / "trial"))[1]
-
-
-def test_a_store_behind_a_closed_port_is_away(say: Say) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-    status, text, _ = say("add", f"ftp://127.0.0.1:{port}/lab")
-    assert (status, "B-ARC-007    ftp://127.0.0.1" in text) == (ExitStatus.SAFE_AFTER_FAULT, True)
-    assert "Connection refused" in text
 
 
 def test_results_without_provenance_are_an_input_error_of_replay(archive: Path, inside: Inside) -> None:
