@@ -20,7 +20,7 @@ from rehearsal import Inside
 from bench.archive.index import add
 from bench.archive.trial import OUTCOME, Asked, Refitted, refit_sessions
 from bench.archive.work import Compute, computed_here
-from bench.model.errors import ExitStatus, InputError, RunError
+from bench.model.errors import ExitStatus, RunError
 from bench.store import Selection, list_sessions, read_trial
 
 _LS = LocalFileSystem.ls
@@ -194,14 +194,6 @@ def test_storage_that_fails_for_a_while_is_no_result(archive: Path, tmp_path: Pa
     refitted(archive, tmp_path / "t", compute)
     assert len(tried) == FEW + 1
     assert (tmp_path / "t" / OUTCOME).read_bytes() == whole_of
-
-
-def test_another_refit_needs_another_folder(archive: Path, tmp_path: Path) -> None:
-    refitted(archive, tmp_path / "t")
-    url = f"sqlite:///{archive / 'history.sqlite'}"
-    rows = list_sessions(url, Selection())[:1]
-    with pytest.raises(InputError, match="of another refit"):
-        refit_sessions(url, rows, ASKED, tmp_path / "t", computed_here, Silent())
 
 
 def test_copies_are_one_session_and_the_whole_one_is_read(archive: Path, tmp_path: Path, whole_of: bytes) -> None:

@@ -165,14 +165,6 @@ def test_what_is_refused_is_listed_and_not_executed(lab: Path, inside: Inside) -
     one_line(inside("check", "scale_factor_short", cwd=lab), "B-LAB-005")
 
 
-def test_a_mistake_in_a_file_is_said_once(lab: Path, inside: Inside) -> None:
-    (lab / DRIVER).write_text("import numpy\nnumpy.nosuch\n")
-    said = one_line(inside("run", "air_mean", cwd=lab), "B-LAB-006")
-    assert f"{lab / DRIVER}:2: " in said
-    (lab / DRIVER).unlink()
-    assert "B-PLAN-011" in inside("check", "air_mean", cwd=lab).stderr
-
-
 def test_an_instrument_by_hand_leaves_a_session_that_names_its_code(lab: Path, inside: Inside) -> None:
     done = inside("talk", "thermometer", "*IDN?", "--station", "t100_bench", "--out", "talks", cwd=lab)
     assert (done.returncode, done.stdout.splitlines()[0]) == (0, "EXAMPLE,T100,SIM100,1.0"), done.stderr
