@@ -193,18 +193,6 @@ def test_a_wrong_certificate_is_recalled_and_no_other(say: Say, archive: Path, i
     assert say("where", archive_sample.WRONG)[1].count("SPECIMEN-EX") == 2
 
 
-def test_the_corrected_register_gives_what_a_true_one_would_have(say: Say, archive: Path, tmp_path: Path) -> None:
-    """Every changed value moves by the wrong gain, against the formula: dsf is relative to the current."""
-    register, trial = archive_sample.corrected(tmp_path / "corrected.yaml"), tmp_path / "trial"
-    say("refit", "--with-standards", str(register), "--select", "certificate=C-a-2001", "--to", str(trial))
-    rows = pyarrow.parquet.read_table(trial / "refit.parquet").to_pylist()
-    moved = [row["value"] - row["released_value"] for row in rows if row["quantity"] in ("dsf_n", "dsf_p")]
-    assert len(moved) == 8
-    # (1 + dsf') (1 + 60e-6) = 1 + dsf; gain 60 ppm too high a current made every dsf 60 ppm too low or high
-    assert [abs(move) for move in moved] == pytest.approx([archive_sample.WRONG_ppm] * 8, rel=2e-3)
-    assert len({move > 0 for move in moved}) == 1
-
-
 def test_a_failure_is_a_row_with_its_code(say: Say, tmp_path: Path) -> None:
     """A method that one campaign has and four have not; a certificate that nobody used; nothing selected."""
     say("add", str(GOLDEN))
