@@ -1,6 +1,11 @@
 """Rows 3, 4, 5, 24, 28: a clock that is set, a machine that sleeps, a disk that is full or hangs, many benches."""
 
 import gc
+import json
+import os
+import shutil
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from kill_drill import LONGEST_S, SEQUENCE, Process, session_in
 from record_sample import FaultyFiles, io_error, no_space
 from rehearsal import Rehearsal, rehearsed
 from served import Served
@@ -111,7 +117,52 @@ def test_a_campaign_takes_exactly_as_long_under_a_clock_that_is_set(tmp_path: Pa
     assert any(line.startswith("clock_step") for line in happenings(view_of(plan, moved)))
 
 
+SHIM = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <time.h>
+#include <unistd.h>
+/* UTC is moved as long as the file exists; the monotonic clock is left alone. */
+int clock_gettime(clockid_t which, struct timespec *now) {
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real) real = (int (*)(clockid_t, struct timespec *)) dlsym(RTLD_NEXT, "clock_gettime");
+    int done = real(which, now);
+    if (which == CLOCK_REALTIME && getenv("MOVED_FILE") && !access(getenv("MOVED_FILE"), F_OK)) now->tv_sec -= 3600;
+    return done;
+}
+"""
+
+
+@pytest.mark.sweep
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_clock_of_the_machine_is_set_back_an_hour(served: Served, tmp_path: Path) -> None:
+    """A real process in real time, whose libc tells another UTC from one moment on."""
+    (tmp_path / "shim.c").write_text(SHIM)
+    library, moved = tmp_path / "shim.so", tmp_path / "moved"
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, tmp_path / "shim.c", "-ldl"], check=True)
+    words = ["run", SEQUENCE, "--station", str(served.station), "--clock", "wall", "--out", str(tmp_path / "out")]
+    environment = {**os.environ, "LD_PRELOAD": str(library), "MOVED_FILE": str(moved)}
+    clock = WallClock()
+    with (tmp_path / "said").open("wb") as said:
+        process = subprocess.Popen([sys.executable, "-m", "bench", *words], env=environment, stdout=said, stderr=said)
+        clock.sleep(25.0)
+        moved.touch()
+        moved_ns = clock.now_ns()
+        assert process.wait(120.0) == 0, (tmp_path / "said").read_text()
+    (folder,) = (path for path in (tmp_path / "out").iterdir() if path.is_dir())
+    ((_, t_ns, fields),) = SessionReader(folder).events("clock_step")
+    print(f"noticed after {(t_ns - moved_ns) / NS:.3f} s")
+    assert 0 <= t_ns - moved_ns <= NS
+    assert fields["step_s"] == pytest.approx(-HOUR_S, abs=0.1)
+    results = json.loads((folder / "results.json").read_text())
+    assert results["quality"]["records"] == 10
+    assert results["quality"]["frames_lost"] == 0
+
+
+STRACE = shutil.which("strace")
 RECORDS = 25
+STALL_AT_S, STALL_S = 15.0, 10
 FULL_FROM_S, FULL_TO_S = 120.0, 160.0
 
 
@@ -167,6 +218,29 @@ def test_a_disk_that_stays_full_ends_the_run_safely_and_it_goes_on_when_there_is
     assert len(view.splices) == 1
     known = {row.window.number: row.window for row in view.rows}
     assert all(known[row.window.number] == row.window for row in whole)
+
+
+@pytest.mark.sweep
+@pytest.mark.skipif(STRACE is None, reason="strace is not installed")
+def test_an_fsync_of_ten_seconds_costs_no_frame(served: Served, tmp_path: Path) -> None:
+    """A real run in real time; its thread for the disk hangs in the call, everything else goes on."""
+    words = ["run", SEQUENCE, "--station", str(served.station), "--clock", "wall", "--out", str(tmp_path / "out")]
+    process = Process(tmp_path / "said", *words)
+    try:
+        assert process.ended_by(STALL_AT_S) is None, process.said()
+        folder = session_in(tmp_path / "out")
+        assert folder is not None
+        trace = tmp_path / "trace"
+        strace = [str(STRACE), "-f", "-o", str(trace), "-P", str(folder / "session.0001.mcap"), "-e", "trace=fsync"]
+        strace += ["-e", f"inject=fsync:delay_exit={STALL_S * 1_000_000}:when=3", "-p", str(process.pid)]
+        with subprocess.Popen(strace, stderr=subprocess.DEVNULL):
+            assert process.ended_by(LONGEST_S) == 0, process.said()
+    finally:
+        process.end()
+    assert "(DELAYED)" in trace.read_text()
+    quality = json.loads((folder / "results.json").read_text())["quality"]
+    assert (quality["frames_lost"], quality["frames_bad"], quality["records"]) == (0, 0, 10)
+    assert not read_view(folder, strict=True).incomplete
 
 
 CYCLES = 1000
