@@ -15,11 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from socketserver import BaseRequestHandler, ThreadingTCPServer
 
-import loss_drill
 import pytest
-from block_rows import read_rows
 from loss_bench import Proxies
-from loss_drill import MISSED, Job, Row, drill_all, drilled, summary, told
+from loss_drill import MISSED, drill_all, drilled, summary, told
 from loss_judge import Kept, Recording, Sample, Span, Verdict, judge, point_of
 from loss_schedule import ALL, FULL, KINDS, SCALED, SHORT, Kind, Loss, PlanStep, drawn, scale_of
 
@@ -51,30 +49,6 @@ def test_a_run_that_loses_nothing_is_right(tmp_path: Path) -> None:
     (row,) = drilled(tmp_path / "bare", [0], SHORT, bare=True)
     assert row.violations == ""
     assert row.exit in ("0", "1")  # a machine without time leaves records that are flagged
-
-
-def test_the_whole_drill_goes_on_where_its_rows_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-
-    def drilled_by_hand(jobs: Sequence[Job], benches: int, out: Path) -> Iterable[list[Row]]:
-        for seeds, scale in jobs:
-            asked.extend(seeds)
-            if seeds == [3] and asked.count(3) == 1:
-                raise KeyboardInterrupt
-            place = (seeds[0], scale.name, "calibrator", "mute", "settle", 5, math.inf)
-            yield [Row(*place, 2.8, math.nan, "0", "dismissed", "", "identical", "late" if seeds == [4] else "")]
-
-    monkeypatch.setattr(loss_drill, "drill_all", drilled_by_hand)
-    monkeypatch.setattr(loss_drill, "ROWS", tmp_path / "losses.csv")
-    assert loss_drill.main(["--count", "6"]) == loss_drill.STOPPED
-    assert loss_drill.main(["--count", "6"]) == 1
-    assert asked == [0, 1, 2, 3, 3, 4, 5]
-    rows = read_rows(Row, tmp_path / "losses.csv")
-    assert [(row.seed, row.scale, row.violations) for row in rows][3:] == [
-        (3, "scaled", ""), (4, "scaled", "late"), (5, "full", ""),
-    ]  # fmt: skip
-    assert all(math.isinf(row.length_s) and math.isnan(row.off_after_s) for row in rows)
-    assert "| mute | 6 | 2.8 s, 2.8 s | - | 6 | 0 | 1 |" in summary(rows)
 
 
 ROLES = ("calibrator", "switch", "supply")

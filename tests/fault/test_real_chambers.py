@@ -19,7 +19,6 @@ FILES = sorted(FOLDER.glob("*tcsweep_1vdc*.dsv"))
 pytestmark = [pytest.mark.waits, pytest.mark.real, pytest.mark.skipif(not FILES, reason=f"no recording in {FOLDER}")]
 
 HOUR_S = 3600.0
-HOLD_h = (23.0, 23.8)  # the set-point of the file stands still
 SLOT_S, LIMIT_S = 1500.0, 900.0
 
 
@@ -76,15 +75,3 @@ def test_no_moment_of_the_recording_is_settled_that_was_not(
     assert all(said > 0 for said, _, _ in (found[34.88], found[21.75]))
     assert [false for _, false, _ in found.values()] == [0, 0, 0]
     assert sum(left for _, _, left in found.values()) <= 0.05 * sum(said for said, _, _ in found.values())
-
-
-def test_a_hold_of_the_bath_is_settled(tmp_path: Path, bath: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
-    t_s, sensor_degC = bath
-    level_degC = float(np.median(sensor_degC[(t_s > HOLD_h[0] * HOUR_S) & (t_s < HOLD_h[1] * HOUR_S)]))
-    rig = Rig(tmp_path, "chamber")
-    rig.step(
-        "soak", "chamber", "soak", temperature=level_degC, ramp=0.5, slot=SLOT_S, within=0.2, **{"for": 900.0},
-        sensor="unit", late="abort", hold_limit=0.0,
-    )  # fmt: skip
-    rig.unit_degC = from_hour(bath, HOLD_h[0])
-    assert rig.run().error is None

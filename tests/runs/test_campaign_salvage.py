@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -242,21 +241,6 @@ def test_a_living_run_is_not_gone_on_with(crashes: Crashes, tmp_path: Path) -> N
         read_stopped(folder)
     journal.close()
     assert read_stopped(folder).plan.sha256 == crashes.plan.sha256
-
-
-def test_a_journal_of_another_version_is_refused_and_nothing_is_lost(crashes: Crashes, tmp_path: Path) -> None:
-    folder = copied(crashes, "between points", tmp_path)
-    path = folder / "journal.jsonl"
-    content = b""
-    for number, line in enumerate(path.read_bytes().splitlines(), 1):
-        text = json.dumps({"v": 2, **json.loads(line[9:])}).encode()
-        content += b"%08x %b\n" % (zlib.crc32(text, number), text)
-    path.write_bytes(content)
-    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-    with pytest.raises(InputError, match="B-REC-007") as caught:
-        resume(folder, None, None, as_json=False)
-    assert caught.value.exit_status == ExitStatus.BAD_INPUT
-    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
 
 
 def test_another_plan_is_refused_and_the_same_one_is_not(crashes: Crashes, tmp_path: Path) -> None:

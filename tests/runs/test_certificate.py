@@ -14,7 +14,7 @@ import report_sample
 from dcc_checker import problems, xsd
 from dcc_sample import EXAMPLE, expected, read_certificate
 from imported_logs import RAMP, ramp_rows, write_ramp
-from rehearsal import Inside, bench, writable_copy
+from rehearsal import Inside, writable_copy
 from report_sample import code_names
 
 from bench.analysis import results_json
@@ -84,14 +84,6 @@ def test_a_specimen_of_a_simulated_session(short: Short, tmp_path: Path, inside:
     told = session_of(xml)
     assert told.specimen
     assert told.hashes["session"] == SessionReader(session).sha256
-
-
-@pytest.mark.sweep
-def test_a_specimen_of_the_bias_campaign(tmp_path: Path) -> None:
-    done = bench("run", "bias_ramp_short", "--seed", "11", "--out", str(tmp_path))
-    assert done.returncode in (0, 1), done.stderr
-    folder = next(path for path in tmp_path.iterdir() if path.is_dir())
-    assert every_estimate_is_in(written(request(folder, laboratory=EXAMPLE, out=tmp_path / "c.xml")), folder) > 20
 
 
 def test_what_gets_no_certificate(session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,20 +1,17 @@
 """``bench check --live`` and ``bench commission`` on benches in this process and on served ones."""
 
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import Inside, bench, rehearsed
+from rehearsal import Inside, bench
 from served import Served, serving
 
 from bench.model.clock import WallClock
-from bench.plan import compile_sequence, load_station
+from bench.plan import load_station
 from bench.run.guard.lock import BenchLock, bus_keys
-from sim_instruments import acutrol_3000
-from sim_instruments.acutrol_3000 import Acutrol3000
 
 pytestmark = pytest.mark.waits
 
@@ -36,16 +33,6 @@ def test_a_bench_inside_the_process(tmp_path: Path, inside: Inside) -> None:
     assert found["identity of calibrator"]["value"] == "5720A SIM5720"
     assert found["line of port_a"]["status"] == "skipped"
     assert found["write speed"]["status"] == "ok"
-
-
-def test_the_table_says_how_it_ends(tmp_path: Path, inside: Inside) -> None:
-    done = inside("check", "scale_factor_short", "--live", "--out", str(tmp_path))
-    assert done.returncode == 0
-    lines = done.stdout.splitlines()
-    assert "Pre-flight" in lines
-    assert any(line.startswith(" ok    identity of dmm") for line in lines)
-    assert lines[-1].endswith("skipped")
-    assert " 0 fail," in lines[-1]
 
 
 @pytest.fixture(scope="module")
@@ -156,19 +143,6 @@ def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path
     assert table.state()["instruments"]["turntable"]["interlocks"] == ["Open"] * 3
 
 
-def test_a_gateway_that_is_not_there(table: Served, tmp_path: Path, inside: Inside) -> None:
-    station = as_a_real_one(table, tmp_path)
-    station.write_text(re.sub(r"(hislip\d),\d+", r"\1,9", station.read_text()))
-    done = inside("check", "gnc_bias", "--station", str(station), "--live", "--json")
-    assert done.returncode == 3
-    findings = json.loads(done.stdout)["preflight"]["findings"]
-    absent = [one for one in findings if one["name"].startswith("identity of ")]
-    assert {one["status"] for one in absent} == {"fail"}
-    assert {one["value"] for one in absent} == {"B-RUN-002"}
-    (found,) = first_contact(inside, station)
-    assert (found["status"], found["text"]) == ("skipped", "no instrument whose commands are known answers")
-
-
 @pytest.mark.parametrize(("role", "code"), [("calibrator", "B-COM-002"), ("teapot", "B-CLI-003")])
 def test_a_bench_inside_the_process_and_a_role_that_is_not_there(inside: Inside, role: str, code: str) -> None:
     done = inside("commission", role, "--station", "af_bench_sim", *BY)
@@ -182,55 +156,3 @@ def test_a_driver_without_a_table(table: Served, tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(commission, "manual_of", lambda driver: None)
     with pytest.raises(InputError, match="B-COM-001: "):
         commission.commission("turntable", str(as_a_real_one(table, tmp_path)), "somebody", yes=False)
-
-
-MOTION = """\
-sequence: motion
-station: gnc_bench_sim
-frame: {rs422: gnc_422}
-prepare:
-  - turntable.set_limits: {axis: 1, rate: 300 deg/s, acceleration: 300 deg/s2}
-  - turntable.set_limits: {axis: 2, rate: 300 deg/s, acceleration: 300 deg/s2}
-  - turntable.set_limits: {axis: 3, rate: 300 deg/s, acceleration: 300 deg/s2}
-  - turntable.close_interlock
-steps:
-  - turntable.move: {axis: 1, angle: 90 deg, rate: 45 deg/s}
-  - settle: 10 s
-  - turntable.measure_position: {axis: 1}
-  - turntable.spin: {axis: 1, rate: -250 deg/s}
-  - settle: 5 s
-  - turntable.measure_rate: {axis: 1}
-  - turntable.stop: {axis: 1}
-  - settle: 20 s
-finally:
-  - turntable.open_interlock
-"""
-
-
-def moved(folder: Path) -> tuple[list[float], str]:
-    """Return what the turntable says while it is moved in virtual time, and its firmware."""
-    folder.mkdir()
-    (folder / "motion.yaml").write_text(MOTION)
-    run = rehearsed(folder / "out", compile_sequence(folder / "motion.yaml")).run
-    assert (run.outcome.error, run.outcome.unsafe) == (None, ())
-    read = [float(fields["value"]) for kind, _, fields in run.events if kind == "reading"]
-    return read, run.manifest["identities"]["turntable"]["firmware"]
-
-
-def test_the_differing_firmware_is_moved_alike(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    usual = moved(tmp_path / "usual")
-    monkeypatch.setattr(acutrol_3000, "SIMULATOR", OlderFirmware)
-    assert moved(tmp_path / "older") == (usual[0], "0.9") != usual
-    assert usual[0] == pytest.approx([90.0, -250.0], abs=1e-3)
-
-
-class OlderFirmware(Acutrol3000):
-    """Six limits instead of seven, modes as whole words, messages in quotes: forms that public programs show."""
-
-    identity = "ACUTRONIC,ACUTROL3000,SIM3000,0.9"
-
-    def reply(self, text: str, **more: Any) -> None:
-        modes = {"O": "Off", "P": "Position", "R": "Rate"}
-        fields = text.split(",")
-        text = ",".join(fields[:6]) if len(fields) == len(self.axes[0].absolute) else modes.get(text, text)
-        super().reply(f'"{text}"' if len(fields) == 2 and fields[0].isdigit() else text, **more)

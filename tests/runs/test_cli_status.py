@@ -3,11 +3,8 @@
 import json
 import os
 import shlex
-import signal
 import subprocess
 import sys
-import time
-from functools import wraps
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
@@ -18,7 +15,6 @@ from waiting import until
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command
-from bench.commands import conducting
 from bench.commands.control import ask
 from bench.commands.tables import verdict_status
 from bench.model.errors import BenchError, ExitStatus
@@ -164,49 +160,6 @@ def test_137_stands_wherever_the_statuses_do(inside: Inside) -> None:
         assert "\n| 137 |" in (ROOT / "docs" / page).read_text()
 
 
-@pytest.mark.parametrize(
-    ("typed", "status", "code"),
-    [(None, 3, "B-CLI-005"), ("stop\n", 4, "B-CLI-006"), ("", 4, "B-CLI-006")],
-    ids=["nobody", "stop", "end of file"],
-)
-def test_3_and_4_a_prompt_that_nobody_answers_or_that_the_operator_refuses(
-    typed: str | None, status: int, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    def answer(prompt: str) -> str:
-        if not typed:
-            raise EOFError
-        return typed
-
-    monkeypatch.setattr(conducting, "SimulatedOperator", conducting.TerminalOperator)
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: typed is not None, raising=False)
-    monkeypatch.setattr("builtins.input", answer)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == status
-    assert f"error {code}: " in capsys.readouterr().err
-
-
-@pytest.mark.slow
-@pytest.mark.waits
-def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, inside: Inside) -> None:
-    command = [sys.executable, "-m", "bench", "run", "timeline_example", "--clock", "wall", "--out", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        until(lambda: any(path.stat().st_size > 200 for path in tmp_path.glob("*/journal.jsonl")), "a step")
-        began = time.monotonic()
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=30)
-        took_s = time.monotonic() - began
-    refused(CompletedProcess(command, process.returncode, out, err), 4, "B-RUN-010")
-    assert "The bench is safe" in out
-    assert took_s < 5.0
-    session = only_session(tmp_path)
-    assert (session / "journal.jsonl").exists()
-    assert not (session / "session.open").exists()
-    recovered = inside("recover", str(session), "--json")
-    assert json.loads(recovered.stdout)
-    assert recovered.returncode == 0, recovered.stdout
-    print(f"safe {took_s:.1f} s after SIGINT")
-
-
 def test_5_numbers_that_differ(golden: Path, tmp_path: Path, inside: Inside) -> None:
     copy = writable_copy(golden, tmp_path / "copy")
     stored = json.loads((copy / "results.json").read_text())
@@ -246,22 +199,6 @@ def test_70_an_error_nobody_foresaw(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     (line,) = said.err.splitlines()
     assert line.startswith("error B-INT-001: test_cli_status:")
     assert ": RuntimeError: two lines [/red]. Next: " in line
-
-
-def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from instruments.keithley_7002 import DRIVER
-
-    @wraps(DRIVER.route)  # keeps its declaration: the static check must still know the action
-    def fails(self: Any, **_: object) -> None:
-        raise ZeroDivisionError("[bold]x[/red]")
-
-    monkeypatch.setattr(DRIVER, "route", fails)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.INTERNAL
-    assert "B-INT-001" in capsys.readouterr().err
-    session = only_session(tmp_path)
-    assert not (session / "session.open").exists()
 
 
 def test_json_is_one_document_and_nothing_else(golden: Path, tmp_path: Path, inside: Inside) -> None:

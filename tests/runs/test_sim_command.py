@@ -3,28 +3,21 @@
 import json
 import signal
 import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import serial
-from plan_sample import ONE_TEMPERATURE, one_temperature
-from pyvisa.errors import VisaIOError
 from rehearsal import Inside, bench
 from served_bench import CLOCK, SEED, Served, powered_rack
-from sim_bench import timed_out
 
 from bench.commands.sim import sim
 from bench.frame import LinkDecoder, load_frame
-from bench.model.clock import VirtualClock
-from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.errors import InputError, InputErrors
 from bench.model.lab import find_shipped
 from bench.plan import load_station
 from sim_instruments.served.process import ServedBench
-from sim_instruments.worlds.simulation import open_world, possible_faults
+from sim_instruments.worlds.simulation import possible_faults
 
 pytestmark = pytest.mark.waits
 
@@ -62,18 +55,6 @@ def test_fourteen_instruments_answer_each_with_its_own_serial_number(served: Ser
     for role in ("function_generator_2", "counter_2", "counter", "calibrator"):
         standard = served.station.instruments[role].standard
         assert identities[role].split(",")[2] == standard.serial
-
-
-def test_second_instruments_are_their_own(served: Served) -> None:
-    before = served.state()["instruments"]
-    served.send("aux_supply_2", "OUTP ON", "INST:NSEL 1", "VOLT 4")
-    assert float(served["aux_supply_2"].query("VOLT?")) == 4.0  # and so it is done when the other session asks
-    assert float(served["rail_dmm_2"].query("READ?")) == pytest.approx(4.0, abs=0.01)
-    after = served.state()["instruments"]
-    assert after["aux_supply_2"]["voltages_V"] == [4.0, 0.0, 0.0]
-    assert after["aux_supply_2"]["unchanged_s"] < before["aux_supply_2"]["unchanged_s"]
-    assert (after["aux_supply"]["on"], after["aux_supply"]["voltages_V"]) == (False, [0.0, 0.0, 0.0])
-    served["aux_supply_2"].write("OUTP OFF")
 
 
 def test_the_links_run_in_real_time_and_lose_nothing(served: Served) -> None:
@@ -200,44 +181,6 @@ def test_unplugged_and_back(served: Served) -> None:
     assert served.listen("port_a", 0.5).frames > 10
 
 
-def test_a_mute_and_a_hanging_instrument(served: Served) -> None:
-    rail = served["rail_dmm"]
-    served.fault("mute", "rail_dmm")
-    assert timed_out(lambda: rail.query("*IDN?"))
-    assert isinstance(rail.read_stb(), int)
-    rail.clear()
-    served.fault("clear")
-    assert rail.query("*IDN?").startswith("HEWLETT-PACKARD,34401A")
-    served.fault("hang", "rail_dmm")
-    rail.write("*IDN?")
-    assert timed_out(rail.read)
-    with pytest.raises((VisaIOError, OSError)):  # pyvisa-py lets the socket's own time-out through
-        rail.read_stb()
-    assert served["dmm"].query("ID?").strip() == "HP3458A"
-    served.fault("hang", "rail_dmm", "off")
-    rail.close()
-    del served._sessions["rail_dmm"]
-    assert served["rail_dmm"].query("*IDN?").startswith("HEWLETT-PACKARD,34401A")
-
-
-def test_a_calibrator_that_trips_is_seen_in_the_state(served: Served) -> None:
-    served.send("switch", ":CLOS (@1!1!1)")
-    served.send("calibrator", "*CLS", "OUT 1.0E-03 A, 0 HZ", "OPER")
-    state = served.until(lambda state: state["instruments"]["calibrator"]["operating"], "the calibrator operates")
-    assert state["instruments"]["calibrator"] | {"unchanged_s": 0} == {
-        "model": "Fluke5720A", "operating": True, "set": 1e-3, "unit": "A", "unchanged_s": 0
-    }  # fmt: skip
-    assert state["instruments"]["switch"]["closed"] == ["1!1!1"]
-    assert state["loop_current_A"] == pytest.approx(1e-3, rel=1e-3)
-    assert state["unit"]["inputs_A"]["1"] == pytest.approx(1e-3, rel=1e-3)
-    served.fault("trip")
-    assert served["calibrator"].query("ISR?") == "4096"
-    state = served.state()
-    assert (state["loop_current_A"], state["instruments"]["calibrator"]["operating"]) == (0.0, False)
-    assert state["instruments"]["calibrator"]["unchanged_s"] < 5.0
-    served.send("switch", ":OPEN ALL")
-
-
 def test_every_fault_is_in_the_list_and_has_a_test(served: Served, inside: Inside) -> None:
     faults = possible_faults()
     listed = inside("sim", "fault", "--dir", str(served.folder)).stdout.splitlines()
@@ -252,100 +195,17 @@ def test_every_fault_is_in_the_list_and_has_a_test(served: Served, inside: Insid
 
 def test_it_ends_clean_and_takes_over_from_one_that_was_killed(tmp_path: Path) -> None:
     folder = tmp_path / "sim"
-    assert Served(folder, "af_bench_sim", "--rate", "10").end(signal.SIGKILL) == -signal.SIGKILL
+    first = Served(folder, "af_bench_sim", "--rate", "10")
+    assert first.end(signal.SIGKILL) == -signal.SIGKILL
     assert (folder / "port_a").is_symlink()
     again = Served(folder, "af_bench_sim", "--rate", "10", "--set", "world.noise=off")
+    assert again.said == first.said, "raw sockets and terminals too, and nothing is told"
     again.send("supply", "VOLT 18", "CURR 2", "OUTP ON")
     again.until(lambda state: sum(state["link_bytes"]["port_a"].values()) > 0, "the first frame of the unit")
     heard = again.listen("port_a", 1.0)
     assert heard.frames > 500  # ten times as fast
     assert again.end(signal.SIGINT) == 0
     assert sorted(path.name for path in folder.iterdir()) == ["ports.json", "sim.lock", "station.yaml"]
-
-
-@pytest.mark.sweep
-def test_a_run_in_another_process_loses_nothing_and_is_true(tmp_path: Path) -> None:
-    sequence = one_temperature(tmp_path)  # half as long, and true all the same
-    served = Served(tmp_path / "sim", "af_rack_sim", "--seed", str(SEED))
-    station = str(served.folder / "station.yaml")
-    for out in (tmp_path / "out", tmp_path / "again"):
-        words = ("--station", station, "--clock", "wall", "--out", str(out))
-        done = bench("run", str(sequence), *words)
-        if "B-FIT-005" not in done.stderr:  # a busy machine flagged one of five records, and none is to spare
-            break
-    state = served.state()
-    print(f"the simulated bench used {served.cpu_s():.1f} s of CPU")
-    assert served.end() == 0
-    assert done.returncode == 0, done.stderr
-    instruments = state["instruments"]
-    assert (instruments["calibrator"]["operating"], instruments["switch"]["closed"]) == (False, [])
-    assert instruments["chamber"]["mode"] != "running"
-    (folder,) = (path for path in out.iterdir() if path.is_dir())
-    results = json.loads((folder / "results.json").read_text())
-    quality = results["quality"]
-    assert (quality["records"], quality["frames_lost"], quality["frames_bad"]) == (ONE_TEMPERATURE, 0, 0)
-    assert quality["frames"] > 1500
-    _hold_against_the_truth(results)
-
-
-def _hold_against_the_truth(results: dict[str, Any]) -> None:
-    """Scale factors against the unit of the same seed, within five of their standard deviations."""
-    station = load_station(find_shipped("stations", "af_rack_sim"))
-    options = station.world_options
-    world = open_world("af_converter", clock=VirtualClock(), seed=SEED, station=station.wiring(), options=options)
-    truth: Any = world.unit.truth
-    judged = 0
-    for one in results["estimates"]:
-        if one["quantity"] in {"dsf_n", "dsf_p"} and "temperature_degC" in one["conditions"]:
-            channel, temperature_degC = one["conditions"]["channel"], one["conditions"]["temperature_degC"]
-            true = float(getattr(truth, f"{one['quantity']}_ppm")(channel, temperature_degC))
-            assert abs(one["value"] - true) < 5 * one["std_uncertainty"], one
-            judged += 1
-    world.close()
-    assert judged == 2
-
-
-SOME_SECONDS = """\
-sequence: some_seconds
-title: The supply is on, and the unit is recorded for some seconds
-station: af_bench_sim
-frame: {port_a: ngu_a, port_b: ngu_b}
-unit_commands:
-  start_stream: {code: 2, payload: "64"}
-timeline:
-  - {at: "00:00:00", call: {supply.configure: {voltage: 18 V, current_limit: 2 A, over_voltage: 21 V}}}
-  - {at: "00:00:01", call: supply.output_on}
-  - {at: "00:00:03", unit: {port_b: start_stream}}
-  - {at: "00:00:04", record: {seconds: 1 s, label: first}}
-  - {at: "00:00:06", record: {seconds: 1 s, label: second}}
-finally:
-  - supply.output_off
-"""
-
-
-@pytest.mark.slow
-def test_a_session_goes_on_when_its_simulator_was_killed_and_begun_again(tmp_path: Path) -> None:
-    folder, sequence = tmp_path / "sim", tmp_path / "some_seconds.yaml"
-    sequence.write_text(SOME_SECONDS)
-    first = Served(folder, "af_bench_sim")
-    words = ["run", str(sequence), "--station", str(folder / "station.yaml"), "--clock", "wall"]
-    with (tmp_path / "said").open("w") as said:
-        command = [sys.executable, "-m", "bench", *words, "--out", str(tmp_path / "out")]
-        run = subprocess.Popen(command, stdout=said, stderr=said, stdin=subprocess.DEVNULL)
-    first.until(lambda state: state["instruments"]["supply"]["on"], "the supply is on")
-    run.terminate()
-    assert run.wait(60) == ExitStatus.SAFE_BY_OPERATOR, (tmp_path / "said").read_text()
-    resources = [entry.resource for entry in first.station.instruments.values()]
-    ports = first.said
-    assert first.end(signal.SIGKILL) == -signal.SIGKILL
-    again = Served(folder, "af_bench_sim")
-    assert [entry.resource for entry in again.station.instruments.values()] == resources
-    assert again.said == ports, "raw sockets and terminals too, and nothing is told"
-    (session,) = (tmp_path / "out").iterdir()
-    done = bench("resume", str(session))
-    assert again.end() == 0
-    assert done.returncode == 0, done.stderr
-    assert "2 records" in done.stdout
 
 
 def test_a_port_that_somebody_else_has_is_told_and_another_one_taken(tmp_path: Path) -> None:

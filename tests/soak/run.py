@@ -1,8 +1,8 @@
 """Soak seeds until as many as asked for stand in blocks.csv: ``make soak N=10000``, ``CAMPAIGN=`` a sequence.
 
 Each block of seeds is a process, one for each core at a time, and a row as soon as it is done: it can be stopped at
-any time and goes on where the rows end. A seed that violates an invariant becomes a test beside this file. Exit status
-1 if there is one, 130 if it was stopped.
+any time and goes on where the rows end. A seed that violates an invariant is told with the faults that it needs. Exit
+status 1 if there is one, 130 if it was stopped.
 """
 
 import argparse
@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from block_rows import ROOT, add_row, in_blocks, read_rows, revision_of, seeds_left
 from soak_blocks import ROWS, Block, Failure, soaked_block
-from soak_campaign import ALLOCATOR, SHORT, write_test
+from soak_campaign import ALLOCATOR, SHORT
 
 LARGEST = 100  # seeds of the short campaign in a block: about a minute
 JUDGED = ("bench", "instruments", "sim_instruments", "frames", "sequences", "stations", "tests/support")
@@ -39,7 +39,7 @@ def main(words: Sequence[str]) -> int:
             add_row(block, ROWS)
             rows.append(block)
             print(told(block), flush=True)
-            status = max([status, *(kept(block, failure) for failure in failures)])
+            status = max([status, *(complained(block, failure) for failure in failures)])
     except KeyboardInterrupt:
         print("stopped; the same command goes on from here")
         return STOPPED
@@ -80,13 +80,11 @@ def quiet_end() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def kept(block: Block, failure: Failure) -> int:
-    """Write the test of a failure and say so; return 1."""
+def complained(block: Block, failure: Failure) -> int:
+    """Say what a seed violates and which faults it needs; return 1."""
     print(f"seed {failure.seed} of {block.campaign}: {'; '.join(failure.violations)}")
-    if failure.test:
-        print(f"  test: {write_test(block.campaign, failure.seed, failure.test).relative_to(ROOT)}")
-    else:
-        print("  not reproduced beside the other seeds of its block; no test is written")
+    needed = "".join(f"    {fault}\n" for fault in failure.faults)
+    print(needed or "  not reproduced beside the other seeds of its block")
     return 1
 
 

@@ -10,7 +10,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -26,7 +25,6 @@ from shown_run import HOURS, FastRun
 from soak_blocks import Block, soaked_block
 from soak_campaign import (
     ALLOCATOR,
-    ROOT,
     SHORT,
     TURN,
     Campaign,
@@ -36,8 +34,6 @@ from soak_campaign import (
     grown,
     shortest,
     weigh_estimates,
-    write_test,
-    written_test,
 )
 
 from bench.analysis import Estimate
@@ -195,44 +191,23 @@ def test_what_stands_in_a_row_is_not_soaked_again() -> None:
 
 
 @pytest.fixture
-def planted(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
-    """Soak a campaign that has a bug until ``cured`` says otherwise."""
-    bug = SimpleNamespace(cured=False)
+def planted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Soak a campaign that has a bug."""
 
     def soaked(self: Campaign, seed: int, folder: Path, faults: Any = None, clock: Any = None) -> Soaked:
         under = ([*OTHERS[:2], *NEEDED, *OTHERS[2:]] if seed == 4 else OTHERS) if faults is None else faults
-        return Soaked(seed, under, "done", [] if bug.cured else violated(under), 10, 0, 0.5)
+        return Soaked(seed, under, "done", violated(under), 10, 0, 0.5)
 
     campaign = Campaign(SHORT, None, (), 250.0, 80.0, ())  # type: ignore[arg-type]
     monkeypatch.setattr(Campaign, "soaked", soaked)
-    for module in (soak_blocks, soak_campaign):
-        monkeypatch.setattr(module, "campaign_of", lambda *_: campaign)
-    return bug
+    monkeypatch.setattr(soak_blocks, "campaign_of", lambda *_: campaign)
 
 
-def test_a_seed_that_fails_is_cut_down_and_becomes_a_test(planted: SimpleNamespace, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("planted")
+def test_a_seed_that_fails_is_told_with_the_faults_it_needs() -> None:
     row, (failure,) = soaked_block(SHORT, range(3, 6), "0123abc")
     assert (row.first, row.last, row.ended, row.violations, row.faults, row.hours) == (3, 5, "3 done", 1, 17, 1.5)
-    assert (failure.seed, failure.violations) == (4, ("unsafe: supply on",))
-    text = write_test(SHORT, 4, failure.test, tmp_path).read_text()
-    assert "7 faults were drawn, 2 are needed" in text
-    module: dict[str, Any] = {}
-    exec(compile(text, "test_found_soak_4.py", "exec"), module)
-    assert module["FAULTS"] == list(NEEDED)
-    with pytest.raises(AssertionError):
-        module["test_soak_4"](tmp_path)
-    planted.cured = True
-    module["test_soak_4"](tmp_path)
-
-
-@pytest.mark.parametrize("faults", [[], [NEEDED[0]], [*NEEDED, *OTHERS]])
-def test_a_written_test_is_as_the_house_writes_it(faults: list[TimedFault], tmp_path: Path) -> None:
-    text = written_test("scale_factor_38h", 7, faults, 84, ['a "quoted" \\path', "another"], "0123abc+")
-    path = write_test("scale_factor_38h", 7, text, tmp_path)
-    assert path.name == "test_found_scale_factor_38h_7.py"
-    words = [sys.executable, "-m", "ruff", "format", "--check", "--config", str(ROOT / "pyproject.toml"), str(path)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert (failure.seed, failure.violations, failure.faults) == (4, ("unsafe: supply on",), NEEDED)
 
 
 LOOK_ms = 20_000

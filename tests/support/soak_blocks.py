@@ -19,7 +19,6 @@ from soak_campaign import (
     grown,
     hourly_clock,
     shortest,
-    written_test,
 )
 
 ROWS = ROOT / "tests" / "soak" / "blocks.csv"
@@ -51,11 +50,11 @@ class Block:
 
 @dataclass(frozen=True)
 class Failure:
-    """A seed that violates an invariant, and the test that is to be written of it."""
+    """A seed that violates an invariant, and the faults that are needed: none if it did not fail again."""
 
     seed: int
     violations: tuple[str, ...]
-    test: str
+    faults: tuple[TimedFault, ...]
 
 
 def soaked_block(name: str, seeds: range, revision: str) -> tuple[Block, list[Failure]]:
@@ -69,7 +68,7 @@ def soaked_block(name: str, seeds: range, revision: str) -> tuple[Block, list[Fa
             soaks.append(soaked)
         cpu_s = time.process_time()  # with the start of the process
         violated = [soaked for soaked in soaks if soaked.violations]
-        failures = [_failure(campaign, soaked, Path(folder), revision) for soaked in violated]
+        failures = [_failure(campaign, soaked, Path(folder)) for soaked in violated]
     block = Block(
         name, seeds.start, seeds.stop - 1, revision,
         "; ".join(f"{count} {how}" for how, count in ended.most_common()),
@@ -99,13 +98,11 @@ def _soaked(campaign: Campaign, seed: int, folder: Path, faults: Sequence[TimedF
         return soaked
 
 
-def _failure(campaign: Campaign, soaked: Soaked, folder: Path, revision: str) -> Failure:
+def _failure(campaign: Campaign, soaked: Soaked, folder: Path) -> Failure:
     def fails(faults: Sequence[TimedFault]) -> bool:
         return bool(_soaked(campaign, soaked.seed, folder, faults).violations)
 
-    drawn = soaked.faults
-    again = fails(drawn)  # a process that has grown does not fail again
-    needed = shortest(drawn, fails) if again else list(drawn)
-    found = _soaked(campaign, soaked.seed, folder, needed).violations if again else soaked.violations
-    text = written_test(campaign.name, soaked.seed, needed, len(drawn), found, revision) if again else ""
-    return Failure(soaked.seed, tuple(found), text)
+    if not fails(soaked.faults):  # a process that has grown does not fail again
+        return Failure(soaked.seed, tuple(soaked.violations), ())
+    needed = shortest(soaked.faults, fails)
+    return Failure(soaked.seed, tuple(_soaked(campaign, soaked.seed, folder, needed).violations), tuple(needed))

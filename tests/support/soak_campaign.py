@@ -4,7 +4,7 @@ The short one has every kind of step of the 38-hour one: prompts, power, wiring 
 polarities, a closing repeat; 25 records in some 250 s of bench time, with a fault each 80 s. A long one is a published
 sequence, under faults a run lives through: what ends a run is the business of the short ones.
 
-Of one that violates it: the few faults that are needed, and a test. Run as a command it soaks one seed in a process of
+Of one that violates it: the few faults that are needed. Run as a command it soaks one seed in a process of
 its own, as what went on before would hide or feign a growth of what it needs each hour, and prints one JSON document;
 words: sequence, seed, folder and, if what Python and numpy have allocated is to be traced, held.
 """
@@ -275,30 +275,6 @@ def _true_values(entry: Estimate, truth: Sequence[Mapping[str, Any]]) -> list[fl
     ]
 
 
-FOUND = Path(__file__).resolve().parents[1] / "soak"
-
-_TEST = '''"""Found by ``make soak`` at revision {revision}: {drawn} faults were drawn, {needed} are needed.
-
-{violations}
-"""
-
-from __future__ import annotations
-
-from pathlib import Path
-
-import pytest
-from fault_schedule import TimedFault
-from soak_campaign import campaign_of
-
-FAULTS = {faults}
-
-
-@pytest.mark.{mark}
-def test_{campaign}_{seed}(tmp_path: Path) -> None:
-    assert campaign_of("{campaign}", tmp_path).soaked({seed}, tmp_path, FAULTS).violations == []
-'''
-
-
 def shortest(faults: Sequence[TimedFault], fails: Callable[[Sequence[TimedFault]], bool]) -> list[TimedFault]:
     """Return a part of a list that fails and does no longer when any one of its faults is left out.
 
@@ -317,32 +293,6 @@ def shortest(faults: Sequence[TimedFault], fails: Callable[[Sequence[TimedFault]
                 at += size
         size = size // 2 if size > 1 or len(kept) == before else 1
     return kept
-
-
-def written_test(
-    campaign: str, seed: int, faults: Sequence[TimedFault], drawn: int, violations: Sequence[str], revision: str
-) -> str:
-    """Return the text of a test that fails as long as these faults violate an invariant."""
-    lines = "".join(f"    {_expression(fault)},\n" for fault in faults)
-    return _TEST.format(
-        revision=revision, drawn=drawn, needed=len(faults), campaign=campaign, seed=seed,
-        violations="\n".join(text[:110] for text in violations).replace("\\", "/").replace('"""', "'''"),
-        faults=f"[\n{lines}]" if faults else "list[TimedFault]()",
-        mark="slow" if campaign == SHORT else "sweep",
-    )  # fmt: skip
-
-
-def _expression(fault: TimedFault) -> str:
-    values = "".join(f"{json.dumps(value)}, " for value in fault.values)
-    values = values.removesuffix(" " if len(fault.values) == 1 else ", ")
-    return f'TimedFault({fault.at_s!r}, "{fault.name}", "{fault.target}", ({values}), {fault.for_s!r})'
-
-
-def write_test(campaign: str, seed: int, text: str, folder: Path = FOUND) -> Path:
-    """Write the test where pytest collects it."""
-    path = folder / f"test_found_{campaign}_{seed}.py"
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 MOST_MiB = 1.0  # growth of what is held, after the first hours

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import shutil
-import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -156,14 +155,6 @@ def test_what_was_archived_and_is_shorter_says_so_everywhere(say: Say, archive: 
     assert "B-ARC-004" in say("refit", "--select", "until=2000-02-02", "--to", str(tmp_path / "trial"))[1]
 
 
-def test_a_store_behind_a_closed_port_is_away(say: Say) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-    status, text, _ = say("add", f"ftp://127.0.0.1:{port}/lab")
-    assert (status, "B-ARC-007    ftp://127.0.0.1" in text) == (ExitStatus.SAFE_AFTER_FAULT, True)
-    assert "Connection refused" in text
-
-
 def test_results_without_provenance_are_an_input_error_of_replay(archive: Path, inside: Inside) -> None:
     of_results(lambda document: document.update(provenance=""))(archive / SMALL[0].name)
     done = inside("replay", str(archive / SMALL[0].name))
@@ -200,18 +191,6 @@ def test_a_wrong_certificate_is_recalled_and_no_other(say: Say, archive: Path, i
     assert "last good evidence" in text
     assert "decided by people" in text
     assert say("where", archive_sample.WRONG)[1].count("SPECIMEN-EX") == 2
-
-
-def test_the_corrected_register_gives_what_a_true_one_would_have(say: Say, archive: Path, tmp_path: Path) -> None:
-    """Every changed value moves by the wrong gain, against the formula: dsf is relative to the current."""
-    register, trial = archive_sample.corrected(tmp_path / "corrected.yaml"), tmp_path / "trial"
-    say("refit", "--with-standards", str(register), "--select", "certificate=C-a-2001", "--to", str(trial))
-    rows = pyarrow.parquet.read_table(trial / "refit.parquet").to_pylist()
-    moved = [row["value"] - row["released_value"] for row in rows if row["quantity"] in ("dsf_n", "dsf_p")]
-    assert len(moved) == 8
-    # (1 + dsf') (1 + 60e-6) = 1 + dsf; gain 60 ppm too high a current made every dsf 60 ppm too low or high
-    assert [abs(move) for move in moved] == pytest.approx([archive_sample.WRONG_ppm] * 8, rel=2e-3)
-    assert len({move > 0 for move in moved}) == 1
 
 
 def test_a_failure_is_a_row_with_its_code(say: Say, tmp_path: Path) -> None:

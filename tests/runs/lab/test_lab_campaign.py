@@ -15,7 +15,7 @@ from imported_logs import LOG, SHORT
 from kill_drill import LONGEST_S, Process, killed, resumable, safe_after_s, session_in
 from own_lab import ANALYSIS, DRIVER, NAME, SIMULATOR, copied
 from rehearsal import ROOT, Inside, bench, contents
-from served import SAFE_S, ServedPage, serving
+from served import SAFE_S, serving
 from waiting import until
 
 import bench as bench_module
@@ -165,14 +165,6 @@ def test_what_is_refused_is_listed_and_not_executed(lab: Path, inside: Inside) -
     one_line(inside("check", "scale_factor_short", cwd=lab), "B-LAB-005")
 
 
-def test_a_mistake_in_a_file_is_said_once(lab: Path, inside: Inside) -> None:
-    (lab / DRIVER).write_text("import numpy\nnumpy.nosuch\n")
-    said = one_line(inside("run", "air_mean", cwd=lab), "B-LAB-006")
-    assert f"{lab / DRIVER}:2: " in said
-    (lab / DRIVER).unlink()
-    assert "B-PLAN-011" in inside("check", "air_mean", cwd=lab).stderr
-
-
 def test_an_instrument_by_hand_leaves_a_session_that_names_its_code(lab: Path, inside: Inside) -> None:
     done = inside("talk", "thermometer", "*IDN?", "--station", "t100_bench", "--out", "talks", cwd=lab)
     assert (done.returncode, done.stdout.splitlines()[0]) == (0, "EXAMPLE,T100,SIM100,1.0"), done.stderr
@@ -223,17 +215,6 @@ def test_without_owners_it_is_loaded_by_trust(lab: Path) -> None:
 def test_the_option_of_windows_trusts_nothing_here(lab: Path) -> None:
     (lab / DRIVER).chmod(0o666)
     one_line(bench("--trust-lab", "check", "air_mean", cwd=lab), "B-LAB-004")
-
-
-@pytest.mark.waits
-@pytest.mark.slow
-def test_the_page_shows_it(lab: Path, tmp_path: Path) -> None:
-    page = ServedPage(lab, tmp_path / "config")
-    try:
-        assert json.loads(page.get(f"/api/v1/runs/{NAME}"))["state"] == "ended"
-        assert "Mean temperature of the air" in page.get(f"/api/v1/runs/{NAME}/report")
-    finally:
-        page.kill()
 
 
 NOBODY = 1 << 22  # a number that no process has

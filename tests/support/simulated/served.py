@@ -1,13 +1,11 @@
-"""What tests find served: a bench, its faults and what it really does; controllers that run on it; a page of runs."""
+"""What tests find served: a bench, its faults and what it really does; controllers that run on it."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
 
@@ -131,46 +129,5 @@ class Controller:
     def kill(self) -> None:
         if self.process.poll() is None:
             os.kill(self.process.pid, signal.SIGKILL)
-        self.process.wait()
-        self.process.stdout.close()
-
-
-class ServedPage:
-    """``bench serve`` for a viewer who has logged in; ``folder``: where it is started."""
-
-    def __init__(self, folder: Path, private: Path, *words: str) -> None:
-        environment = {**os.environ, "XDG_CONFIG_HOME": str(private), "PYTHONUNBUFFERED": "1"}
-        command = [sys.executable, "-m", "bench", "serve", "--port", "0", *words]
-        self.process = subprocess.Popen(
-            command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-        assert self.process.stdout is not None
-        said = ""
-        while "Ctrl-C" not in said and (line := self.process.stdout.readline()):
-            said += line
-        port, token = re.search(r"http://127.0.0.1:(\d+)/", said), re.search(r"viewer token: (\S+)", said)
-        assert port is not None, said
-        assert token is not None, said
-        self.port, self.origin = int(port[1]), f"http://127.0.0.1:{port[1]}"
-        form = {"Origin": self.origin, "Content-Type": "application/x-www-form-urlencoded"}
-        reply, _ = self._asked("POST", "/login", f"name=kim&token={token[1]}", form)
-        self.cookie = reply.getheader("set-cookie", "").partition(";")[0]
-
-    def get(self, path: str) -> str:
-        """Return a page."""
-        reply, text = self._asked("GET", path, None, {"Cookie": self.cookie})
-        assert reply.status == 200, text
-        return text
-
-    def _asked(self, method: str, path: str, body: str | None, head: dict[str, str]) -> tuple[HTTPResponse, str]:
-        page = HTTPConnection("127.0.0.1", self.port, timeout=30)
-        page.request(method, path, body, head)
-        reply = page.getresponse()
-        text = reply.read().decode()
-        page.close()
-        return reply, text
-
-    def kill(self) -> None:
-        self.process.kill()
         self.process.wait()
         self.process.stdout.close()

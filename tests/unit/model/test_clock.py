@@ -5,6 +5,7 @@ import os
 import socket
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -82,6 +83,7 @@ def test_wall_clock_sleeps_at_least_as_long_as_asked() -> None:
     clock.sleep(0.01)
     assert clock.now_ns() - start >= 30_000_000
     assert abs(clock.utc_ns() / NS - 1.7e9) < 1e9
+    assert abs(clock.now_ns() - time.monotonic_ns()) < NS  # a clock that is set moves nothing
 
 
 def test_wall_clock_calls_back_on_its_own_thread_until_cancelled() -> None:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from importlib.abc import MetaPathFinder
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from own_lab import ANALYSIS, DRIVER, SIMULATOR, copied
 from pydantic import ValidationError
+from rehearsal import main_of
 
 from bench.commands.doctor import _installed
 from bench.commands.lab.listing import print_list
@@ -143,20 +145,13 @@ def test_metadata_older_than_the_source_b_pkg_002(tmp_path: Path, monkeypatch: p
     assert (caught.value.code, "make demo" in caught.value.next_step) == ("B-PKG-002", True)
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ('"""Somebody else\'s."""\n', "damaged"),
-        ('"""Not ours."""\n\n__bench__ = "other"\n', "damaged"),
-        (None, "damaged"),
-    ],
-)
-def test_a_package_without_its_mark_b_pkg_003(tmp_path: Path, text: str | None, says: str) -> None:
+@pytest.mark.parametrize("text", ['"""Somebody else\'s."""\n', '"""Not ours."""\n\n__bench__ = "other"\n', None])
+def test_a_package_without_its_mark_b_pkg_003(tmp_path: Path, text: str | None) -> None:
     distribution(tmp_path, "stranger", instruments="stranger = stranger_drivers")
     package(tmp_path, "stranger_drivers", **({} if text is None else {"init": text}))
     assert driver_class("hp_3458a").__name__ == "Hp3458A"
     assert [package.offer.distribution for package in installed.driver_packages()] == ["inertial-bench"]
-    with pytest.raises(InstallationError, match=says) as caught:
+    with pytest.raises(InstallationError, match="damaged") as caught:
         driver_class("probe_8")
     assert caught.value.code == "B-PKG-003"
     assert "'probe_8'" in caught.value.message
@@ -168,6 +163,16 @@ def test_a_package_of_another_distribution_is_named_b_pkg_003(monkeypatch: pytes
     with pytest.raises(InstallationError, match="is of jsonkit, not of inertial-bench") as caught:
         installed.checked_package("json", "inertial-bench")
     assert caught.value.next_step.startswith("uninstall jsonkit")
+
+
+def test_a_bench_whose_own_packages_are_another_s_does_nothing_b_pkg_003(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(installed, "_MARK", re.compile("^(never)$"))
+    with pytest.raises(InstallationError, match="'instruments' of inertial-bench is damaged"):
+        installed.driver_packages()
+    assert main_of(monkeypatch, "--help") == ExitStatus.BAD_INPUT
+    assert capsys.readouterr().err.startswith("error B-PKG-003: ")
 
 
 @pytest.mark.parametrize(
@@ -235,11 +240,7 @@ def test_one_analysis_of_two_foreign_systems_is_nobodys_b_pkg_001(tmp_path: Path
 
 
 def test_one_analysis_or_section_of_a_foreign_system_and_ours_b_pkg_001(tmp_path: Path) -> None:
-    text = (
-        "from bench.model.declaration import AnalysisDeclaration, System, UnitSections\n"
-        "class Mine(UnitSections):\n    imu: int | None = None\n"
-        "DECLARATION = System('{name}', (AnalysisDeclaration('{analysis}', 'x', ('y',), 'records'),), unit=Mine)\n"
-    )
+    text = SYSTEM.replace("probes", "imu")
     distribution(tmp_path, "stranger", systems="copy = stranger_copy\nmore = stranger_more")
     package(tmp_path, "stranger_copy", init="", declaration=text.format(name="copy", analysis="fog_north"))
     package(tmp_path, "stranger_more", init="", declaration=text.format(name="more", analysis="curve"))

@@ -6,7 +6,6 @@ import pty
 import struct
 import tty
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +24,7 @@ from bench.model.errors import InputError, InputErrors, InstrumentError, LinkErr
 from bench.model.lab import find_shipped
 from bench.plan import Step, load_station
 from bench.run.bus.opener import open_port
-from bench.run.bus.port import TIOCGICOUNT, InstrumentLink, PortLink, descriptor_of, kernel_counts
+from bench.run.bus.port import InstrumentLink, PortLink, descriptor_of, kernel_counts
 from bench.run.bus.reader import LinkReader, is_stale
 from bench.run.links.unit import CounterMark, Unit, went_on
 
@@ -133,21 +132,7 @@ def test_the_places_in_the_kernels_structure(link: PortLink, monkeypatch: pytest
     asked: list[tuple[int, int]] = []
     monkeypatch.setattr(fcntl, "ioctl", lambda fd, what, room: asked.append((what, len(room))) or answer)
     assert kernel_counts(link) == {"frame": 7, "overrun": 8, "parity": 9, "buf_overrun": 11}
-    assert asked == [(TIOCGICOUNT, 80)]
-
-
-def test_the_counters_of_a_real_uart() -> None:
-    for device in sorted(Path("/dev").glob("ttyS*")):
-        with suppress(OSError):
-            descriptor = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            try:
-                found = kernel_counts(SimpleNamespace(fileno=lambda descriptor=descriptor: descriptor))
-            finally:
-                os.close(descriptor)
-            if found is not None:
-                assert all(value >= 0 for value in found.values())
-                return
-    pytest.skip("no serial port here that counts")
+    assert asked == [(0x545D, 80)]  # asm-generic/ioctls.h
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,20 @@
 """Links that are pulled out or fall silent in the middle of a campaign: the run waits, and nothing is done twice."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from plan_sample import reworded
-from run_rig import Listener
+from rehearsal import Rehearsal, rehearsed
 
 from bench.frame import load_frame
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import NS
 from bench.model.errors import ExitStatus
 from bench.model.lab import find_shipped
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.replay import replay_rows
-from bench.run.operator import SimulatedOperator
-from bench.run.session import Conducted, conduct
-from sim_instruments.worlds import simulation
 from sim_instruments.worlds.af_converter import ngu as ngu_core
 from sim_instruments.worlds.common.world import World
 
@@ -48,66 +45,39 @@ KINDS = ("link", "hold", "release", "error", "end", "answer", "gap", "exchange")
 ERASE = 1
 
 
-@dataclass
-class Watched:
-    """Does what is to happen at a time of the bench clock."""
-
-    plan: list[tuple[float, Callable[[World], None]]]
-    worlds: list[World] = field(default_factory=list)
-
-    def begin(self, world: World) -> World:
-        self.worlds.append(world)
-        world.clock.every(0.5, self._tick, observer=False)
-        return world
-
-    def _tick(self) -> None:
-        now_s = self.worlds[-1].clock.now_ns() / NS
-        while self.plan and now_s >= self.plan[0][0]:
-            self.plan.pop(0)[1](self.worlds[-1])
-
-
-@dataclass
-class Ran:
-    run: Conducted
-
-    def events(self, kind: str) -> list[dict[str, Any]]:
-        return [dict(fields) for found, _, fields in self.run.events if found == kind]
-
-    @property
-    def links(self) -> list[str]:
-        return [f"{event['link']} {event['state']}" for event in self.events("link")]
-
-
-Start = Callable[..., Ran]
-Happening = tuple[float, Callable[[World], None]]
+Happening = tuple[float, Callable[[World], object]]
+Start = Callable[..., Rehearsal]
+Watch = Callable[[Plan, Sequence[Happening]], Rehearsal]
 
 
 @pytest.fixture
-def watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Plan, list[Happening]], Ran]:
+def watch(tmp_path: Path) -> Watch:
     """Run a plan while things happen at seconds of the bench clock."""
 
-    def run(plan: Plan, happens: list[Happening]) -> Ran:
-        watched, plain = Watched(happens), simulation.open_world
-        monkeypatch.setattr(simulation, "open_world", lambda *a, **k: watched.begin(plain(*a, **k)))
-        done = conduct(
-            plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(),
-            listener=Listener(), keep_events=KINDS,
-        )  # fmt: skip
-        return Ran(done)
+    def run(plan: Plan, happens: Sequence[Happening]) -> Rehearsal:
+        def arrange(world: World) -> None:
+            for at_s, do in happens:
+                world.after(at_s, partial(do, world))
+
+        return rehearsed(tmp_path / "out", plan, arrange, seed=SEED, kept=KINDS)
 
     return run
 
 
+def links_of(ran: Rehearsal) -> list[str]:
+    return [f"{event['link']} {event['state']}" for event in ran.events("link")]
+
+
 @pytest.fixture
-def start(tmp_path: Path, watch: Callable[[Plan, list[Happening]], Ran]) -> Start:
+def start(tmp_path: Path, watch: Watch) -> Start:
     """Run the sequence, changed, while things happen."""
 
-    def run(*happens: Happening, changes: tuple[tuple[str, str], ...] = ()) -> Ran:
+    def run(*happens: Happening, changes: tuple[tuple[str, str], ...] = ()) -> Rehearsal:
         path = tmp_path / "links.yaml"
         path.write_text(reworded(SEQUENCE, *changes))
         plan = compile_sequence(path, None, {})
         assert check_plan(plan) == []
-        return watch(plan, list(happens))
+        return watch(plan, happens)
 
     return run
 
@@ -124,7 +94,7 @@ def stuck(name: str, pattern: bytes) -> Callable[[World], None]:
     return lambda world: setattr(world.faults.link(name), "stuck", pattern)
 
 
-def assert_whole(ran: Ran) -> None:
+def assert_whole(ran: Rehearsal) -> None:
     """Three records without a flaw, and a replay that finds the same."""
     assert ran.run.outcome.error is None
     rows = ran.run.outcome.rows
@@ -137,14 +107,14 @@ def assert_whole(ran: Ran) -> None:
 def test_a_run_without_trouble_says_nothing_of_links(start: Start) -> None:
     ran = start()
     assert_whole(ran)
-    assert ran.links == []
+    assert links_of(ran) == []
 
 
 @pytest.mark.parametrize("name", ["port_a", "port_b"])
 def test_a_port_that_is_pulled_out_and_put_back(start: Start, name: str) -> None:
     ran = start((SECOND_RECORD_S + 6, unplug(name, True)), (SECOND_RECORD_S + 30, unplug(name, False)))
     assert_whole(ran)
-    assert ran.links == [f"{name} lost", f"{name} back"]
+    assert links_of(ran) == [f"{name} lost", f"{name} back"]
     lost, back = ran.events("link")
     assert "unplugged" in lost["reason"]
     assert 23 <= back["seconds"] <= 27
@@ -166,7 +136,7 @@ def test_a_port_that_is_pulled_out_and_put_back(start: Start, name: str) -> None
 def test_a_stream_without_frames_is_silence(start: Start, begin: Any, end: Any) -> None:
     ran = start((SECOND_RECORD_S + 6, begin), (SECOND_RECORD_S + 30, end))
     assert_whole(ran)
-    assert ran.links == ["port_a silent", "port_a back"]
+    assert links_of(ran) == ["port_a silent", "port_a back"]
     assert ran.events("link")[1]["how"].startswith("'start_stream' sent again; counter went on; unit answers")
 
 
@@ -176,7 +146,7 @@ def test_both_links_at_once(start: Start) -> None:
         (SECOND_RECORD_S + 20, unplug("port_b", False)), (SECOND_RECORD_S + 26, unplug("port_a", False)),
     )  # fmt: skip
     assert_whole(ran)
-    assert ran.links == ["port_a lost", "port_b lost", "port_b back", "port_a back"]
+    assert links_of(ran) == ["port_a lost", "port_b lost", "port_b back", "port_a back"]
     assert len(ran.events("hold")) == 1
 
 
@@ -225,9 +195,9 @@ def test_patience_ends(start: Start, fault: Callable[[str, bool], Any], code: st
 
 
 def test_nobody_waits_for_a_link_before_it_has_spoken(start: Start) -> None:
-    ran = start((0.0, unplug("port_a", True)), (2.0, unplug("port_a", False)))
+    ran = start((0.5, unplug("port_a", True)), (2.0, unplug("port_a", False)))
     assert_whole(ran)
-    assert ran.links == ["port_a lost", "port_a back"]
+    assert links_of(ran) == ["port_a lost", "port_a back"]
     assert ran.events("hold") == []
 
 
@@ -243,23 +213,23 @@ finally:
     assert ran.run.outcome.error is None
     assert len(ran.run.outcome.rows) == 4
     assert ran.events("hold") == []
-    assert ran.links == []
+    assert links_of(ran) == []
 
 
 def test_nothing_is_held_while_the_bench_is_put_away(start: Start) -> None:
     ran = start((43.0, unplug("port_a", True)))
     assert ran.run.outcome.error is None
     assert ran.events("hold") == []
-    assert ran.links == ["port_a lost"]
+    assert links_of(ran) == ["port_a lost"]
     assert len(ran.run.outcome.rows) == 3
 
 
 @pytest.mark.parametrize("pulled_s", [6.0, 12.0, 14.5])
-def test_a_run_of_unit_tests_waits_for_its_link(watch: Callable[[Plan, list[Happening]], Ran], pulled_s: float) -> None:
+def test_a_run_of_unit_tests_waits_for_its_link(watch: Watch, pulled_s: float) -> None:
     plan = compile_sequence("gnc_unit_test", None, {"units": "GNC-01"})
     ran = watch(plan, [(pulled_s, unplug("rs422", True)), (pulled_s + 5, unplug("rs422", False))])
     assert ran.run.outcome.error is None
-    assert ran.links == ["rs422 lost", "rs422 back"]
+    assert links_of(ran) == ["rs422 lost", "rs422 back"]
     told = ran.events("exchange")
     assert [one["step"] for one in told] == [step.number for step in plan.steps if step.kind == "unit"]
     assert {one["status"] for one in told} == {0}

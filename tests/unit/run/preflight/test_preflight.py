@@ -33,6 +33,7 @@ from bench.run.preflight import survey as surveying
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.of_bench import interlocks
 from bench.run.preflight.of_instruments import (
+    first_contacts,
     generators,
     identities,
     laboratory,
@@ -228,6 +229,12 @@ def test_a_run_goes_on_without_an_inhibitor_and_a_rehearsal_takes_none(
     run: Any = Run(virtual)
     with stay_awake(run, (word,)):
         assert run.held == held
+
+
+def test_where_nobody_answers_no_first_contact_is_judged() -> None:
+    bench: Any = SimpleNamespace(station=SimpleNamespace(simulated=False), instruments={})
+    (found,) = first_contacts(bench)
+    assert found.status is Status.SKIPPED
 
 
 DAY_NS = 86_400 * NS

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from record_sample import FaultyFiles
 from run_rig import Beside, HoldRig, Instrument, Rig, instrument_error, sound
 
 from bench.model import clock as clock_module
@@ -14,7 +15,6 @@ from bench.model.clock import NS, VirtualClock, WallClock, to_ns
 from bench.model.ports import Effect, action
 from bench.record import SessionReader, SessionWriter
 from bench.record import writer as writer_module
-from bench.record.layout import AppendFile, OsFiles
 from bench.run.guard.start import LONGEST_SILENCE_S
 from bench.run.stop import LINKS, SEQUENCER, WRITER, Health, StopSwitch
 from bench.run.watch import clock as watch_module
@@ -164,27 +164,14 @@ def test_a_disk_that_is_late_at_the_end_of_a_run_holds_nothing_up(tmp_path: Path
     assert rig.events("hold") == []
 
 
-class HangingFiles(OsFiles):
-    """Every fsync waits while the gate is shut."""
-
-    def __init__(self) -> None:
-        self.gate = threading.Event()
-
-    def create(self, path: Path) -> AppendFile:
-        file = super().create(path)
-        return SimpleNamespace(write=file.write, truncate=file.truncate, close=file.close, sync=self._sync)
-
-    def _sync(self) -> None:
-        assert self.gate.wait(30.0)
-
-
 @pytest.mark.waits
 def test_a_hanging_fsync_takes_no_memory_and_no_sign_of_life(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In real time, with the limits a tenth of a second: what comes meanwhile goes on into the file."""
     for name in ("SYNC_S", "LOOK_S", "LATE_S"):
         monkeypatch.setattr(disk, name, 0.1)
     monkeypatch.setattr(writer_module, "HELD_BYTES", 20_000)
-    clock, stop, files = WallClock(), StopSwitch(), HangingFiles()
+    clock, stop, gate = WallClock(), StopSwitch(), threading.Event()
+    files = FaultyFiles(lambda kind, _: gate.wait(30.0) and None if kind == "sync" else None)  # every fsync waits
     writer = SessionWriter.create(tmp_path / "s", {}, {}, t_mono_ns=clock.now_ns(), files=files)
     context: Any = SimpleNamespace(clock=clock, stop=stop, health=Health(clock), event=lambda event: None)
     with disk_watch(context, {"session": writer.sync}):
@@ -195,7 +182,7 @@ def test_a_hanging_fsync_takes_no_memory_and_no_sign_of_life(tmp_path: Path, mon
             clock.sleep(0.005 if turn else 0.5)
         assert list(stop.holds.reasons) == ["disk"]
         assert context.health.silence_s()[WRITER] < 0.4  # systemd's watchdog is fed on
-        files.gate.set()
+        gate.set()
         deadline_ns = clock.now_ns() + 5 * NS
         while stop.holds.reasons and clock.now_ns() < deadline_ns:
             clock.sleep(0.05)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from record_sample import FaultyFiles, no_space
 from rehearsal import contents
 from run_rig import HoldRig, Passive
 from trend_sample import Heard, run_short
@@ -18,7 +19,6 @@ from bench.model.events import event_of
 from bench.model.ports import action
 from bench.plan import SetPoint
 from bench.record import SessionReader
-from bench.record.layout import AppendFile, OsFiles
 from bench.record.trend import FOLDER
 from bench.record.trend_reader import TrendReader
 from bench.replay.build_trend import build_trend, main
@@ -353,38 +353,12 @@ def test_a_session_without_a_trend_gets_one_in_the_cache(recorded: tuple[Path, H
     assert [path.name for path in place.iterdir()] == [FOLDER]
 
 
-class Full(OsFiles):
-    """A disk that refuses after some writes."""
-
-    def __init__(self, writes: int) -> None:
-        self.left = writes
-
-    def append(self, path: Path) -> AppendFile:
-        disk, file = self, super().append(path)
-
-        class Limited:
-            def __getattr__(self, name: str) -> object:
-                return getattr(file, name)
-
-            def write(self, chunk: bytes) -> int:
-                disk.left -= 1
-                if disk.left < 0:
-                    raise OSError(28, "No space left on device")
-                return file.write(chunk)
-
-        return Limited()  # type: ignore[return-value]
-
-
 @pytest.mark.parametrize("writes", [0, 3])
 def test_a_disk_that_refuses_costs_the_trend_and_nothing_else(
     recorded: tuple[Path, Heard], tmp_path: Path, writes: int
 ) -> None:
-    @contextmanager
-    def beside(context: RunContext) -> Iterator[None]:
-        with trend_recorder(context, Full(writes)):
-            yield
-
-    done, heard = run_short(tmp_path, beside=[beside])
+    full = FaultyFiles(lambda kind, n: no_space() if kind == "write" and n > writes else None)
+    done, heard = run_short(tmp_path, beside=[lambda context: trend_recorder(context, full)])
     assert segments(done.folder) == segments(recorded[0])
     said = [text for text in heard.said if "no trend is written" in text]
     assert len(said) == 1
