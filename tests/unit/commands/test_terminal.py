@@ -324,7 +324,6 @@ def test_every_command_stands_in_one_group() -> None:
 
 
 def test_help_and_version_are_options_too(inside: Inside) -> None:
-    """tests/runs/test_cli_status.py asks each command for its help."""
     assert inside().stdout == inside("--help").stdout == inside("-h").stdout
     assert inside("--version").stdout == inside("version").stdout == f"{bench.__version__}\n"
 
