@@ -316,11 +316,6 @@ def place(entry: Mapping[str, Any]) -> Place:
 
 def errors_of(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict[Place, float]:
     """Return estimate minus truth of every quantity of a campaign: one channel of each kind."""
-    return {where: error for where, (error, _) in stated_errors(seed, kinds, lag_s).items()}
-
-
-def stated_errors(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict[Place, tuple[float, float]]:
-    """Return estimate minus truth of every quantity of a campaign, and the expanded uncertainty that it states."""
     ramps, records, constants, fits = _fitted(seed, kinds, lag_s)
     pairs: list[tuple[Mapping[str, Any], float]] = []
     for fit, one in zip(fits, ramps, strict=True):
@@ -333,7 +328,7 @@ def stated_errors(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict
         order = int(entry.quantity[-1]) if "_tc" in entry.quantity else None
         true_ppm = np.polynomial.polynomial.polyval(at - 20.0, MASTER_ppm) if order is None else MASTER_ppm[order]
         pairs.append((entry, float(true_ppm)))
-    return {place(entry): (entry.value - truth, entry.expanded_uncertainty) for entry, truth in pairs}
+    return {place(entry): entry.value - truth for entry, truth in pairs}
 
 
 def _fitted(

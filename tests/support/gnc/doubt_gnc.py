@@ -191,8 +191,7 @@ SIGMA = {
 class Form:
     """Lengths of the records of both sets of positions and of a turn, which moves for ``moving_s`` after a second.
 
-    ``magnetic``: whether the turn in the Earth's field and the attitudes follow.   ``of_a_plan``: the noise of a record
-    is that of its number, so that records of equal lengths have the same by every plan.
+    ``magnetic``: whether the turn in the Earth's field and the attitudes follow.
     """
 
     positions_s: tuple[float, float] = (3.0, 3.0)
@@ -200,7 +199,6 @@ class Form:
     moving_s: float = 5.0
     turn_deg: float = 1080.0
     magnetic: bool = True
-    of_a_plan: bool = False
 
 
 SHORT = Form()
@@ -263,11 +261,10 @@ class Bench:
 
     def add(self, kind: str, output: Any, number: int, stated: Any, about: Mapping[str, Any]) -> None:
         """Add a record of one sensor with noise; the others show nothing but theirs."""
-        rng = np.random.default_rng([self.seed, len(self.rows)]) if self.form.of_a_plan else self.rng
         n, columns, scales = len(output), {"temperature": np.full(len(output), 2500, np.int16)}, dict(imu.SCALES)
         for name, sigma in SIGMA.items():
             clean = output if name == kind else np.zeros((n, 3))
-            seen = clean + rng.normal(0.0, sigma if self.noisy else FREE * sigma, (n, 3))
+            seen = clean + self.rng.normal(0.0, sigma if self.noisy else FREE * sigma, (n, 3))
             seen = self.world.read(kind, seen, number) if name == kind else seen
             step = imu.SCALES[name][0] if self.noisy else FINE
             scales[name] = (step, *imu.SCALES[name][1:])

@@ -6,13 +6,12 @@ Motions are closed forms of the planned calls, written here; the fits see rows a
 import json
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from doubt_gnc import Form
 from imu_material import record_of
 from plan_sample import reworded
 from rehearsal import ROOT
@@ -49,7 +48,8 @@ class Taken:
 
 def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
     """A shipped sequence, its samples at another rate."""
-    return at_rate(compile_sequence(ROOT / "sequences" / f"{sequence}.yaml", None, settings), rate_Hz)
+    plan = compile_sequence(ROOT / "sequences" / f"{sequence}.yaml", None, settings)
+    return replace(plan, campaign={**plan.campaign, "rate_Hz": rate_Hz})
 
 
 def rewritten(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) -> Plan:
@@ -59,11 +59,6 @@ def rewritten(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str
         reworded((ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8"), *cuts), encoding="utf-8"
     )
     return compile_sequence(path, None, settings)
-
-
-def at_rate(plan: Plan, rate_Hz: float = 200.0) -> Plan:
-    """A compiled plan, its samples at a rate."""
-    return replace(plan, campaign={**plan.campaign, "rate_Hz": rate_Hz})
 
 
 def records_of(plan: Plan) -> list[Taken]:
@@ -387,14 +382,3 @@ def written() -> Plan:
         path = Path(folder) / "shorter.yaml"
         path.write_text(problem.written(*SHORTEST, "shorter", ["Shorter."]), encoding="utf-8")
         return compile_sequence(path, None, {})
-
-
-def form_of(plan: Plan) -> Form:
-    """Return the lengths of the records of a plan, and how its table turns."""
-    steps = plan.phase("campaign")
-    records = [step for step in steps if isinstance(step, PlannedRecord)]
-    first_s, *_, last_s = (step.seconds for step in records if step.conditions["item"] == "position")
-    before_s, after_s, *_ = (step.seconds for step in records if step.conditions["item"] == "rotation")
-    turn = next(step.arguments for step in steps if isinstance(step, PlannedCall) and step.name == "turn")
-    moving_s = turn["angle"] / turn["rate"] + turn["rate"] / turn["acceleration"]
-    return Form((first_s, last_s), before_s + after_s, moving_s, turn["angle"], magnetic=False, of_a_plan=True)

@@ -64,15 +64,6 @@ def named_classes(wrong: Seen, right: Seen) -> list[tuple[tuple[Any, ...], str]]
     ]
 
 
-def newly_believed(given: tuple[Seen, Seen], planned: tuple[Seen, Seen]) -> list[tuple[Any, ...]]:
-    """Return the estimates that are confidently wrong by a plan and that the given one refuses, doubts or widens.
-
-    Args:    given, planned: of each plan a campaign in a wrong world, and the same seed in a right one.
-    """
-    believed = {name for name, kind in named_classes(*given) if kind not in (WIDE, DOUBTED, REFUSED)}
-    return [name for name, kind in named_classes(*planned) if kind == WRONG and name not in believed]
-
-
 def class_of(entry: Any, truth: float, before: Any, truth_before: float) -> str:
     """Return the class of one estimate; ``before``: of the right world, None if it had none."""
     if entry.quality != "sound":

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, Inside, main_of
+from rehearsal import ROOT, main_of
 
 from bench.analysis import Table
 
@@ -105,16 +105,3 @@ def test_a_lag_behind_the_sensors_leaves_no_hysteresis(results: dict[str, Any]) 
     (width,), (lag,) = values(results, "hysteresis_width"), values(results, "thermal_lag")
     assert abs(width["value"]) < width["expanded_uncertainty"] < 3.0
     assert 60.0 < lag["value"] < 130.0
-
-
-@pytest.mark.slow
-def test_replay_fit_and_report_work_from_the_session_alone(session: Path, inside: Inside) -> None:
-    assert "every number is identical" in inside("replay", str(session)).stdout.replace("\n", " ")
-    fitted = inside("fit", str(session), "--method", "drift", "--json")
-    assert fitted.returncode == 0, fitted.stderr
-    assert not values(json.loads(fitted.stdout), "hysteresis_width")
-    (session / "report.html").unlink()
-    assert inside("report", str(session)).returncode == 0
-    page = (session / "report.html").read_text(encoding="utf-8")
-    assert "hp34420a 5 up minus down" in page
-    assert "that the mapping calls an overload" in page

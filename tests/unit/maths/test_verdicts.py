@@ -226,16 +226,6 @@ def test_nothing_and_everything() -> None:
         clopper_pearson(3, 2)
 
 
-@pytest.mark.validates("conformance probability of one- and two-sided limits", against="scipy.stats, norm and t")
-@pytest.mark.parametrize("limits", [LIMITS_V, (-math.inf, 5.1), (4.9, math.inf)])
-@pytest.mark.parametrize("dof", [math.inf, 7.0])
-def test_conformance_probability(limits: tuple[float, float], dof: float) -> None:
-    value_V, std_V = 5.07, 0.02
-    known = stats.norm if math.isinf(dof) else stats.t(dof)
-    due = known.cdf((limits[1] - value_V) / std_V) - known.cdf((limits[0] - value_V) / std_V)
-    assert decide(value_V, std_V, limits, "simple", dof).conformance_probability == pytest.approx(due, rel=1e-12)
-
-
 def combined(components: Sequence[Component]) -> Budget:
     """Return the budget of one result alone."""
     return combine_all({"": components}).budgets[""]
@@ -277,31 +267,6 @@ def test_ten_resistors_compared_with_one_standard() -> None:
     apart = combine_all({str(n): [Component("own standard", 0.1, "ohm")] for n in range(10)})
     np.testing.assert_array_equal(apart.correlation, np.eye(10))
     assert math.sqrt(std @ apart.correlation @ std) == pytest.approx(0.32, abs=0.005)
-
-
-@pytest.mark.validates("correlation between results", against="400,000 draws of the errors")
-def test_correlation_is_that_of_drawn_errors(record_property: Callable[[str, object], None]) -> None:
-    """Seed 11, 400,000 draws of one shared error with another weight in each result, and errors of their own."""
-    generator = np.random.default_rng(11)
-    gain, sensor = generator.normal(size=(2, 400_000))
-    first = 10.0 * gain - 2.0 * sensor + 3.0 * generator.normal(size=gain.size)
-    second = 9.0 * gain + 4.0 * sensor + 1.0 * generator.normal(size=gain.size)
-    shared = {
-        "first": [
-            Component("gain", 10.0, common="gain"),
-            Component("sensor", 2.0, sensitivity=-1.0, common="sensor"),
-            Component("noise", 3.0),
-        ],
-        "second": [
-            Component("gain", 9.0, common="gain"),
-            Component("sensor", 2.0, sensitivity=2.0, common="sensor"),
-            Component("noise", 1.0),
-        ],
-    }
-    found = combine_all(shared)
-    record_property("obtained", f"{found.correlation[0, 1]:.4f}, drawn {np.corrcoef(first, second)[0, 1]:.4f}")
-    assert found.correlation[0, 1] == pytest.approx(np.corrcoef(first, second)[0, 1], abs=0.004)
-    assert found.budgets["second"].std_uncertainty == pytest.approx(np.std(second), rel=0.005)
 
 
 @pytest.mark.validates(
