@@ -12,7 +12,7 @@ import pytest
 from report_sample import estimate_entry, sample_model, sample_results, small_model, unsound
 
 from bench import analysis
-from bench.analysis import Figure, Material, Table, documents, estimates_of, series
+from bench.analysis import Material, documents, estimates_of
 from bench.model.systems import is_size
 from bench.report import Report, report_model
 from bench.report.estimate_tables import (
@@ -243,14 +243,6 @@ def test_a_level_with_fewer_pulses_has_more_current_per_pulse(method: str) -> No
         assert errors[sign * LEVEL_A] - np.mean(others) == pytest.approx(1e6 * FEWER, rel=0.1)
 
 
-def test_figures_and_tables_of_an_analysis_are_in_the_page() -> None:
-    table = Table("Budget", "Channel 1.", ["component", "u / ppm"], [["gain", 10.0], ["E_n", -0.0151768]])
-    drawn = Figure("Bias of channel 1", "", "T / °C", "bias / nA", [series("up", [0.0, 1.0], [1.0, 2.0])])
-    page = Report(replace(small_model(), figures=(drawn,), tables=(table,))).html()
-    for text in ("Bias of channel 1", "Budget. Channel 1.", ">gain</th><td>10.00</td>", ">E_n</th><td>−0.01518</td>"):
-        assert text in page
-
-
 @pytest.mark.parametrize("probability", [0.99999, 1.0])
 def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> None:
     model = small_model()
@@ -294,19 +286,6 @@ def wrong(item: str, count: float, unit: str) -> dict[str, Any]:
     return estimate_entry(f"{item}_wrong", "1", count, 0.0) | {"conditions": {"unit": unit}} | judged
 
 
-@pytest.mark.parametrize(
-    ("limits", "size", "text"),
-    [
-        ((-10.0, 10.0), False, "± 10"),
-        ((-10.0, 10.0), True, "≤ 10"),
-        ((4.0, 5.0), True, "4 to 5"),
-        ((0.0, 0.0), True, "0"),
-    ],
-)
-def test_what_cannot_be_negative_has_an_upper_limit(limits: tuple[float, float], size: bool, text: str) -> None:
-    assert analysis.limits_text(limits, size=size) == text
-
-
 def test_the_table_of_the_verdicts_tells_a_size_from_a_difference() -> None:
     declared = [name for name in ("time_offset_uncertainty", "stamps_difference") if is_size("egi_offset", name)]
     assert declared == ["time_offset_uncertainty"]
@@ -316,6 +295,7 @@ def test_the_table_of_the_verdicts_tells_a_size_from_a_difference() -> None:
     difference = offset("stamps_difference", -3e-3, 8e-3, limit=5e-3, **judged)
     table = verdict_table(modelled(width, difference, campaign="time_sync"), ENGLISH)
     assert [row[3:5] for row in table.rows] == [("≤ 10", "ms"), ("± 5", "ms")]
+    assert [analysis.limits_text(limits, size=True) for limits in ((4.0, 5.0), (0.0, 0.0))] == ["4 to 5", "0"]
 
 
 def test_the_unit_that_failed_stands_for_its_item_where_nothing_may_be_wrong() -> None:
