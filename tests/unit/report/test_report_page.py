@@ -12,7 +12,7 @@ import pytest
 from report_sample import estimate_entry, sample_model, sample_results, small_model, unsound
 
 from bench import analysis
-from bench.analysis import Material, documents, estimates_of
+from bench.analysis import Figure, Material, Table, documents, estimates_of, series
 from bench.model.systems import is_size
 from bench.report import Report, report_model
 from bench.report.estimate_tables import (
@@ -241,6 +241,14 @@ def test_a_level_with_fewer_pulses_has_more_current_per_pulse(method: str) -> No
     for sign in (1.0, -1.0):
         others = [ppm for current_A, ppm in errors.items() if current_A * sign > LEVEL_A]
         assert errors[sign * LEVEL_A] - np.mean(others) == pytest.approx(1e6 * FEWER, rel=0.1)
+
+
+def test_figures_and_tables_of_an_analysis_are_in_the_page() -> None:
+    table = Table("Budget", "Channel 1.", ["component", "u / ppm"], [["gain", 10.0], ["E_n", -0.0151768]])
+    drawn = Figure("Bias of channel 1", "", "T / °C", "bias / nA", [series("up", [0.0, 1.0], [1.0, 2.0])])
+    page = Report(replace(small_model(), figures=(drawn,), tables=(table,))).html()
+    for text in ("Bias of channel 1", "Budget. Channel 1.", ">gain</th><td>10.00</td>", ">E_n</th><td>−0.01518</td>"):
+        assert text in page
 
 
 @pytest.mark.parametrize("probability", [0.99999, 1.0])
