@@ -60,12 +60,6 @@ def test_a_short_silence_is_none_a_long_one_is_lost_and_an_answer_ends_it() -> N
     assert rig.watch.seen.age_s == 0.0
 
 
-def test_nobody_answers_the_first_time() -> None:
-    feed = FakeFeed(document(), silent=True)
-    with pytest.raises(Gone):
-        Watch(Path("/s"), feed, SetClock(), lambda: None, Gone)
-
-
 ACT = '{"what":"act","reason":"silent","text":"no heartbeat for 2.05 s, the limit is 2 s"}\n'
 
 

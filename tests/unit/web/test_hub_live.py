@@ -186,19 +186,16 @@ def test_a_replay_has_the_results_of_the_session(page: Page) -> None:
     folder = page.serving.out / "20000101T000000Z_sample_1"
     write_sample(folder)
     row = estimate("dsf_n", "ppm", 3.0, 1.0, {"channel": 1, "unit_temperature_degC": 20.0}, n=3).document
-    (folder / "results.json").write_text(json.dumps({"estimates": [row], "quality": {"records": 7}}))
+    (folder / "results.json").write_text(
+        json.dumps({"campaign": "scale_factor", "estimates": [row], "quality": {"records": 7}})
+    )
     with watching(page, run=folder.name) as connection:
         state = until(connection, "snapshot")["state"]
     assert (state["source"], state["estimates"]["records"], state["estimates"]["final"]) == ("replay", 7, True)
     (shown_row,) = state["estimates"]["rows"]
     assert (shown_row["value"], shown_row["conditions"]) == (3.0, {"channel": 1})
+    assert shown_row["titles"]["ko"] == "환산계수 오차 N"
     assert shown_row["history"][0][:3] == [7, 3.0, 1.0]
-
-
-def test_a_run_that_is_not_there_closes_the_connection(page: Page) -> None:
-    with watching(page, run="20000101T000000Z_nothing") as connection, pytest.raises(ConnectionClosed) as closed:
-        until(connection, "snapshot")
-    assert closed.value.rcvd.code == 4404
 
 
 def test_a_frozen_page_keeps_no_more_than_its_queue_and_begins_anew(page: Page, feed: FeedStandIn) -> None:
