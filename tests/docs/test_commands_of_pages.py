@@ -79,10 +79,8 @@ def for_this_test(line: str, session: str) -> list[str]:
     return [name for word in words for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
 
 
-@pytest.fixture
-def lab(golden: Path, tmp_path: Path) -> Path:
-    """Return a folder with what a reader has: a session and its history, a laboratory file, a capture, a log."""
-    place = tmp_path / "lab"
+def lab(golden: Path, place: Path) -> Path:
+    """Make a folder with what a reader has: a session and its history, a laboratory file, a capture, a log."""
     writable_copy(golden.parent, place / "sessions")
     for name in ("laboratory.yaml", "corrected.yaml"):
         shutil.copy(ROOT / "docs" / name, place)
@@ -93,37 +91,39 @@ def lab(golden: Path, tmp_path: Path) -> Path:
     return place
 
 
-@pytest.mark.parametrize("block", [block for block in BLOCKS if of_the_bench(block)], ids=lambda block: block.place)
-def test_the_commands_of_a_block_run(
-    block: Block, lab: Path, golden: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("page", sorted({block.page for block in BLOCKS if of_the_bench(block)}))
+def test_the_commands_of_a_page_run(
+    page: str, golden: Path, tmp_path: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Run them one behind the other, as a reader does; what is refused has another status than 0 and 1."""
-    monkeypatch.chdir(lab)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(lab))  # what one command of a block computes the next one finds, as there
-    session = f"sessions/{SESSION_OF.get(block.page, golden.name)}"
-    if block.page in SESSION_OF:
-        shutil.copytree(GOLDEN / "0.1.0" / SESSION_OF[block.page], session)
-    for line in block.command_lines:
-        line = line.removeprefix(".venv/bin/")
-        if line.startswith("cd "):
-            monkeypatch.chdir(line.split()[1])
-        elif line.startswith("bench ") and not reason(line):
-            words = for_this_test(line, session)
-            if is_long(line) and words in CHECKED:
-                continue
-            CHECKED.append(words)
-            done = inside(*words)
-            assert done.returncode in (0, 1), f"{block.place}: {line}: {done.stderr}"
+    """Run those of a block one behind the other, as a reader does; what is refused has another status than 0 and 1."""
+    for block in (block for block in BLOCKS if block.page == page and of_the_bench(block)):
+        place = lab(golden, tmp_path / str(block.line))
+        monkeypatch.chdir(place)
+        monkeypatch.setenv("XDG_CACHE_HOME", str(place))  # what one command computes the next one finds, as there
+        session = f"sessions/{SESSION_OF.get(page, golden.name)}"
+        if page in SESSION_OF:
+            shutil.copytree(GOLDEN / "0.1.0" / SESSION_OF[page], session)
+        for line in block.command_lines:
+            line = line.removeprefix(".venv/bin/")
+            if line.startswith("cd "):
+                monkeypatch.chdir(line.split()[1])
+            elif line.startswith("bench ") and not reason(line):
+                words = for_this_test(line, session)
+                if is_long(line) and words in CHECKED:
+                    continue
+                CHECKED.append(words)
+                done = inside(*words)
+                assert done.returncode in (0, 1), f"{block.place}: {line}: {done.stderr}"
 
 
-@pytest.mark.parametrize("line", sorted({line for block in BLOCKS for line in of_the_bench(block) if reason(line)}))
-def test_what_is_not_run_is_parsed(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_run_is_parsed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bench.commands.requests.session_segments", str)  # of no session that is here
     top = typer.main.get_command(app)
-    words = words_of(line)[1:]
-    context = top.make_context("bench", words)
-    name, command, rest = top.resolve_command(context, words)
-    command.make_context(name, rest, parent=context)
+    for line in sorted({line for block in BLOCKS for line in of_the_bench(block) if reason(line)}):
+        words = words_of(line)[1:]
+        context = top.make_context("bench", words)
+        name, command, rest = top.resolve_command(context, words)
+        command.make_context(name, rest, parent=context)
 
 
 def test_other_programs_are_known() -> None:
@@ -178,8 +178,6 @@ RUN_ELSEWHERE = {
     "docs/tutorial.md": "tests/docs/test_commands_of_pages.py",
 }
 
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
-
 
 class AnyDocument(RootModel[Any]):
     """A YAML document of any form, as the loader of the bench reads it."""
@@ -191,29 +189,29 @@ def document_of(block: Block) -> dict[str, Any]:
     return {"steps": content} if isinstance(content, list) else content
 
 
-@pytest.mark.parametrize("block", blocks("yaml"), ids=lambda block: block.place)
-def test_yaml_holds_its_schema(block: Block) -> None:
-    """Find the kind of file that has all its keys, and hold each value against the schema of its key."""
-    document = document_of(block)
-    kinds = [kind for kind, schema in SCHEMAS.items() if document.keys() <= schema["properties"].keys()]
-    assert kinds, f"{block.place}: no kind of file has the keys {', '.join(document)}"
-    problems = {}
-    for kind in kinds:
-        part = {**SCHEMAS[kind], "required": []}
-        problems[kind] = [error.message for error in Draft202012Validator(part).iter_errors(document)]
-    assert [] in problems.values(), f"{block.place}: {problems}"
+def test_yaml_holds_its_schema() -> None:
+    """Find the kind of file that has all the keys of a block, and hold each value against the schema of its key."""
+    for block in blocks("yaml"):
+        document = document_of(block)
+        problems = {
+            kind: [error.message for error in Draft202012Validator({**schema, "required": []}).iter_errors(document)]
+            for kind, schema in SCHEMAS.items()
+            if document.keys() <= schema["properties"].keys()
+        }
+        assert [] in problems.values(), f"{block.place}: {problems or 'no kind of file has these keys'}"
 
 
-@pytest.mark.parametrize("block", blocks("python"), ids=lambda block: block.place)
-def test_python_runs(block: Block) -> None:
-    if block.page in RUN_ELSEWHERE:
-        assert Path(block.page).name in (ROOT / RUN_ELSEWHERE[block.page]).read_text(encoding="utf-8")
-        return
-    exec(compile(NAMES.get(block.page, "") + textwrap.dedent(block.text), block.place, "exec"), {"__name__": "page"})
+def test_python_runs() -> None:
+    for block in blocks("python"):
+        if block.page in RUN_ELSEWHERE:
+            assert Path(block.page).name in (ROOT / RUN_ELSEWHERE[block.page]).read_text(encoding="utf-8")
+            continue
+        text = NAMES.get(block.page, "") + textwrap.dedent(block.text)
+        exec(compile(text, block.place, "exec"), {"__name__": "page"})
 
 
-@pytest.mark.parametrize("block", blocks("toml"), ids=lambda block: block.place)
-def test_toml_is_that_of_the_example(block: Block) -> None:
+def test_toml_is_that_of_the_example() -> None:
+    (block,) = blocks("toml")
     shown = tomllib.loads(block.text)["project"]["entry-points"]
     example = ROOT / "examples" / "resistance_thermometer" / "pyproject.toml"
     assert shown.items() <= tomllib.loads(example.read_text(encoding="utf-8"))["project"]["entry-points"].items()
@@ -227,12 +225,12 @@ def test_every_block_with_a_language_is_looked_at() -> None:
     assert {(block.language, block.page) for block in found} == {("json", "docs/session-format.md")}
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
-def test_a_notebook_was_executed_in_order_without_an_error(path: Path) -> None:
+def test_notebooks_were_executed_in_order_without_an_error() -> None:
     """``make site`` executes them anew and fails with any cell."""
-    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
-    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
-    assert "error" not in {output["output_type"] for cell in cells for output in cell["outputs"]}
+    for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
+        cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+        assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1)), path
+        assert "error" not in {output["output_type"] for cell in cells for output in cell["outputs"]}, path
 
 
 INSTALL = "pip install "  # needs a package index; .ci/wheel installs the wheel and uses it from an empty folder

@@ -10,11 +10,10 @@ import shutil
 import signal
 import subprocess
 import sys
-from http.client import HTTPConnection
 from importlib import metadata
 from pathlib import Path
-from urllib.parse import urlencode
 
+import httpx
 import pytest
 from imported_logs import LOG, SHORT
 from minimal_install import PROJECT, closure, normal
@@ -46,6 +45,10 @@ def _done(top: Path, program: list[str], commands: dict[str, list[str]]) -> dict
     words = [*program, json.dumps(list(commands.values()))]
     done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=top, env=_environment(top))
     return dict(zip(commands, map(tuple, json.loads(done.stdout)), strict=True))
+
+
+def segments(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.glob("*.mcap")}
 
 
 def captured_in(folder: Path) -> Path:
@@ -103,10 +106,7 @@ def test_what_records_reads_and_computes_works(done: dict[str, Done], top: Path)
 
 
 def test_a_rehearsal_is_the_same_byte_for_byte(done: dict[str, Done], top: Path, golden: Path) -> None:
-    here = top / "sessions" / SESSION
-    segments = sorted(path.name for path in golden.glob("*.mcap"))
-    assert segments
-    assert [(here / name).read_bytes() for name in segments] == [(golden / name).read_bytes() for name in segments]
+    assert segments(top / "sessions" / SESSION) == segments(golden)
     assert "identical" in done["replay"][1] + done["replay"][2]
 
 
@@ -137,37 +137,19 @@ def test_the_page_shows_a_recorded_session(done: dict[str, Done], top: Path) -> 
             said = ""
             while "Ctrl-C" not in said and (line := server.stdout.readline()):
                 said += line
-            found = re.search(r"http://127.0.0.1:(\d+)/", said)
+            found = re.search(r"http://127.0.0.1:\d+", said)
             assert found is not None, said
-            token = said.partition("viewer token: ")[2].split()[0]
-            connection = HTTPConnection("127.0.0.1", int(found[1]), timeout=20)
-            cookie = _logged_in(connection, found[0].rstrip("/"), token)
-            runs = json.loads(_page(connection, "/api/v1/runs", cookie))
-            assert SESSION in json.dumps(runs)
-            assert SESSION in _page(connection, f"/runs/{SESSION}", cookie)
-            assert json.loads(_page(connection, f"/api/v1/runs/{SESSION}", cookie))["state"] == "ended"
-            assert "<html" in _page(connection, f"/api/v1/runs/{SESSION}/report", cookie)
-            connection.close()
+            form = {"name": "kim", "token": said.partition("viewer token: ")[2].split()[0]}
+            with httpx.Client(base_url=found[0], headers={"Origin": found[0]}, timeout=20) as page:
+                assert page.post("/login", data=form).status_code == 303
+                assert SESSION in page.get("/api/v1/runs").text
+                assert SESSION in page.get(f"/runs/{SESSION}").text
+                assert page.get(f"/api/v1/runs/{SESSION}").json()["state"] == "ended"
+                assert "<html" in page.get(f"/api/v1/runs/{SESSION}/report").text
             server.send_signal(signal.SIGINT)
             assert server.wait(20) == 0
         finally:
             server.kill()
-
-
-def _logged_in(connection: HTTPConnection, origin: str, token: str) -> str:
-    headers = {"Origin": origin, "Content-Type": "application/x-www-form-urlencoded"}
-    connection.request("POST", "/login", urlencode({"name": "kim", "token": token}), headers)
-    reply = connection.getresponse()
-    assert reply.read() is not None
-    return reply.getheader("set-cookie", "").partition(";")[0]
-
-
-def _page(connection: HTTPConnection, path: str, cookie: str) -> str:
-    connection.request("GET", path, headers={"Cookie": cookie})
-    reply = connection.getresponse()
-    text = reply.read().decode()
-    assert reply.status == 200, text
-    return text
 
 
 MOST_PACKAGES = 30
@@ -248,10 +230,7 @@ def test_a_run_is_judged_and_each_missing_extra_is_one_line(
         ["inertial-bench[history]"],
     ]
     assert "Traceback" not in errors
-    segments = sorted(path.name for path in golden.glob("*.mcap"))
-    assert [(bare_top / "sessions" / SESSION / name).read_bytes() for name in segments] == [
-        (golden / name).read_bytes() for name in segments
-    ]
+    assert segments(bare_top / "sessions" / SESSION) == segments(golden)
     assert (bare_top / "sessions" / SESSION / "results.json").read_bytes() == (golden / "results.json").read_bytes()
     assert not (bare_top / "sessions" / SESSION / "report.html").exists()
     assert "identical" in bare["verify"][1]

@@ -25,16 +25,12 @@ TRACES = re.compile(
 
 def test_every_package_is_in_the_wheel() -> None:
     found = {".".join(path.parent.relative_to(TOP).parts) for path in python_files(*PRODUCT) if path.parent != TOP}
-    named = set(PROJECT["tool"]["setuptools"]["packages"])
-    assert named == found | {f"bench.shipped.{kind}" for kind in SHIPPED}
-
-
-@pytest.mark.parametrize("kind", SHIPPED)
-def test_shipped_folders_go_into_the_package(kind: str) -> None:
     setuptools = PROJECT["tool"]["setuptools"]
-    assert setuptools["package-dir"][f"bench.shipped.{kind}"] == kind
-    assert setuptools["package-data"][f"bench.shipped.{kind}"] == ["*.yaml"]
-    assert list((TOP / kind).glob("*.yaml"))
+    assert set(setuptools["packages"]) == found | {f"bench.shipped.{kind}" for kind in SHIPPED}
+    for kind in SHIPPED:
+        assert setuptools["package-dir"][f"bench.shipped.{kind}"] == kind
+        assert setuptools["package-data"][f"bench.shipped.{kind}"] == ["*.yaml"]
+        assert list((TOP / kind).glob("*.yaml"))
 
 
 def test_files_beside_the_code_go_into_the_wheel() -> None:
@@ -46,16 +42,13 @@ def test_files_beside_the_code_go_into_the_wheel() -> None:
             assert any(matched), name_of(path)
 
 
-@pytest.mark.parametrize("path", LOCKS, ids=name_of)
-def test_lock_is_hashed_and_names_no_index(path: Path) -> None:
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    text = "".join(line for line in lines if not line.lstrip().startswith("#"))
-    assert not re.search(r"index-url|find-links|trusted-host|file:|https?:", text)
-    pins = re.findall(r"^[a-z0-9][a-z0-9._-]*==\S+ \\\n    --hash=sha256:[0-9a-f]{64}", text, re.MULTILINE)
-    assert len(pins) == len(re.findall(r"^[^#\s-]", text, re.MULTILINE)) > 0
-
-
-def test_locks_agree() -> None:
+def test_locks_are_hashed_name_no_index_and_agree() -> None:
+    for path in LOCKS:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        text = "".join(line for line in lines if not line.lstrip().startswith("#"))
+        assert not re.search(r"index-url|find-links|trusted-host|file:|https?:", text), path
+        pinned = re.findall(r"^[a-z0-9][a-z0-9._-]*==\S+ \\\n    --hash=sha256:[0-9a-f]{64}", text, re.MULTILINE)
+        assert len(pinned) == len(re.findall(r"^[^#\s-]", text, re.MULTILINE)) > 0, path
     pins = {path.stem: dict(re.findall(r"^(\S+)==(\S+)", path.read_text("utf-8"), re.MULTILINE)) for path in LOCKS}
     assert set(pins) == {"benchmark", "broker", "build", "dev", "docs", "mutation", "run"}
     for other in ("dev", "docs", "benchmark", "mutation"):
@@ -95,9 +88,9 @@ def test_frame_has_a_golden() -> None:
     assert without == []
 
 
-@pytest.mark.parametrize("room", ["maths", "replay", "report", "analysis", "session", "systems", "record", "store"])
-def test_simulated_truth_is_out_of_reach(room: str) -> None:
-    for path in files_that_say("truth", f"bench/{room}"):
+def test_simulated_truth_is_out_of_reach() -> None:
+    rooms = ("maths", "replay", "report", "analysis", "session", "systems", "record", "store")
+    for path in files_that_say("truth", *(f"bench/{room}" for room in rooms)):
         strings = {node.value for node in nodes_of(path) if isinstance(node, ast.Constant)}
         assert not any(isinstance(text, str) and "truth.json" in text for text in strings), name_of(path)
 
@@ -149,16 +142,17 @@ def marks(path: str, name: str) -> set[str]:
     raise AssertionError(f"{path} has no test {name}")
 
 
-@pytest.mark.parametrize("number", range(1, ROWS + 1))
-def test_row_names_its_tests_and_its_target(number: int) -> None:
-    *_, in_ci, in_sweep, target = fault_rows()[number]
-    named = TEST.findall(in_ci)
-    assert named
-    assert not [name for path, name in named if "sweep" in marks(path, name)]
-    for path, name in TEST.findall(in_sweep):
-        marks(path, name)
-    assert bool(in_sweep) == bool(target)
-    assert not target or f"\n{target.strip('`')}:" in text_of(TOP / "Makefile")
+def test_each_row_names_its_tests_and_its_target() -> None:
+    rows = fault_rows()
+    assert sorted(rows) == list(range(1, ROWS + 1))
+    for number, (*_, in_ci, in_sweep, target) in rows.items():
+        named = TEST.findall(in_ci)
+        assert named, number
+        assert not [name for path, name in named if "sweep" in marks(path, name)]
+        for path, name in TEST.findall(in_sweep):
+            marks(path, name)
+        assert bool(in_sweep) == bool(target), number
+        assert not target or f"\n{target.strip('`')}:" in text_of(TOP / "Makefile"), number
 
 
 def marked() -> dict[str, tuple[str, str]]:
@@ -239,23 +233,15 @@ manual_page = run_path(str(TOP / "docs" / "site" / "manuals.py"))["page"]
 MANUALS = sorted(path.stem for path in (TOP / "instruments").glob("*.yaml"))
 
 
-def test_every_driver_has_a_table_and_every_page_a_driver() -> None:
-    drivers = [path.stem for path in (TOP / "instruments").glob("*.py") if "\nDRIVER = " in path.read_text("utf-8")]
-    assert sorted(drivers) == MANUALS
+def test_every_driver_has_a_table_that_makes_sense_and_a_page_that_is_written_from_it() -> None:
+    assert sorted(path.stem for path in DRIVERS) == MANUALS
     assert sorted(path.stem for path in (TOP / "docs" / "instruments").glob("*.md")) == MANUALS
-
-
-@pytest.mark.parametrize("driver", MANUALS)
-def test_the_table_makes_sense_and_the_page_is_written_from_it(driver: str) -> None:
-    manual = manual_of(driver)
-    assert manual is not None
-    assert (TOP / "docs" / "instruments" / f"{driver}.md").read_text("utf-8") == manual_page(driver, manual)
-    for form, command in manual.commands.items():
-        assert any(key in command.source for key in manual.sources), form
-        if command.reply:
+    for driver in MANUALS:
+        manual = manual_of(driver)
+        assert manual is not None
+        assert (TOP / "docs" / "instruments" / f"{driver}.md").read_text("utf-8") == manual_page(driver, manual)
+        for form, command in manual.commands.items():
+            assert any(key in command.source for key in manual.sources), form
             re.compile(command.reply)
-        if command.example:
-            assert manual.find(command.example) == form
-        if "?" in form:
-            assert command.reply, form
-            assert command.touch == "asks", form
+            assert not command.example or manual.find(command.example) == form
+            assert "?" not in form or (command.reply and command.touch == "asks"), form

@@ -142,11 +142,14 @@ class ShownRun:
         folder.mkdir()
         (folder / "trend.json").write_text(json.dumps(head))
         for level_s in (1, 10, 100):
-            numbers = np.arange(0, self.before_s, level_s)
-            block = np.empty(len(numbers), [("t", "<f8"), ("span", "<f4", (len(signals), 2))])
-            low, high = self.values(numbers)
-            block["t"], block["span"] = start_s + numbers, np.stack([low, high], axis=-1)
-            (folder / f"port_a.{level_s:03d}s").write_bytes(block.tobytes())
+            self._append(level_s, start_s, np.arange(0, self.before_s, level_s))
+
+    def _append(self, level_s: int, start_s: int, numbers: np.ndarray[Any, Any]) -> None:
+        low, high = self.values(numbers)
+        block = np.empty(len(numbers), [("t", "<f8"), ("span", "<f4", (low.shape[1], 2))])
+        block["t"], block["span"] = start_s + numbers, np.stack([low, high], axis=-1)
+        with (self.folder / "trend" / f"port_a.{level_s:03d}s").open("ab") as stream:
+            stream.write(block.tobytes())
 
     def _serve(self, what: str, answer: Callable[[dict[str, Any]], bytes]) -> Any:
         path = Path(self._place.name) / f"{what}.sock"
@@ -238,11 +241,7 @@ class FastRun(ShownRun):
         for level_s, done_s in self._done.items():
             numbers = np.arange(done_s, now_s - level_s, level_s)
             if len(numbers):
-                low, high = self.values(numbers)
-                block = np.empty(len(numbers), [("t", "<f8"), ("span", "<f4", (low.shape[1], 2))])
-                block["t"], block["span"] = self._start_s + numbers, np.stack([low, high], axis=-1)
-                with (self.folder / "trend" / f"port_a.{level_s:03d}s").open("ab") as stream:
-                    stream.write(block.tobytes())
+                self._append(level_s, self._start_s, numbers)
                 self._done[level_s] = done_s + len(numbers) * level_s
 
     def _news(self, tick: int) -> dict[str, Any]:

@@ -1,11 +1,14 @@
 """A page server on a real port of this machine, spoken to by clients that know nothing of its framework."""
 
 import json
+import os
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
@@ -48,7 +51,6 @@ class Page:
     clear: dict[str, str]
     folder: Path
     app: Any
-    logins: dict[str, Login] = field(default_factory=dict)
 
     @property
     def port(self) -> int:
@@ -112,8 +114,7 @@ class Page:
 
 @contextmanager
 def served(top: Path, **options: Any) -> Iterator[Page]:
-    """A server for the sessions in ``top/sessions``, where one is, without a run. ``tell``: as of ``create_app``;
-    ``make``: of another application. ``tls``: certificate and key."""
+    """A server for the sessions in ``top/sessions``, where one is, without a run. ``tell``: as of ``create_app``."""
     out, folder = top / "sessions", top / "private"
     (out / RUN).mkdir(parents=True)
     (out / RUN / "session.0001.mcap").touch()
@@ -122,10 +123,10 @@ def served(top: Path, **options: Any) -> Iterator[Page]:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         place = listener.getsockname()
         hosts = options.pop("hosts", written(place, secure=options.get("secure", False)))
-        tell, make, tls = (options.pop(name, None) for name in ("tell", "make", "tls"))
+        tell = options.pop("tell", None)
         serving = Serving(out, tokens, Audit(folder, clock), clock, hosts, place[1], **options)
-        app = create_app(serving, tell) if make is None else make(serving)
-        server = server_of(app, *(tls or ()))
+        app = create_app(serving, tell)
+        server = server_of(app)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:
@@ -133,3 +134,22 @@ def served(top: Path, **options: Any) -> Iterator[Page]:
         finally:
             server.stop()
             thread.join()
+
+
+@contextmanager
+def started(top: Path, *options: str, **environment: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """``bench serve`` as a process, and what it has printed until it says how it ends, or has ended."""
+    (top / "sessions").mkdir(exist_ok=True)
+    environment = {**os.environ, "XDG_CONFIG_HOME": str(top / "config"), "PYTHONUNBUFFERED": "1", **environment}
+    command = [sys.executable, "-m", "bench", "serve", "--out", str(top / "sessions"), "--port", "0", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment) as one:
+        try:
+            said = ""
+            assert one.stdout is not None
+            for line in one.stdout:
+                said += line
+                if "Ctrl-C" in line:
+                    break
+            yield one, said
+        finally:
+            one.kill()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axis import Axis
+from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -247,18 +247,19 @@ def _drawn(figure: Figure) -> Iterator[Text]:
 
 
 def _all_labels(axis: Axis) -> list[Text]:
-    ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
-    return [label for tick in ticks for label in (tick.label1, tick.label2)]
+    return [label for tick in _ticks(axis) for label in (tick.label1, tick.label2)]
+
+
+def _ticks(axis: Axis) -> list[Tick]:
+    return [*axis.get_major_ticks(), *axis.get_minor_ticks()]
 
 
 def _in_view(axis: Axis) -> list[Text]:
     """Labels of the ticks between the ends of an axis; matplotlib keeps others and does not draw them."""
     low, high = sorted(axis.get_view_interval())
     reach = 1e-6 * (high - low)
-    ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
-    return [
-        tick.label1 for tick in ticks if low - reach <= tick.get_loc() <= high + reach and tick.label1.get_visible()
-    ]
+    labels = [tick.label1 for tick in _ticks(axis) if low - reach <= tick.get_loc() <= high + reach]
+    return [label for label in labels if label.get_visible()]
 
 
 def _box(text: Text, canvas: FigureCanvasAgg) -> Box:
@@ -307,19 +308,11 @@ def flaws(figure: Figure) -> list[str]:
     boxes = text_boxes(figure)
     found = [f"{one!r} on {other!r}" for one, other in collisions(boxes)]
     found += [f"{text!r} is cut off" for text in outside(figure, boxes)]
-    found += [f"no unit in {text!r}" for text in axis_labels(figure) if " / " not in text]
-    least_pt = least_size_pt(figure, figure.get_figwidth(), ROOM_pt / POINTS_PER_INCH)
+    numbered = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if _numbered(axis)]
+    found += [f"no unit in {text!r}" for axis in numbered if " / " not in (text := axis.get_label_text())]
+    printed = ROOM_pt / POINTS_PER_INCH / figure.get_figwidth()
+    least_pt = min(text.get_fontsize() for text in _drawn(figure)) * printed
     return found + ([f"type of {least_pt:.2f} pt"] if least_pt < LEAST_pt else [])
-
-
-def least_size_pt(figure: Figure, drawn_in: float, printed_in: float) -> float:
-    """Size of the smallest text when a figure of a width is printed with another one."""
-    return min(text.get_fontsize() for text in _drawn(figure)) * printed_in / drawn_in
-
-
-def axis_labels(figure: Figure) -> list[str]:
-    """Labels of all axes that have numbers."""
-    return [axis.get_label_text() for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if _numbered(axis)]
 
 
 def _numbered(axis: Axis) -> bool:

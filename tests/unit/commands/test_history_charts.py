@@ -1,16 +1,13 @@
 """Commands on recorded sessions: charts of a history, coefficients merged and written, an imported log, a batch."""
 
-import dataclasses
 import hashlib
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import fit_simulation as sim
 import numpy as np
 import pytest
 import store_sample
@@ -19,16 +16,13 @@ from rehearsal import Inside
 from report_sample import LIMIT, coupling, results
 from store_sample import Documents, new_history
 
-from bench import cli
 from bench.commands import batch as batch_command
 from bench.commands import import_log
 from bench.commands import session as command
 from bench.commands.import_log import import_log as import_file
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError, SessionDamaged
 from bench.record import SessionReader, SessionWriter
-from bench.replay import replay_rows
 from bench.replay.series import replay_series, survey
-from bench.session.view import SessionView
 
 SEED = 23
 Say = Callable[..., tuple[int, str, str]]
@@ -120,74 +114,18 @@ def test_what_is_refused(say: Say, url: str, tmp_path: Path) -> None:
         assert f"error {code}: " in complaint
 
 
-def view(campaign: sim.SimulatedCampaign, name: str, **section: Any) -> SessionView:
-    manifest = {
-        "session": name,
-        "campaign": campaign.campaign | section,
-        "standards": campaign.standards,
-        "simulated": True,
-        "plan_sha256": "p",
-        "measurement_link": "port_a",
-    }
-    return SessionView(manifest=manifest, rows=campaign.rows, counts={}, session_sha256=f"sha of {name}")
-
-
-@pytest.fixture
-def sessions(monkeypatch: pytest.MonkeyPatch) -> dict[str, SessionView]:
-    """Sessions by the name of their folder, without the folders."""
-    whole = sim.simulate(8)
-    first, second = (
-        dataclasses.replace(whole, rows=[row for row in whole.rows if row.window.conditions["channel"] == channel])
-        for channel in (1, 2)
-    )
-    flat = sim.simulate(8, temperatures=(20.0,))
-    views = {
-        "first": view(first, "first"),
-        "second": view(second, "second"),
-        "flat": view(flat, "flat"),
-        "recorded": view(whole, "recorded", analysis="none"),
-    }
-    monkeypatch.setattr(command, "read_view", lambda folder, strict: views[folder.name])
-    return views
-
-
-def test_two_sessions_become_one_pair_of_files(
-    sessions: dict[str, SessionView],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_coefficients_are_of_sessions_that_give_some_and_of_each_once(
+    short: tuple[Path, Any], session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each session holds one of the two declared channels; what each lacks is said, and is in the other."""
-    monkeypatch.setattr(sys, "argv", ["bench", "coefficients", "first", "second", "--out", str(tmp_path / "out")])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    assert caught.value.code == 0
-    document = json.loads((tmp_path / "out" / "coefficients.json").read_text())
-    assert [(one["parameter"], one["channel"], one["session"]) for one in document["parameters"]] == [
-        ("dsf_n", 1, "first"),
-        ("dsf_n", 2, "second"),
-        ("dsf_p", 1, "first"),
-        ("dsf_p", 2, "second"),
-    ]
-    assert [one["session_sha256"] for one in document["sources"]] == ["sha of first", "sha of second"]
-    assert "sha of second" in (tmp_path / "out" / "coefficients.h").read_text()
-    said = capsys.readouterr().out
-    assert "coefficients.h" in said
-    assert "MISSING  channel 2: no record" in said
-
-
-@pytest.mark.parametrize("name", ["flat", "recorded"])
-def test_a_session_without_coefficients_is_refused(sessions: dict[str, SessionView], tmp_path: Path, name: str) -> None:
-    """One temperature only, or no analysis at all; nothing is written."""
-    with pytest.raises(InputError, match="gives no coefficients") as caught:
-        command.coefficients([Path("first"), Path(name)], tmp_path / "out")
-    assert (caught.value.code, caught.value.where) == ("B-COEF-005", name)
-    assert not (tmp_path / "out").exists()
-
-
-def test_the_same_session_twice_is_refused(sessions: dict[str, SessionView], tmp_path: Path) -> None:
+    """One temperature only, or no analysis at all, gives none; nothing is written."""
     with pytest.raises(InputError, match="B-COEF-002: "):
-        command.coefficients([Path("first"), Path("first")], tmp_path)
+        command.coefficients([short[0]] * 2, tmp_path / "out")
+    with pytest.raises(InputError, match=f"B-COEF-005: {session}: "):
+        command.coefficients([short[0], session], tmp_path / "out")
+    monkeypatch.setattr(command, "read_view", lambda *_, **__: SimpleNamespace(has_analysis=False))
+    with pytest.raises(InputError, match="B-COEF-005: other: "):
+        command.coefficients([Path("other")], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def imported(tmp_path: Path, mapping: str, log: bytes) -> Path:
@@ -215,24 +153,6 @@ def test_the_bytes_are_those_of_the_file_at_the_times_of_its_rows(tmp_path: Path
     assert reader.manifest["kind"] == "import"
     assert reader.manifest["log"]["sha256"] == hashlib.sha256(content).hexdigest()
     assert reader.manifest["log"] | {"rows": 3, "bad_rows": 1, "overload_rows": 0} == reader.manifest["log"]
-
-
-def test_the_columns_come_back_from_the_session_alone(tmp_path: Path) -> None:
-    folder = imported(
-        tmp_path,
-        SHORT.replace("uut:", "overload: {values: [OL]}\nuut:"),
-        (LOG + "2024-01-01T00:00:20,20.7,OL\n").encode(),
-    )
-    (tmp_path / "log.csv").unlink()
-    (tmp_path / "m.yaml").unlink()
-    found = replay_series(folder)
-    assert found.columns["t_s"].tolist() == [0.0, 10.0, 20.0]
-    assert found.columns["sensor"].tolist() == [20.5, 20.6, 20.7]
-    np.testing.assert_allclose(found.columns["voltage"], [1.0, 1.001, np.nan], rtol=1e-15)
-    said = "1 of 3 rows of the log have a cell that is empty or that the mapping calls an overload (voltage 1)."
-    assert found.notes == (said,)
-    replayed = replay_rows(folder)
-    assert (replayed.rows, replayed.totals["frames"], replayed.notes) == ((), 0, ())
 
 
 def test_an_unknown_analysis_is_refused_with_its_place(tmp_path: Path) -> None:
@@ -282,13 +202,19 @@ def test_a_session_without_its_mapping(tmp_path: Path) -> None:
 
 def test_bytes_cut_anywhere_by_another_writer_and_a_changed_log_is_told(tmp_path: Path) -> None:
     manifest = {"kind": "import", "schema": 1, "log": {"file": "x.csv", "sha256": "0" * 64}}
-    writer = SessionWriter.create(tmp_path / "s", manifest, {"mapping.yaml": SHORT}, t_mono_ns=0)
-    for at in range(0, len(LOG), 7):
-        writer.raw("log", "rx", at, LOG[at : at + 7].encode())
+    mapping = SHORT.replace("uut:", "overload: {values: [OL]}\nuut:")
+    log = (LOG + "2024-01-01T00:00:20,20.7,OL\n").encode()
+    writer = SessionWriter.create(tmp_path / "s", manifest, {"mapping.yaml": mapping}, t_mono_ns=0)
+    for at in range(0, len(log), 7):
+        writer.raw("log", "rx", at, log[at : at + 7])
     writer.close("done")
     found = replay_series(tmp_path / "s")
-    assert found.columns["sensor"].tolist() == [20.5, 20.6]
-    assert "is not the file that was imported" in found.notes[0]
+    assert found.columns["t_s"].tolist() == [0.0, 10.0, 20.0]
+    assert found.columns["sensor"].tolist() == [20.5, 20.6, 20.7]
+    np.testing.assert_allclose(found.columns["voltage"], [1.0, 1.001, np.nan], rtol=1e-15)
+    said = "1 of 3 rows of the log have a cell that is empty or that the mapping calls an overload (voltage 1)."
+    assert found.notes[0] == said
+    assert "is not the file that was imported" in found.notes[1]
 
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "sessions" / "0.1.0" / "20000101T000000Z_golden_GOLDEN"

@@ -30,8 +30,7 @@ from report_sample import (
 from bench.analysis import Figure, estimate, series
 from bench.analysis import Table as Shown
 from bench.model.errors import InputError
-from bench.model.lab import find_shipped
-from bench.plan import Step, compile_sequence, planned_temperature
+from bench.plan import Step, planned_temperature
 from bench.report import Report
 from bench.report.batch.document import batch_document, batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Unit
@@ -355,19 +354,6 @@ def test_bars_cover_exactly_the_planned_time() -> None:
     assert len(table.bars) == 1 + 5 + 50 + 1 + 1
 
 
-def test_planned_temperature_ramps_then_holds() -> None:
-    t_s, degC = planned_temperature(sample_steps((-10.0, 5.0)), 600.0)
-    assert np.interp([0.0, 1980.0, 3960.0, 27_000.0, 27_900.0, 28_800.0], t_s, degC).tolist() == [
-        23.0,
-        6.5,
-        -10.0,
-        -10.0,
-        -2.5,
-        5.0,
-    ]
-    assert (t_s[0], t_s[-1]) == (0.0, 2 * (9000.0 + 18_000.0) + 1800.0 + 60.0)
-
-
 def chamber(at_s: float, name: str, temperature: float = 0.0, ramp: float = 0.0) -> Step:
     arguments = {"temperature": temperature, "ramp": ramp} if name == "set_temperature" else {}
     return planned("call", at_s=at_s, role="chamber", name=name, **arguments)
@@ -415,15 +401,6 @@ def test_the_ramp_stands_still_on_hold_and_ends_with_stop() -> None:
     assert stopped[:-1] == [(0.0, 23.0), (300.0, 28.0), (600.0, 28.0)]
     assert stopped[-1][0] == 600.0
     assert np.isnan(stopped[-1][1])
-
-
-def test_shipped_bias_ramp_is_planned_from_the_room_to_both_ends_and_back() -> None:
-    plan = compile_sequence(find_shipped("sequences", "bias_ramp_25h"))
-    found = corners(*plan.steps, prepare_s=plan.prepare_s)
-    assert found[0] == (-10_800.0, 23.0)
-    assert found[-1] == (97_800.0, 23.0)
-    hours = [(t_s / 3600.0, degC) for t_s, degC in found[2:-2]]
-    assert hours == [(2.0, -10.0), (12.0, 50.0), (13.0, 50.0), (23.0, -10.0), (25.0, -10.0)]
 
 
 def test_thinning_keeps_extremes_and_drops_missing_readings() -> None:

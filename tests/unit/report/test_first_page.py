@@ -229,13 +229,6 @@ def test_each_condition_alone_keeps_a_result_out(found: Estimate, method: str, r
     assert said == ({found.quantity: reason} if reason else {})
 
 
-def test_reasons_of_one_quantity_are_counted() -> None:
-    rows = [stated("dsf_n", "ppm", 1.0, 10.0), stated("dsf_n", "ppm", 2.0, 11.0), stated("bias", "nA", 400.0, 0.5)]
-    assert list(not_covered(OWN, "scale_factor", rows).values()) == [
-        "U = 10 ppm is below the CMC of 20 ppm, and 1 more of it"
-    ]
-
-
 def test_a_result_outside_the_scope_has_no_capability_to_be_below_of() -> None:
     rows = [stated("dsf_n", "ppm", 5000.0, 1.0), stated("dsf_n", "ppm", 5.0, 1.0, quality="refused")]
     assert below_capability(OWN, "scale_factor", rows) == {}

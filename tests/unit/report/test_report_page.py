@@ -294,19 +294,6 @@ def wrong(item: str, count: float, unit: str) -> dict[str, Any]:
     return estimate_entry(f"{item}_wrong", "1", count, 0.0) | {"conditions": {"unit": unit}} | judged
 
 
-@pytest.mark.parametrize(
-    ("limits", "size", "text"),
-    [
-        ((-10.0, 10.0), False, "± 10"),
-        ((-10.0, 10.0), True, "≤ 10"),
-        ((4.0, 5.0), True, "4 to 5"),
-        ((0.0, 0.0), True, "0"),
-    ],
-)
-def test_what_cannot_be_negative_has_an_upper_limit(limits: tuple[float, float], size: bool, text: str) -> None:
-    assert analysis.limits_text(limits, size=size) == text
-
-
 def test_the_table_of_the_verdicts_tells_a_size_from_a_difference() -> None:
     declared = [name for name in ("time_offset_uncertainty", "stamps_difference") if is_size("egi_offset", name)]
     assert declared == ["time_offset_uncertainty"]
@@ -316,6 +303,7 @@ def test_the_table_of_the_verdicts_tells_a_size_from_a_difference() -> None:
     difference = offset("stamps_difference", -3e-3, 8e-3, limit=5e-3, **judged)
     table = verdict_table(modelled(width, difference, campaign="time_sync"), ENGLISH)
     assert [row[3:5] for row in table.rows] == [("≤ 10", "ms"), ("± 5", "ms")]
+    assert [analysis.limits_text(limits, size=True) for limits in ((4.0, 5.0), (0.0, 0.0))] == ["4 to 5", "0"]
 
 
 def test_the_unit_that_failed_stands_for_its_item_where_nothing_may_be_wrong() -> None:

@@ -1,16 +1,12 @@
 """The gate before the page server: every route, every refusal, over a real socket."""
 
-import asyncio
 import re
 from pathlib import Path
 
 import pytest
 from starlette.routing import Route, WebSocketRoute
-from starlette.types import Receive, Scope, Send
 from web_rig import COMMAND, RUN, Page, served
 
-from bench.web.security.gate import Gate
-from bench.web.security.logins import Login
 from bench.web.security.tokens import OPERATOR, VIEWER
 
 CSP = (
@@ -95,17 +91,11 @@ def test_no_post_passes_as_a_viewer(page: Page) -> None:
     assert all(not line["ok"] for line in page.audit() if line["what"] == "command")
 
 
-WRONG_ORIGINS = [
-    "",
-    "null",
-    "http://evil.example",
-    "http://127.0.0.1",
-    "https://127.0.0.1:{port}",
-    "http://127.0.0.1:1",
-]
-
-
-@pytest.mark.parametrize("origin", [*WRONG_ORIGINS, "http://127.0.0.1:{port}.evil.example", "HTTP://127.0.0.1:{port}"])
+@pytest.mark.parametrize(
+    "origin",
+    ["", "null", "http://127.0.0.1", "https://127.0.0.1:{port}", "http://127.0.0.1:1", "HTTP://127.0.0.1:{port}",
+     "http://127.0.0.1:{port}.evil.example"],
+)  # fmt: skip
 def test_a_forged_origin_is_refused_on_every_post(page: Page, origin: str) -> None:
     for path in paths(page, "POST"):
         headers = {**page.cookie(OPERATOR), **COMMAND, "Origin": origin.format(port=page.port)}
@@ -172,31 +162,18 @@ def _chunked(page: Page, headers: dict[str, str], body: bytes) -> bytes:
 
 ELSEWHERE = [
     "/static/..%2fapp.py",
-    "/static/%2e%2e%2fapp.py",
     "/static/..\\app.py",
     "/static/%2fetc%2fpasswd",
-    "/static//etc/passwd",
-    "/static/../app.py",
     "/static/page.js%00.css",
     "/static/.hidden",
-    "/bokeh/..%2f..%2f__init__.py",
     "/bokeh/bokeh.js",
     "/runs/..",
-    "/runs/.",
-    "/runs/%2e%2e",
-    "/runs/..%2f..",
-    "/runs/%2fetc",
     "/runs/a%00b",
     "/runs/.hidden",
     "/runs/linked",
-    "/runs/not_there",
-    "/runs/no_session",
     "/runs/" + "a" * 300,
-    "/api/v1/runs/../secret",
     "/api/v1/runs/%2e%2e%2fsecret/report",
     "/api/v1/runs/linked/report",
-    "/api/v1/runs/linked",
-    "/api/v1/runs/no_session/history",
     "/api/v1/runs/a%5cb/figures",
 ]
 
@@ -239,28 +216,6 @@ def test_a_socket_is_closed_with_a_code(page: Page) -> None:
         assert page.close_code(good, RUN, origin) == 4403
     for run in ("not_there", "..", "linked", "", "%2e%2e%2fsecret"):
         assert page.close_code(good, run, page.origin) == 4404
-
-
-@pytest.mark.parametrize(("role", "name", "counted"), [(OPERATOR, "kim", 1), (OPERATOR, "lee", 0), (VIEWER, "kim", 0)])
-def test_an_open_socket_keeps_the_command(page: Page, role: str, name: str, counted: int) -> None:
-    lease, kim = page.serving.lease, Login("kim", OPERATOR, "kim-operator")
-    seen = []
-
-    async def route(scope: Scope, receive: Receive, send: Send) -> None:
-        seen.append((lease._open[kim.id], scope["user"].name))
-
-    async def connect(gate: Gate) -> None:
-        headers = {"host": f"127.0.0.1:{page.port}", "origin": page.origin, "cookie": page.cookie(role, name)["Cookie"]}
-        raw = [(key.encode(), value.encode()) for key, value in headers.items()]
-        scope = {"type": "websocket", "path": "/ws", "raw_path": b"/ws", "headers": raw, "client": ("127.0.0.1", 1)}
-        await gate(scope, nothing, nothing)
-
-    async def nothing(*_: object) -> dict[str, object]:
-        raise AssertionError("the gate has not let it pass")
-
-    asyncio.run(connect(Gate(route, page.serving)))
-    assert seen == [(counted, name)]
-    assert not +lease._open
 
 
 def test_the_socket_of_a_forged_host_is_closed(tmp_path: Path) -> None:

@@ -23,13 +23,13 @@ from bench.run.feed.run_state import RunState
 from bench.run.guard.diary import DIARY
 from bench.run.guard.last_words import guard_lines
 from bench.session import partial_fits
-from bench.session.partial_fits import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
+from bench.session.partial_fits import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, joined
 from bench.tui.look import Look, catalogue
 from bench.tui.page import page_of
 from bench.tui.watch import Seen
 from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import READ_AT_ONCE, RunList, session_row
-from bench.web.recorded.past import MOST_POINTS, HistoryQuery, Past, Trends, history_query
+from bench.web.recorded.past import MOST_POINTS, HistoryQuery, Past, history_query
 from bench.web.security.refusal import Refusal
 from bench.web.telemetry import SeenRun, families
 
@@ -161,21 +161,6 @@ def test_partial_fits_are_put_behind_each_other() -> None:
     assert max(len(one["history"]) for one in joined(found, many, 5.0)["rows"]) == KEPT_IN_ALL // 300
 
 
-def test_estimates_of_a_finished_session_are_its_results() -> None:
-    stated = row(3.0) | {"coverage_factor": 2.0, "n": 3, "dropped": 0, "limit": None, "verdict": "pass"}
-    results = {"campaign": "scale_factor", "estimates": [stated], "quality": {"records": 7}}
-    found = finished_estimates(results, 1.0)
-    assert found is not None
-    shown = {
-        "verdict": "pass",
-        "limit": None,
-        "titles": {"en": "Scale-factor error N", "ko": "환산계수 오차 N"},
-        "history": [[7, 3.0, 1.0, 2.0]],
-    }
-    assert found["rows"] == [{**row(3.0), **shown}]
-    assert finished_estimates({}, 1.0) is None
-
-
 @pytest.mark.parametrize(
     ("program", "fits"),
     [("print('{\"records\": 4, \"rows\": []}')", 0), ("raise SystemExit(1)", 0), ("print('[]')", 0),
@@ -213,22 +198,6 @@ def test_a_trend_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="cannot be made") as told:
         past.history(tmp_path / "s", HistoryQuery(("port_a.npp[1]",), 0.0, 1e6, 10))
     assert getattr(told.value, "code", "") == "B-WEB-022"
-
-
-def test_processes_import_nothing_from_where_the_server_was_started(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """That folder may be one in which others can write."""
-    taken = tmp_path / "taken"
-    for name in ("json", "numpy"):
-        (tmp_path / f"{name}.py").write_text(f"open({str(taken)!r}, 'w')\n")
-    write_sample(tmp_path / SAMPLE, seconds=3)
-    monkeypatch.chdir(tmp_path)
-    folder, cache = tmp_path / SAMPLE, tmp_path / "cache"
-    assert Trends(cache).made(folder) is not None
-    asyncio.run(PartialFits(VirtualClock())._answer(folder))
-    assert list(cache.glob("*/*/trend/trend.json"))
-    assert not taken.exists()
 
 
 NAME = "20260301T000000Z_scale_factor_7"

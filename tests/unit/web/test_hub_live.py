@@ -5,12 +5,13 @@ import json
 import socket
 import struct
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import waiting
 from record_sample import write_sample
 from top_sample import NAMES, T0, FeedStandIn
 from web_rig import RUN, Page, served
@@ -20,12 +21,11 @@ from websockets.sync.client import ClientConnection, connect
 from bench.analysis import estimate
 from bench.model.clock import WallClock
 from bench.record import OPEN_MARKER
-from bench.run.control.client import FeedClient, FeedGone, FeedReply
-from bench.run.control.live import FeedServer
+from bench.run.control.client import FeedGone
 from bench.run.control.local_socket import LIVE, socket_path
-from bench.run.feed.points import PointBatch
 from bench.web import live
 from bench.web.live import FeedLine, LiveRun
+from bench.web.security import gate
 from bench.web.security.tokens import OPERATOR, VIEWER
 
 
@@ -125,6 +125,7 @@ def test_many_pages_cost_the_run_one_question(page: Page, feed: FeedStandIn) -> 
     with watching(page) as one, watching(page, "operator") as two, watching(page) as three:
         for connection in (one, two, three):
             assert until(connection, "snapshot")["points"]["n"] == 600
+        assert page.serving.lease._open == {"kim-operator": 1, "kim-viewer": 2}, "an open page keeps the command"
         asked = [request["since"] for request in feed.asked]
         assert asked.count(0) == 1, "all look at the same room"
         assert sum(request["state"] for request in feed.asked) < len(feed.asked) / 2 + 2
@@ -184,18 +185,17 @@ def test_results_that_come_after_the_end_take_the_place_of_those_so_far(tmp_path
 def test_a_replay_has_the_results_of_the_session(page: Page) -> None:
     folder = page.serving.out / "20000101T000000Z_sample_1"
     write_sample(folder)
-    row = estimate("dsf_n", "ppm", 3.0, 1.0, {}, n=3).document
-    (folder / "results.json").write_text(json.dumps({"estimates": [row], "quality": {"records": 7}}))
+    row = estimate("dsf_n", "ppm", 3.0, 1.0, {"channel": 1, "unit_temperature_degC": 20.0}, n=3).document
+    (folder / "results.json").write_text(
+        json.dumps({"campaign": "scale_factor", "estimates": [row], "quality": {"records": 7}})
+    )
     with watching(page, run=folder.name) as connection:
         state = until(connection, "snapshot")["state"]
     assert (state["source"], state["estimates"]["records"], state["estimates"]["final"]) == ("replay", 7, True)
-    assert state["estimates"]["rows"][0]["value"] == 3.0
-
-
-def test_a_run_that_is_not_there_closes_the_connection(page: Page) -> None:
-    with watching(page, run="20000101T000000Z_nothing") as connection, pytest.raises(ConnectionClosed) as closed:
-        until(connection, "snapshot")
-    assert closed.value.rcvd.code == 4404
+    (shown_row,) = state["estimates"]["rows"]
+    assert (shown_row["value"], shown_row["conditions"]) == (3.0, {"channel": 1})
+    assert shown_row["titles"]["ko"] == "환산계수 오차 N"
+    assert shown_row["history"][0][:3] == [7, 3.0, 1.0]
 
 
 def test_a_frozen_page_keeps_no_more_than_its_queue_and_begins_anew(page: Page, feed: FeedStandIn) -> None:
@@ -264,6 +264,38 @@ def test_a_logout_closes_every_socket_of_its_login_and_none_of_somebody_else(
         assert closed_with(other) == (4401, "B-WEB-008")
 
 
+OPEN, FULL = (None, None), (4429, "B-WEB-023")
+
+
+def shown(page: Page, roles: list[str]) -> list[tuple[int | None, str | None]]:
+    """Return how pages that these open one behind the other, and keep open, are closed; all are gone then."""
+    with ExitStack() as kept:
+        found = []
+        for role in roles:
+            connection = kept.enter_context(watching(page, role))
+            with suppress(ConnectionClosed):
+                until(connection, "snapshot")
+            found.append((connection.close_code, connection.close_reason))
+    waiting.until(lambda: not +page.serving.lease._open, "all are gone")
+    return found
+
+
+def test_viewers_leave_room_for_operators_b_web_023(
+    page: Page, feed: FeedStandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate, "MOST_SOCKETS", 5)
+    monkeypatch.setattr(gate, "KEPT_FOR_OPERATORS", 2)
+    for _ in range(2):  # those that have gone make room
+        assert shown(page, [VIEWER] * 4 + [OPERATOR] * 3) == [OPEN] * 3 + [FULL] + [OPEN] * 2 + [FULL]
+
+
+def test_an_address_has_no_more_pages_than_its_share_b_web_023(
+    page: Page, feed: FeedStandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate, "MOST_OF_ADDRESS", 2)
+    assert shown(page, [OPERATOR] * 3) == [OPEN, OPEN, FULL]
+
+
 def test_whoever_logs_out_while_a_page_opens_sees_nothing(page: Page, feed: FeedStandIn) -> None:
     """The gate asks once more behind the opening: a login that has ended by then is closed before its snapshot."""
     entered = page.app.state.hub.watching
@@ -276,52 +308,7 @@ def test_whoever_logs_out_while_a_page_opens_sees_nothing(page: Page, feed: Feed
     assert page.close_code(page.cookie(VIEWER), RUN, page.origin) == 4401
 
 
-HEAD = {"proto": 1, "boot_id": "0123456789abcdef", "signals": 2}
 Answer = Callable[[int, asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
-
-
-def points(since: int) -> PointBatch:
-    return PointBatch(10, 7, 3, np.arange(3, dtype="<f8").tobytes() + np.arange(12, dtype="<f4").tobytes())
-
-
-def stood_in(folder: Path) -> FeedServer:
-    return FeedServer(socket_path(folder, LIVE), HEAD, lambda: {"state": "running"}, points)
-
-
-def polled(line: FeedLine, *questions: tuple[int, bool]) -> list[FeedReply]:
-    async def ask() -> list[FeedReply]:
-        replies = [await line.poll(since, state) for since, state in questions]
-        line.close()
-        return replies
-
-    return asyncio.run(ask())
-
-
-def test_the_same_as_the_blocking_client(tmp_path: Path) -> None:
-    server = stood_in(tmp_path)
-    client = FeedClient(tmp_path)
-    expected = [client.poll(7), client.poll(9, state=False)]
-    found = polled(FeedLine(tmp_path), (7, True), (9, False))
-    client.close()
-    server.close()
-    assert [reply.header for reply in found] == [reply.header for reply in expected]
-    assert [reply.packed for reply in found] == [reply.packed for reply in expected]
-    assert "state" not in found[1].header
-
-
-def test_nobody_answers_and_then_another_process_does(tmp_path: Path) -> None:
-    async def ask() -> None:
-        line = FeedLine(tmp_path)
-        with pytest.raises(FeedGone, match="No such file"):
-            await line.poll(0)
-        for _ in range(2):  # the second answers at the same place, where the connection of the first is still kept
-            server = stood_in(tmp_path)
-            assert (await line.poll(0)).header["n"] == 3
-            server.close()
-        with pytest.raises(FeedGone):
-            await line.poll(0)
-
-    asyncio.run(ask())
 
 
 async def with_answers(folder: Path, answer: Answer, task: Callable[[FeedLine], Awaitable[None]]) -> None:

@@ -3,25 +3,22 @@
 import asyncio
 import json
 import logging
-import os
 import re
 import shutil
 import signal
 import socket
 import ssl
 import subprocess
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
-from http.client import HTTPConnection, HTTPSConnection
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+import httpx
 import pytest
-from starlette.types import Receive, Scope, Send
 from uvicorn import Config
 from uvicorn.server import ServerState
-from web_rig import Page, served
+from waiting import until
+from web_rig import Page, served, started
 from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 from websockets.server import ServerProtocol
@@ -31,64 +28,27 @@ from bench.commands.serve import serve
 from bench.model.clock import WallClock
 from bench.model.errors import InputError
 from bench.web import serving
-from bench.web.security import gate
-from bench.web.security.gate import Gate
-from bench.web.security.tokens import OPERATOR, VIEWER
+from bench.web.security.tokens import VIEWER
 from bench.web.serving import PatientSocket, written
 
 END_S = 20.0
 CUT_S = 30.0  # the test waits no longer
 
 
-class Reply(NamedTuple):
-    status: int
-    cookie: str
+def address_of(said: str) -> str:
+    return re.findall(r"https?://\S+:\d+", said)[0]
 
 
-@contextmanager
-def started(top: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """The process and what it has printed until it says how it ends."""
-    (top / "sessions").mkdir(exist_ok=True)
-    environment = {**os.environ, "XDG_CONFIG_HOME": str(top / "config"), "PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "bench", "serve", "--out", str(top / "sessions"), "--port", "0", *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment) as one:
-        try:
-            said = ""
-            assert one.stdout is not None
-            for line in one.stdout:
-                said += line
-                if "Ctrl-C" in line:
-                    break
-            yield one, said
-        finally:
-            one.kill()
-
-
-def port_of(said: str) -> int:
-    found = re.search(r"https?://[^/]*:(\d+)/", said)
-    assert found is not None, said
-    return int(found[1])
-
-
-def ask(connection: HTTPConnection, method: str = "GET", path: str = "/", body: str = "", **headers: str) -> Reply:
-    """One request on a connection of its own."""
-    with closing(connection):
-        connection.request(method, path, body or None, {name.replace("_", "-"): text for name, text in headers.items()})
-        reply = connection.getresponse()
-        reply.read()
-        return Reply(reply.status, reply.getheader("set-cookie", ""))
-
-
-def log_in(connection: HTTPConnection, token: str, origin: str, **headers: str) -> Reply:
-    kind = {"Content_Type": "application/x-www-form-urlencoded", "Origin": origin}
-    return ask(connection, "POST", "/login", f"name=kim&token={token}", **kind, **headers)
+def log_in(address: str, token: str, origin: str, **more: Any) -> httpx.Response:
+    headers = {"Origin": origin, **more.pop("headers", {})}
+    return httpx.post(f"{address}/login", data={"name": "kim", "token": token}, headers=headers, **more)
 
 
 def test_tokens_are_printed_once_and_the_end_is_quiet(tmp_path: Path) -> None:
     with started(tmp_path) as (server, said):
         assert len(re.findall(r"^(viewer|operator) token: [\w-]{32}$", said, re.MULTILINE)) == 2
         assert "not an emergency stop" in said
-        assert ask(HTTPConnection("127.0.0.1", port_of(said))).status == 401
+        assert httpx.get(address_of(said)).status_code == 401
         server.send_signal(signal.SIGTERM)
         rest, _ = server.communicate(timeout=END_S)
         assert (server.returncode, rest) == (0, "")
@@ -123,19 +83,17 @@ def test_tls_on_every_address(tmp_path: Path, certificate: tuple[Path, Path]) ->
     cert, key = certificate
     options = ("--host", "0.0.0.0", "--cert", str(cert), "--key", str(key))
     with started(tmp_path, *options) as (_, said):
-        port = port_of(said)
-        assert f"https://0.0.0.0:{port}/" in said
+        assert address_of(said).startswith("https://0.0.0.0:")
+        address = address_of(said).replace("0.0.0.0", "127.0.0.1")
         trusted = ssl.create_default_context(cafile=str(cert))
-        assert ask(HTTPSConnection("127.0.0.1", port, context=trusted)).status == 401
-        assert ask(HTTPSConnection("127.0.0.1", port, context=trusted), Host="evil.example").status == 403
+        assert httpx.get(address, verify=trusted).status_code == 401
+        assert httpx.get(address, verify=trusted, headers={"Host": "evil.example"}).status_code == 403
         token = re.findall(r"viewer token: (\S+)", said)[0]
-        secret = HTTPSConnection("127.0.0.1", port, context=trusted)
-        answer = log_in(secret, token, f"https://127.0.0.1:{port}")
-        assert answer.status == 303
-        assert answer.cookie.startswith("__Host-bench_login_")
-        assert answer.cookie.endswith("; Secure")
-        secret = HTTPSConnection("127.0.0.1", port, context=trusted)
-        assert log_in(secret, token, f"http://127.0.0.1:{port}").status == 403
+        answer = log_in(address, token, address, verify=trusted)
+        assert answer.status_code == 303
+        assert answer.headers["set-cookie"].startswith("__Host-bench_login_")
+        assert answer.headers["set-cookie"].endswith("; Secure")
+        assert log_in(address, token, address.replace("https", "http"), verify=trusted).status_code == 403
 
 
 def refused(**fields: object) -> InputError:
@@ -178,16 +136,13 @@ def test_a_port_in_use_b_web_004(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_behind_a_proxy(tmp_path: Path) -> None:
     with started(tmp_path, "--behind-proxy", "https://bench.example.org:8443") as (_, said):
-        found = re.search(r"listening for the proxy at http://127.0.0.1:(\d+)", said)
-        port = int(found[1])
-        assert ask(HTTPConnection("127.0.0.1", port)).status == 403
-        assert ask(HTTPConnection("127.0.0.1", port), Host="bench.example.org:8443").status == 401
-        assert ask(HTTPConnection("127.0.0.1", port), Host="bench.example.org").status == 403
+        address = re.findall(r"listening for the proxy at (http://127.0.0.1:\d+)", said)[0]
+        host = {"Host": "bench.example.org:8443"}
+        for headers, status in (({}, 403), ({"Host": "bench.example.org"}, 403), (host, 401)):
+            assert httpx.get(address, headers=headers).status_code == status
         token = re.findall(r"operator token: (\S+)", said)[0]
-        answer = log_in(
-            HTTPConnection("127.0.0.1", port), token, "https://bench.example.org:8443", Host="bench.example.org:8443"
-        )
-        assert (answer.status, "; Secure" in answer.cookie) == (303, True)
+        answer = log_in(address, token, "https://bench.example.org:8443", headers=host)
+        assert (answer.status_code, "; Secure" in answer.headers["set-cookie"]) == (303, True)
     lines = (tmp_path / "config" / "inertial-bench" / "serve.jsonl").read_text().splitlines()
     assert json.loads(lines[-1])["name"] == "kim"
 
@@ -239,21 +194,11 @@ def test_a_request_that_drips_is_cut_and_one_that_is_whole_is_answered(
     page: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(serving, "HEAD_S", 0.5)
-    with socket.create_connection(("127.0.0.1", page.port), CUT_S) as stream:
-        stream.settimeout(0.05)
-        sent = 0
-        try:
-            for _ in range(int(CUT_S / 0.05)):
-                stream.sendall(b"X")
-                sent += 1
-                try:
-                    if stream.recv(65536) == b"":
-                        break
-                except TimeoutError:
-                    continue
-        except OSError:
-            pass
-        assert 0 < sent < CUT_S / 0.05, "a byte now and then keeps no connection"
+    with socket.create_connection(("127.0.0.1", page.port), CUT_S) as stream, suppress(OSError):
+        for _ in range(int(CUT_S / 0.05)):
+            stream.sendall(b"X")
+            WallClock().sleep(0.05)
+        pytest.fail("a byte now and then keeps a connection")
     assert page.ask("GET", "/").status == 401
 
 
@@ -286,15 +231,6 @@ def test_an_answer_that_nobody_reads_is_not_kept_for_ever(page: Page, monkeypatc
         stream.sendall(8 * ask)  # more than the buffers of the system take
         until(lambda: bool(protocols) and protocols[0].transport.get_write_buffer_size() > 0)
         until(lambda: protocols[0] not in protocols[0].connections)
-
-
-def until(found: Callable[[], bool]) -> None:
-    clock = WallClock()
-    for _ in range(int(CUT_S / 0.05)):
-        if found():
-            return
-        clock.sleep(0.05)
-    raise AssertionError("it did not come")
 
 
 class Wire:
@@ -339,57 +275,6 @@ def test_pings_of_somebody_who_does_not_read_pile_up_nothing(page: Page) -> None
     wire = asyncio.run(pinged(page, reads=False))
     assert sum(map(len, wire.written)) < 100, "the frame that closes, and no pong"
     assert wire.aborted, "or what was never read would be kept"
-
-
-def crowd(page: Page, roles: list[str]) -> list[list[Any]]:
-    """What is sent to pages of these roles, one behind the other, by a gate that keeps them open; then to one more."""
-
-    async def run() -> list[list[Any]]:
-        over = asyncio.Event()
-
-        async def route(scope: Scope, receive: Receive, send: Send) -> None:
-            await over.wait()
-
-        gate_, sent = Gate(route, page.serving), []
-
-        async def opened(role: str) -> asyncio.Task[None]:
-            headers = {"Host": f"127.0.0.1:{page.port}", "Origin": page.origin, **page.cookie(role)}
-            raw = [(key.lower().encode(), value.encode()) for key, value in headers.items()]
-            scope = {"type": "websocket", "path": "/ws", "raw_path": b"/ws", "headers": raw, "client": ("127.0.0.1", 1)}
-            heard: list[Any] = []
-            sent.append(heard)
-
-            async def send(message: Any) -> None:
-                heard.append(message)
-
-            async def receive() -> dict[str, str]:
-                return {"type": "websocket.connect"}
-
-            task = asyncio.create_task(gate_(scope, receive, send))
-            await asyncio.sleep(0)
-            return task
-
-        tasks = [await opened(role) for role in roles]
-        over.set()
-        await asyncio.gather(*tasks)
-        over.clear()
-        last = await opened(roles[0])
-        over.set()
-        await last
-        return sent
-
-    return asyncio.run(run())
-
-
-def test_viewers_leave_room_for_operators_b_web_023(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gate, "MOST_SOCKETS", 5)
-    monkeypatch.setattr(gate, "KEPT_FOR_OPERATORS", 2)
-    sent = crowd(page, [VIEWER] * 4 + [OPERATOR] * 3)
-    closed = [heard[-1] if heard else {} for heard in sent]
-    refused = (4429, "B-WEB-023")
-    told = [(one.get("code"), one.get("reason")) == refused for one in closed]
-    assert [number for number, is_refused in enumerate(told) if is_refused] == [3, 6]
-    assert [bool(heard) for heard in sent] == [one != {} for one in closed]
 
 
 def test_a_page_that_is_cut_at_the_end_leaves_no_traceback(page: Page, caplog: pytest.LogCaptureFixture) -> None:
@@ -437,10 +322,3 @@ def test_pages_that_come_and_go_leave_no_connection_counted(tmp_path: Path, monk
         for _ in range(5):
             assert page.close_code(page.cookie(VIEWER), origin=page.origin) == 4404  # there is no such run
         assert page.ask("GET", "/").status == 401
-
-
-def test_an_address_has_no_more_pages_than_its_share_b_web_023(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gate, "MOST_OF_ADDRESS", 2)
-    with served(tmp_path) as page:
-        pass
-    assert [bool(heard) for heard in crowd(page, [OPERATOR] * 3)] == [False, False, True, False]

@@ -61,24 +61,6 @@ def test_every_estimate_is_read_back_to_the_last_digit() -> None:
     assert Counter(read_certificate(xml_of(calibration()))) == wanted
 
 
-def test_a_condition_is_a_number_with_its_unit_where_it_is_one_and_a_word_where_not() -> None:
-    conditions = {"temperature_degC": -40.5, "channel": 3, "current_A": 1e-2, "kind": "gyro", "closed": True}
-    xml = xml_of(calibration(estimates=[estimate("x", "A", 1e-9, 2e-9, conditions=conditions)]))
-    result = ET.fromstring(xml).find(".//dcc:results/dcc:result", NS)
-    assert result is not None
-    found = {}
-    for quantity in result.iterfind(".//dcc:quantity", NS):
-        value, unit, words = (
-            quantity.findtext(f".//{name}", None, NS)
-            for name in ("si:valueXMLList", "si:unitXMLList", "dcc:charsXMLList")
-        )
-        found[quantity.findtext("dcc:name/dcc:content", None, NS)] = (value, unit, words)
-    assert found["temperature_degC"] == ("-40.5", "\\degreecelsius", None)
-    assert found["channel"] == ("3", "\\one", None)
-    assert found["current_A"] == ("0.01", "\\ampere", None)
-    assert (found["kind"][2], found["closed"][2]) == ("gyro", "true")
-
-
 def test_a_small_sample_says_which_distribution_and_how_many_degrees_of_freedom() -> None:
     k = float(stats.t.ppf(0.975, 3.7))
     xml = xml_of(calibration(estimates=[estimate("few", "A", 1e-9, 2e-9, dof=3.7, coverage_factor=k)]))
@@ -225,11 +207,6 @@ def test_text_that_xml_cannot_hold_does_no_harm() -> None:
     assert texts_of(xml, ".//dcc:measurementResult/dcc:name/dcc:content") == ["<a & b> 'c'"]
 
 
-def test_a_unit_without_a_form_in_dsi_stops_it() -> None:
-    with pytest.raises(InputError, match="B-DCC-007: "):
-        certificate_text(calibration(estimates=[estimate("any", "furlong", 1.0, 2.0)]))
-
-
 PUBLISHED = os.environ.get("BENCH_DCC_XSD")
 SIGNATURES = (
     '<xs:import namespace="http://www.w3.org/2000/09/xmldsig#" '
@@ -283,11 +260,6 @@ def schema(tmp_path: Path) -> Path:
     (tmp_path / "dcc.xsd").write_text(text)
     (tmp_path / "SI_Format.xsd").write_text(xsd("si"))
     return tmp_path / "dcc.xsd"
-
-
-def test_a_certificate_holds_the_schema_of_the_facts(schema: Path) -> None:
-    for more in ({}, {"specimen": True, "simulated": True, "issued": None}):
-        assert CertificateSchema(schema).violations(certificate_text(calibration(**more))) == []
 
 
 def test_what_does_not_hold_has_its_line_and_its_path(schema: Path) -> None:
@@ -390,12 +362,7 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, old: str, new: str, to
 def test_units_as_they_are_written_out_by_hand(unit: str) -> None:
     found = si_unit(unit)
     assert (found.token, found.power) == WRITTEN_OUT[unit]
-
-
-@pytest.mark.parametrize("unit", WRITTEN_OUT)
-def test_every_identifier_is_one_of_dsi(unit: str) -> None:
-    words = re.sub(r"\\tothe\{-?\d+(\.\d+)?\}", "", si_unit(unit).token).split("\\")[1:]
-    assert words
+    words = re.sub(r"\\tothe\{-?\d+(\.\d+)?\}", "", found.token).split("\\")[1:]
     assert set(words) <= DSI_UNITS | DSI_PREFIXES
     assert words[-1] in DSI_UNITS
 

@@ -4,7 +4,6 @@ import asyncio
 import gc
 import importlib.util
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -19,7 +18,7 @@ import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 from shown_run import ShownRun
-from web_rig import Page, served
+from web_rig import Page, served, started
 
 from bench.model.errors import InputError
 from bench.web.telemetry import SeenRun
@@ -108,24 +107,8 @@ def broker(tmp_path: Path) -> Iterator[MqttBroker]:
     found.kill()
 
 
-@contextmanager
-def serving(top: Path, port: int, password: str = SECRET) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
-    """``bench serve --mqtt``, and what it has printed until it serves or ends."""
-    (top / "sessions").mkdir(exist_ok=True)
-    environment = {**os.environ, "XDG_CONFIG_HOME": str(top / "config"), PASSWORD: password}
-    words = [sys.executable, "-m", "bench", "serve", "--out", str(top / "sessions"), "--port", "0"]
-    words += ["--mqtt", f"mqtt://{USER}@127.0.0.1:{port}/lab/one"]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen(words, env={**environment, "PYTHONUNBUFFERED": "1"}, **pipes) as process:  # type: ignore[call-overload]
-        try:
-            said: list[str] = []
-            for line in process.stdout:
-                said.append(line.strip())
-                if line.startswith("Ctrl-C"):
-                    break
-            yield process, said
-        finally:
-            process.kill()
+def told_to(port: int) -> tuple[str, str]:
+    return "--mqtt", f"mqtt://{USER}@127.0.0.1:{port}/lab/one"
 
 
 @contextmanager
@@ -175,16 +158,16 @@ def test_the_broker_itself_says_that_a_server_was_killed_and_one_that_comes_clea
     (tmp_path / "sessions").mkdir()
     shown = ShownRun(tmp_path / "sessions", RUN)
     with Subscriber(broker.port, "lab/one") as heard:
-        with serving(tmp_path, broker.port) as (process, said):
+        with started(tmp_path, *told_to(broker.port), **{PASSWORD: SECRET}) as (process, said):
             assert f"broker 127.0.0.1 port {broker.port} is told of every run below lab/one" in said
-            assert SECRET not in "".join(said)
+            assert SECRET not in said
             heard.until(STATE)
             process.kill()
             assert heard.until("lab/one/status", lambda text: text != "online") == "offline"
         assert heard.told[STATE].startswith("{")
         shown.close()
         (shown.folder / "session.open").unlink()
-        with serving(tmp_path, broker.port):
+        with started(tmp_path, *told_to(broker.port), **{PASSWORD: SECRET}):
             assert heard.until("lab/one/status", lambda text: text != "offline") == "online"
             assert heard.until(STATE, lambda text: not text) == ""
 
@@ -205,12 +188,12 @@ def test_a_broker_that_dies_is_told_again_when_it_is_back(tmp_path: Path, broker
 
 
 def test_a_wrong_password_is_one_line_before_anything_is_served(tmp_path: Path, broker: MqttBroker) -> None:
-    with serving(tmp_path, broker.port, "not it") as (process, said):
+    with started(tmp_path, *told_to(broker.port), **{PASSWORD: "not it"}) as (process, said):
         assert process.wait(END_S) == 2
-    assert len(said) == 1
-    assert said[0].startswith("error B-WEB-026: ")
-    assert "not it" not in said[0]
-    assert PASSWORD in said[0]
+    assert said.count("\n") == 1
+    assert said.startswith("error B-WEB-026: ")
+    assert "not it" not in said
+    assert PASSWORD in said
 
 
 def test_a_broker_that_is_not_there_is_tried_again(tmp_path: Path) -> None:
