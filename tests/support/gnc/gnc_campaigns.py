@@ -6,7 +6,7 @@ Motions are closed forms of the planned calls, written here; the fits see rows a
 import json
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
