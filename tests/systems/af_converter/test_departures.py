@@ -135,6 +135,16 @@ def test_a_gain_is_that_of_the_fit_with_the_column_free() -> None:
     assert found.size == pytest.approx(np.linalg.lstsq(both, readings, rcond=None)[0][-1])
 
 
+def test_what_no_data_show_moves_a_result_by_its_uncertainty() -> None:
+    """The gain of a channel alone is its scale factor, which is known as far as its uncertainty says."""
+    with without_budgets():
+        analysis = sim.analysed(worlds.simulated(11, None))
+    sizes = {departure: rest for departure, *rest in analysis.tables[-1].rows}
+    quantity, size, found = sizes["what is counted, at channel 7 only"]
+    known = [entry for entry in analysis.estimates if entry.quantity == quantity and entry.conditions["channel"] == 7]
+    assert (size, found) == (f"{min(float(entry.expanded_uncertainty) for entry in known):.2g} ppm", "never")
+
+
 def test_labels_make_each_shape_once() -> None:
     labels = Labels(
         kinds={"channel": np.array([1, 1, 2, 2])},
