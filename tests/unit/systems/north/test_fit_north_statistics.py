@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from scipy import stats
 
 from bench.analysis import build_results, estimates_of
 from bench.commands.import_log import import_log
-from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError, InputErrors
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
@@ -28,7 +26,6 @@ from bench.systems.north.assumptions import assumptions
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, likelihood_north, north_bound_deg
 from bench.systems.north.estimators.phasors import calibrate_index, eight_sample_north, wrapped_deg
 from bench.systems.north.sets import north_sets
-from bench.systems.north.solution import Mean
 from bench.systems.north.solve import site_of, solve
 
 QUICK_Hz = 200
@@ -191,54 +188,6 @@ def test_calibration_and_azimuth_found_with_it() -> None:
     for method in ("least_squares", "quadrant", "single"):
         assert shifted.std_deg(method) == pytest.approx(np.hypot(0.3, known.std_deg(method)), rel=0.2)
     assert shifted.std_deg("likelihood") == 0.0
-
-
-BOTH = ("least_squares", "likelihood")
-GYRO = Gyro(noise_V=np.sqrt(0.5), placement_deg=(0.3, -0.2), gains=(1.01, 0.99))
-
-
-@cache
-def solved(campaigns: int) -> list[tuple[dict[tuple[str, float], float], dict[str, list[Mean]]]]:
-    """True azimuth of each heading, and the means of both methods, by campaign."""
-    found = []
-    for seed in range(campaigns):
-        rig = NorthRig(seed, GYRO)
-        truth = {}
-        for repeat in (1, 2):
-            rig.set("calibration", AZIMUTH_DEG, repeat=repeat)
-        for item, place, head_deg in (("test", "mark", 90.0), ("test", "mark", 225.0), ("search", "field", 0.0)):
-            truth[item, head_deg] = AZIMUTH_DEG + head_deg if item == "test" else float(rig.rng.uniform(0.0, 360.0))
-            for repeat in (1, 2):
-                rig.set(item, truth[item, head_deg], head_deg=head_deg, repeat=repeat, place=place)
-        material = rig.material()
-        solution = solve(north_sets(material), site_of(material.campaign))
-        found.append((truth, {method: solution.means(method) for method in BOTH}))
-    return found
-
-
-def covered(campaigns: int, method: str) -> tuple[int, int, float]:
-    """Intervals that hold the true azimuth, intervals, RMS of the errors over what Student's distribution gives."""
-    hits, scores = 0, []
-    for truth, means in solved(campaigns):
-        for mean in means[method]:
-            error_deg = float(wrapped_deg(mean.azimuth_deg - truth[mean.item, mean.head_deg]))
-            hits += abs(error_deg) <= coverage_factor(mean.dof) * mean.std_deg
-            scores.append(error_deg / mean.std_deg * np.sqrt(1.0 - 2.0 / mean.dof))  # Student: dof / (dof - 2)
-    print(method, hits, len(scores), np.sqrt(np.mean(np.square(scores))))
-    return hits, len(scores), float(np.sqrt(np.mean(np.square(scores))))
-
-
-@pytest.mark.parametrize("method", BOTH)
-@pytest.mark.parametrize(
-    ("campaigns", "least_percent"), [(8, 75.0), pytest.param(400, 93.0, marks=pytest.mark.sweep)]
-)  # fmt: skip
-def test_intervals_hold_the_truth(campaigns: int, least_percent: float, method: str) -> None:
-    """Eight campaigns catch an uncertainty that is wrong by a factor of two; 400 an interval that is 2 % short."""
-    hits, count, rms = covered(campaigns, method)
-    assert 100.0 * hits / count >= least_percent
-    assert rms == pytest.approx(1.0, abs=0.45 if campaigns < 100 else 0.08)
-    if campaigns >= 100:
-        assert 100.0 * hits / count <= 97.0
 
 
 HEADS_deg = tuple(30.0 * k for k in range(12))
