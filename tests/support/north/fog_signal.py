@@ -6,17 +6,15 @@ A table, lock-in amplifiers and their bench for tests of these.
 import importlib
 from collections.abc import Callable
 from typing import Any
-from unittest.mock import MagicMock
 
 import numpy as np
 import pyvisa
 from numpy.typing import NDArray
 from pyvisa.resources import MessageBasedResource
+from sim_bench import bare_world
 
-from bench.model.clock import VirtualClock
 from sim_instruments.synchronous_detection import SAMPLE_NS, LockIn
 from sim_instruments.worlds.north.sensor import earth_rate_rad_s, sensed_rad_s
-from sim_instruments.worlds.simulation import open_world
 
 Float = NDArray[np.float64]
 FS_Hz, TURNS, WOBBLE_deg, WOBBLE_Hz, NOISE_V = 1000, 20, 0.05, 60.0, 0.5**0.5  # of the paper; a turn takes a second
@@ -98,7 +96,6 @@ class NorthBench:
     """Two lock-in amplifiers, one behind the filter; the table turns at 1 Hz from the beginning."""
 
     def __init__(self, table: Turning, **options: Any) -> None:
-        self.clock = VirtualClock()
         self.on_line: Callable[..., None] = lambda *_: None
         entries = {
             "direct": {"driver": "srs_sr830", "resource": "GPIB0::8::INSTR", "options": {"input": "fog"} | options},
@@ -109,10 +106,8 @@ class NorthBench:
             "filter": {"driver": "krohn_hite_3988", "resource": "GPIB0::10::INSTR", "options": {}},
             "level": {"driver": "leica_nivel_220", "resource": "ASRL3::INSTR", "options": {}},
         }  # fmt: skip
-        station = {"instruments": entries, "links": {}}
-        self.world: Any = open_world(
-            "af_converter", clock=self.clock, seed=1, station=station, unit_factory=lambda *_: MagicMock()
-        )
+        self.world = bare_world(entries)
+        self.clock = self.world.clock
         self.world.waveform, self.world.pulses = table.waveform, table.pulses
         self.visa = pyvisa.ResourceManager(self.world.visa_library)
         self.driver = {role: self._open(role, entry) for role, entry in entries.items()}
