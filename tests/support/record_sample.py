@@ -202,10 +202,7 @@ def captured(
 def counted(first: int, n: int = FRAMES) -> bytes:
     """Return frames whose counter runs on from ``first`` and whose P counts of channel 1 are the counter modulo 100."""
     number = np.arange(first, first + n)
-    columns = {"counter": number, "npp": np.zeros((n, 10), np.int64), "ppp": np.tile(number[:, None] % 100, 10),
-               "af_clock": np.full(n, 2560), "master_count": np.full(n, 100_000),
-               "fg_count": np.full(n, 100_000), "status": np.zeros(n, np.int64)}  # fmt: skip
-    return frame("ngu_a").encode(columns, n).tobytes()
+    return constant_stream(np.zeros((n, 10), np.int64), np.tile(number[:, None] % 100, 10), first).frames.tobytes()
 
 
 def sensors() -> str:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from plan_sample import planned
+from record_sample import frame
 
-from bench.frame import FrameDefinition, load_frame
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Identity, action
@@ -34,10 +34,6 @@ GATE_NS = NS // 100
 LINE_NS = 600_000
 K0_C = 1.25e-6
 BLOCK = 1000  # frames that are encoded at once: a frame costs little, a call of the encoder much
-
-
-def frame(name: str) -> FrameDefinition:
-    return load_frame(ROOT / "frames" / f"{name}.yaml")
 
 
 class Instrument:

@@ -13,6 +13,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bench.analysis import Trace
+from bench.model.ports import RecordWindow
+from bench.model.quantities import Quality
+from bench.record import RecordRow
 from bench.systems.af_converter.bias_ramp.estimates import channel_estimates, compensated_A, master_clock_estimates
 from bench.systems.af_converter.bias_ramp.fit import (
     JOINT,
@@ -185,34 +188,12 @@ def covariance(kind: str) -> np.ndarray:
     return found + WALK_A_rth**2 / 3600.0 * (np.minimum.outer(middle, middle) - np.eye(m) * GATE_s / 6.0)
 
 
-@dataclass(frozen=True)
-class Window:
-    number: int
-    first_counter: int
-    frames: int
-    t_start_ns: int
-    t_end_ns: int
-    conditions: dict[str, Any]
-    link: str = "port_a"
-
-
-@dataclass(frozen=True)
-class Row:
-    window: Window
-    sums: dict[str, Any]
-    timing: dict[str, np.ndarray]
-    context: dict[str, float]
-    frames: int = 10000
-    lost: int = 0
-    quality: int = 0
-
-
 BRANCHES = (("hold_start", 72), ("up", 360), ("hold_top", 36), ("down", 360), ("hold_end", 72))
 F_AF0_Hz, MASTER_Hz, FG_Hz, FRAMES = 256e3, 1e7, 1e7, 10000
 AF_ERROR, MASTER_ppm = 20.3e-6, (1.5, 0.015, 0.0, 4.5e-5)  # dMSTR about 20 degC
 
 
-def rows(ramps: dict[int, Ramp], *, timed: bool = True) -> list[Row]:
+def rows(ramps: dict[int, Ramp], *, timed: bool = True) -> list[RecordRow]:
     """Records of ten channels with their pulses timed to a frame; channels that are not simulated count nothing."""
     world = next(iter(ramps.values()))
     pulses = {number: _pulse_frames(one) for number, one in ramps.items()}
@@ -222,8 +203,9 @@ def rows(ramps: dict[int, Ramp], *, timed: bool = True) -> list[Row]:
     found = []
     for index, start_s in enumerate(world.start_s):
         first = 1000 + index * FRAMES
-        window = Window(
+        window = RecordWindow(
             number=index + 1,
+            link="port_a",
             first_counter=first,
             frames=FRAMES,
             t_start_ns=round(start_s * 1e9),
@@ -238,7 +220,7 @@ def rows(ramps: dict[int, Ramp], *, timed: bool = True) -> list[Row]:
             _time(frames[index], number - 1, name, first, counts, timing)
         sums = {**counts, **{name: np.int64(values[index]) for name, values in clocks.items()}}
         context = {"unit_temperature_degC": float(unit[index])}
-        found.append(Row(window, sums, timing if timed else {}, context))
+        found.append(RecordRow(window, sums, FRAMES, 0, 0, Quality.GOOD, context, timing=timing if timed else {}))
     return found
 
 

@@ -5,13 +5,15 @@ charge, so counts are floors of a phase. Nothing of bench.systems is used to mak
 product makes of them.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from bench.analysis import Analysis, Material, analyse
 from bench.model.ports import RecordWindow
+from bench.model.quantities import Quality
+from bench.record import RecordRow
 
 F_AF0_Hz, MASTER_Hz, FG_Hz = 256e3, 1e7, 1e7
 FLOOR_A = {2.2e-4: 6e-9, 2.2e-3: 7e-9, 2.2e-2: 40e-9, 2.2e-1: 0.7e-6}
@@ -42,7 +44,9 @@ TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 REFERENCE_degC = 20.0
 
 
+FRAMES = 10_000
 Step = tuple[str, float, int, float]  # route, level, polarity, calibrator range
+Row = RecordRow
 
 
 @dataclass(frozen=True)
@@ -66,28 +70,6 @@ class Switches:
     cubic_ppm_degC3: float = 0.0  # of DSF_N and DSF_P: what a parabola cannot compensate
     generator_sigma: float = 0.0  # of the function generator's frequency, relative, one draw per campaign
     same_cut: bool = False  # every gate cuts the pulses of a clock at the same place, one draw per campaign
-
-
-@dataclass(frozen=True)
-class Window:
-    number: int
-    conditions: dict[str, Any]
-    t_start_ns: int
-    t_end_ns: int
-    frames: int = 10000
-    link: str = "port_a"
-
-
-@dataclass(frozen=True)
-class Row:
-    window: Window
-    sums: dict[str, Any]
-    context: dict[str, float]
-    quality: int = 0
-    frames: int = 10000
-    lost: int = 0
-    bad: int = 0
-    first_half: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -129,10 +111,7 @@ class SimulatedCampaign:
     @property
     def windows(self) -> list[RecordWindow]:
         """The records as a plan has them: what was asked for, nothing of what came out."""
-        return [
-            RecordWindow(at.number, at.link, 0, at.frames, at.t_start_ns, at.t_end_ns, at.conditions)
-            for at in (row.window for row in self.rows)
-        ]
+        return [row.window for row in self.rows]
 
     def truth(self, estimate: dict[str, Any]) -> float:
         """True value of an estimate in its unit, at the temperature the estimate itself names."""
@@ -429,8 +408,10 @@ def _row(number: int, point: Point, counts: list[dict[str, float]], unit_degC: f
         master = np.int64(round(share * point.seconds * MASTER_Hz))
         halves.append({"npp": npp, "ppp": ppp, **clocks, "master_count": master})
     start_ns = round((point.at_s + point.lead_s) * 1e9)
-    window = Window(number, point.conditions, start_ns, start_ns + round(point.seconds * 1e9))
-    return Row(window, halves[1], {"unit_temperature_degC": unit_degC}, first_half=halves[0])
+    end_ns = start_ns + round(point.seconds * 1e9)
+    window = RecordWindow(number, "port_a", 0, FRAMES, start_ns, end_ns, point.conditions)
+    context = {"unit_temperature_degC": unit_degC}
+    return RecordRow(window, halves[1], FRAMES, 0, 0, Quality.GOOD, context, first_half=halves[0])
 
 
 def analysed(
@@ -446,6 +427,6 @@ def repeated_off(campaign: SimulatedCampaign, ppm: float) -> list[Row]:
     rows = []
     for row in campaign.rows:
         factor = 1.0 + 1e-6 * ppm * row.window.conditions["repeat"]
-        sums = row.sums | {name: row.sums[name] * factor for name in ("npp", "ppp")}
-        rows.append(Row(row.window, sums, row.context, first_half=row.first_half))
+        sums = dict(row.sums) | {name: row.sums[name] * factor for name in ("npp", "ppp")}
+        rows.append(replace(row, sums=sums))
     return rows

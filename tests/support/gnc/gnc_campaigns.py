@@ -149,7 +149,7 @@ def calibration_truth(module: Module) -> dict[Key, float]:
     """True values of a calibration: sensors and biases over the records of each first set."""
     truth = truth_of(module, [one for item in ("position", "rotation") for one in _sets(module.taken, item)[0]])
     places = [(prefix, {"kind": kind, "axis": axis}) for prefix, kind in KINDS.items() for axis in "xyz"]
-    return truth | {campaign_key(f"{prefix}_scale_repeatability", place): 0.0 for prefix, place in places}
+    return truth | {name_of(f"{prefix}_scale_repeatability", place): 0.0 for prefix, place in places}
 
 
 def left_by(module: Module, found_estimates: Estimates) -> dict[Key, float]:
@@ -163,9 +163,9 @@ def left_by(module: Module, found_estimates: Estimates) -> dict[Key, float]:
         _, check = _sets(module.taken, item)
         places = {(row, column): {"kind": kind, "row": "xyz"[row], "column": "xyz"[column]}
                   for row, column in np.ndindex(3, 3)}  # fmt: skip
-        matrix = np.array([found[campaign_key(f"{prefix}_matrix", place)] for place in places.values()]).reshape(3, 3)
+        matrix = np.array([found[name_of(f"{prefix}_matrix", place)] for place in places.values()]).reshape(3, 3)
         product = matrix @ errors.sensitivity_at(module.degC(check))[0]
-        left |= {campaign_key(f"{prefix}_coupling_compensated", place): product[where]
+        left |= {name_of(f"{prefix}_coupling_compensated", place): product[where]
                  for where, place in places.items() if where[0] != where[1]}  # fmt: skip
     return left
 
@@ -181,10 +181,6 @@ def _sets(taken: list[Taken], item: str) -> tuple[list[Taken], list[Taken]]:
                 second.append(one)
             first.setdefault(name, one)
     return list(first.values()), second
-
-
-def campaign_key(quantity: str, conditions: dict[str, Any]) -> Key:
-    return name_of(quantity, conditions)
 
 
 def bias_truth(module: Module) -> dict[Key, float]:
@@ -206,11 +202,11 @@ def bias_truth(module: Module) -> dict[Key, float]:
             noise = _noise(kind, sensitivity[axis], 1.0 / module.rate_Hz)
             unit = 3600.0 if kind == "gyro" else 1e3
             place = {"kind": kind, "axis": "xyz"[axis]}
-            truth[campaign_key(f"{prefix}_bias", place | {"output": "indicated"})] = bias[axis]
-            truth[campaign_key(f"{prefix}_bias_stability", place)] = unit * _scatter(noise, begins, np.full(360, 10.0))
+            truth[name_of(f"{prefix}_bias", place | {"output": "indicated"})] = bias[axis]
+            truth[name_of(f"{prefix}_bias_stability", place)] = unit * _scatter(noise, begins, np.full(360, 10.0))
             lengths = np.array([one.end_s - one.begin_s for one in windows])
             starts = np.array([one.begin_s for one in windows])
-            truth[campaign_key(f"{prefix}_bias_repeatability", place)] = unit * _scatter(noise, starts, lengths)
+            truth[name_of(f"{prefix}_bias_repeatability", place)] = unit * _scatter(noise, starts, lengths)
     return truth
 
 
@@ -248,13 +244,13 @@ def magnetometer_truth(module: Module) -> dict[Key, float]:
     truth: dict[Key, float] = {}
     for (quantity, place), value in truth_of(module, turns).items():
         methods = ("ellipsoid",) if quantity == "mag_hard_iron" else ("ellipse", "extremes")
-        truth |= {campaign_key(quantity, json.loads(place) | {"method": method}): value for method in methods}
+        truth |= {name_of(quantity, json.loads(place) | {"method": method}): value for method in methods}
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
     inverse = np.linalg.inv(module.imu.magnetometer.matrix)
     soft = np.real(sqrtm(inverse.T @ inverse)) / np.linalg.det(inverse) ** (1 / 3)
     for row, column in zip(*np.tril_indices(3), strict=True):
         place = kind | {"row": "xyz"[row], "column": "xyz"[column]}
-        truth[campaign_key("mag_soft_iron", place)] = float(soft[row, column])
+        truth[name_of("mag_soft_iron", place)] = float(soft[row, column])
     return truth
 
 

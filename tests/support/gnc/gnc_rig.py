@@ -14,19 +14,19 @@ from functools import partial
 from itertools import permutations, product
 from pathlib import Path
 from typing import Any
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 import pyvisa
 from pyvisa.resources import MessageBasedResource
 from rehearsal import recorded, rehearsed
+from sim_bench import bare_world
 
 from bench.analysis import Exchange, Material, Reading
 from bench.commands.check import checked_plan
 from bench.commands.run import view_of
 from bench.frame import load_frame
-from bench.model.clock import NS, Clock, VirtualClock
+from bench.model.clock import NS, VirtualClock
 from bench.model.drivers import driver_class
 from bench.session.view import KEPT_EVENTS, analyse_view
 from sim_instruments.worlds.gnc.world import GncBoard
@@ -370,16 +370,9 @@ class TableRig:
 
 
 @contextmanager
-def open_table(seed: int = 1, clock: Clock | None = None) -> Iterator[TableRig]:
+def open_table(seed: int = 1) -> Iterator[TableRig]:
     """A bench with nothing but a turntable."""
-    entry = {"driver": "acutrol_3000", "resource": ADDRESS, "options": {}}
-    world = open_world(
-        "af_converter",
-        clock=clock or VirtualClock(),
-        seed=seed,
-        station={"instruments": {"turntable": entry}, "links": {}},
-        unit_factory=lambda *_: MagicMock(),
-    )
+    world = bare_world({"turntable": {"driver": "acutrol_3000", "resource": ADDRESS, "options": {}}}, seed)
     manager = pyvisa.ResourceManager(world.visa_library)
     try:
         yield TableRig(world, manager)

@@ -344,14 +344,18 @@ def complaints(simulator: Any) -> bool:
     return found
 
 
+def bare_world(entries: Mapping[str, Mapping[str, Any]], seed: int = 1) -> Any:
+    """The world of the af-converter with these instruments only, in the state of power-on."""
+    station = {"instruments": dict(entries), "links": {}}
+    return open_world(
+        "af_converter", clock=VirtualClock(), seed=seed, station=station, unit_factory=lambda *_: MagicMock()
+    )
+
+
 @contextmanager
 def simulated(name: str) -> Iterator[Any]:
-    """The world of the af-converter with this instrument only, in the state of power-on."""
-    entries = {name: {"driver": name, "resource": ADDRESS, "options": {}}}
-    world = open_world(
-        "af_converter", clock=VirtualClock(), seed=1, station={"instruments": entries, "links": {}},
-        unit_factory=lambda *_: MagicMock(),
-    )  # fmt: skip
+    """A world with this instrument only."""
+    world = bare_world({name: {"driver": name, "resource": ADDRESS, "options": {}}})
     try:
         yield world
     finally:

@@ -25,7 +25,6 @@ from gnc_campaigns import (
     at,
     bias_truth,
     calibration_study,
-    campaign_key,
     magnetometer_truth,
     plan_of,
     records_of,
@@ -139,7 +138,7 @@ def _found(method: str, estimates: Estimates) -> np.ndarray:
 
 
 def _key(quantity: str, **conditions: Any) -> Key:
-    return campaign_key(quantity, _KIND | conditions)
+    return name_of(quantity, _KIND | conditions)
 
 
 def unit_test_study(plan: Plan, first_seed: int, units: int) -> Study:

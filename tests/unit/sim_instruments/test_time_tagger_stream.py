@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 from typing import Any
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -14,13 +13,12 @@ from crccheck.crc import Crc32
 from numpy.typing import NDArray
 from pyvisa.resources import MessageBasedResource
 from scripted import Log
+from sim_bench import bare_world
 
 from bench.frame import LinkDecoder, MessageBatch, load_frame
-from bench.model.clock import VirtualClock
 from bench.model.lab import find_shipped
 from instruments.pendulum_cnt_91 import PendulumCnt91
 from sim_instruments.bus.time_tag_blocks import MEMORY_BLOCKS, MOST_EVENTS, TagBlocks
-from sim_instruments.worlds.simulation import open_world
 
 ADDRESS = "TCPIP0::192.168.1.91::INSTR"
 PERIOD_PS = 1_666_667  # 599,999.9 edges/s: 6,000 in a block at most
@@ -66,12 +64,8 @@ class TaggerBench:
     """A bench with nothing but the tagger: world, edges, driver."""
 
     def __init__(self, options: dict[str, Any], period_ps: int) -> None:
-        self.clock = VirtualClock()
-        entry = {"driver": "pendulum_cnt_91", "resource": ADDRESS, "options": options}
-        station = {"instruments": {"tagger": entry}, "links": {}}
-        self.world = open_world(
-            "af_converter", clock=self.clock, seed=91, station=station, unit_factory=lambda *_: MagicMock()
-        )
+        self.world = bare_world({"tagger": {"driver": "pendulum_cnt_91", "resource": ADDRESS, "options": options}}, 91)
+        self.clock = self.world.clock
         self.edges = Edges(period_ps, self.clock.now_ns())
         for name in WIRES:
             setattr(self.world, name, getattr(self.edges, name))

@@ -1,14 +1,14 @@
 """The HiSLIP server against bytes made by hand from IVI-6.1, for what PyVISA does not let a user send."""
 
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from sim_bench import RawClient, Served, Wire, serve, session_count
+from waiting import until
 
-from bench.model.clock import WallClock
 from sim_instruments.served.hislip_server import MOST_SESSIONS, MOST_WAITING
 from sim_instruments.served.hislip_wire import FatalProtocolError, Inbox, Message
 
@@ -260,19 +260,10 @@ def test_commands_of_a_client_that_died_while_shut_out_are_not_carried_out(serve
     two.send(b"VOLT 19", FIRST)
     assert two.status() == 0
     two.close()
-    _wait_for(lambda: session_count() == 1)
+    until(lambda: session_count() == 1)
     assert one.unlock() == 1
     one.send(b"VOLT?", FIRST)
     assert one.sync.hear()[3] == b"0.00000E+00\n"
-
-
-def _wait_for(reached: Callable[[], bool]) -> None:
-    wait = WallClock()
-    for _ in range(1000):
-        if reached():
-            return
-        wait.sleep(0.01)
-    raise AssertionError(f"not reached; {session_count()} sessions are served")
 
 
 def test_clients_have_a_limit_and_places_become_free(served: Served) -> None:
@@ -283,7 +274,7 @@ def test_clients_have_a_limit_and_places_become_free(served: Served) -> None:
     wire.sock.close()
     for one in clients:
         one.close()
-    _wait_for(lambda: session_count() == 0)
+    until(lambda: session_count() == 0)
     with client(served) as one:
         assert one.status() == 0
 

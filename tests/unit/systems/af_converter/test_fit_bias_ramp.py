@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bias_simulation import MASTER_ppm, Ramp, Row, campaign, draw, ramp, rows
+from bias_simulation import MASTER_ppm, Ramp, campaign, draw, ramp, rows
 from one_estimate import every as of
 from one_estimate import one as entry_of
 from one_estimate import score
@@ -14,6 +14,7 @@ from one_estimate import score
 from bench.analysis import Analysis, Material, Trace, build_results, with_uncertainty
 from bench.model.errors import FitError
 from bench.model.quantities import Quality
+from bench.record import RecordRow
 from bench.systems.af_converter.bias_ramp import analysis as bias_ramp
 from bench.systems.af_converter.coefficients import coefficients_of
 
@@ -28,7 +29,7 @@ def units(seed: int) -> dict[int, Ramp]:
     }
 
 
-def material(ramps: dict[int, Ramp], found: list[Row] | None = None) -> Material:
+def material(ramps: dict[int, Ramp], found: list[RecordRow] | None = None) -> Material:
     world = next(iter(ramps.values()))
     trace = Trace(world.trace_t_s, world.air_degC, world.sensor_degC)
     return Material(found if found is not None else rows(ramps), campaign(ramps), {}, trace)

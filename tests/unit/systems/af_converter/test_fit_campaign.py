@@ -164,7 +164,7 @@ def test_a_repeat_alone_gives_no_coefficients_and_no_error(campaign: sim.Simulat
     assert {entry.quantity for entry in run(campaign).estimates} == {"clock_ratio_error", "master_clock_error"}
 
 
-def flag(campaign: sim.SimulatedCampaign, is_bad: Callable[[sim.Window], bool]) -> None:
+def flag(campaign: sim.SimulatedCampaign, is_bad: Callable[[sim.RecordWindow], bool]) -> None:
     campaign.rows = [
         dataclasses.replace(row, quality=Quality.TRIPPED) if is_bad(row.window) else row for row in campaign.rows
     ]

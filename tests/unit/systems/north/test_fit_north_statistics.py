@@ -12,7 +12,7 @@ import fog_material as sim_coverage
 import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, Gyro, NorthRig, campaign
-from fog_signal import FogParameters, eight_samples
+from fog_signal import eight_samples
 from one_estimate import every
 from scipy import stats
 
@@ -75,7 +75,7 @@ def test_errors_against_the_bound_4000_runs(record_property: Record) -> None:
 @pytest.mark.parametrize(("reference", "ratio"), [("square", SQUARE_PENALTY), ("sine", 1.0)])
 def test_simulated_instruments_against_the_bound_4000_runs(reference: str, ratio: float) -> None:
     phi_deg = -180.0 + 0.09 * np.arange(4000)
-    eight = eight_samples(FogParameters(phi_e_deg=phi_deg), 1000.0, 5.0, np.random.default_rng(13), reference)
+    eight = eight_samples(phi_deg, np.random.default_rng(13), reference)
     found = sim.rms(wrapped_deg(eight_sample_north(*eight).phi_deg - phi_deg)) / BOUND_deg
     print(f"{reference}: {found:.3f} of the bound")
     assert found == pytest.approx(ratio, abs=0.06)

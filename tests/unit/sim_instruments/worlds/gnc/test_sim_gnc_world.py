@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gnc_campaigns import QUIET, Table, at, module, posed, times_ns, turning
 from gnc_rig import DMM, STREAM, SUPPLY, frames_in, open_host
+from one_estimate import value
 from scipy.integrate import dblquad
 
 from bench.model.clock import NS
@@ -188,15 +189,6 @@ def test_flash_is_programmed_to_zeros_and_erased_by_sectors():
 def window(start_s: float, end_s: float, **conditions: Any) -> RecordWindow:
     frames = round((end_s - start_s) * 200)
     return RecordWindow(1, "rs422", 0, frames, round(start_s * NS), round(end_s * NS), conditions)
-
-
-def value(found: list[dict[str, Any]], quantity: str, **conditions: Any) -> float:
-    """The one entry of a quantity whose conditions hold all of these."""
-    fitting = [
-        one["value"] for one in found if one["quantity"] == quantity and conditions.items() <= one["conditions"].items()
-    ]
-    assert len(fitting) == 1, (quantity, conditions, fitting)
-    return float(fitting[0])
 
 
 def matrix(found: list[dict[str, Any]], quantity: str) -> np.ndarray:

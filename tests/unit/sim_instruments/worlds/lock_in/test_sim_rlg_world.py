@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import pyvisa
+from one_estimate import value
 
 from bench.model.clock import NS, VirtualClock, to_ns
 from bench.model.ports import RecordWindow
@@ -201,12 +202,6 @@ def test_options_reach_the_laser():
 def window(world, start_s, stop_s, **conditions):
     t_ns = [world.edges_epoch_ns + to_ns(time_s) for time_s in (start_s, stop_s)]
     return RecordWindow(0, "edges", 0, 100, *t_ns, {"item": "lock_in", **conditions})
-
-
-def value(entries, quantity, **conditions):
-    found = [one for one in entries if one["quantity"] == quantity and conditions.items() <= one["conditions"].items()]
-    assert len(found) == 1, found
-    return found[0]["value"]
 
 
 def test_truth_is_that_of_the_laser_that_was_on():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
-from sync_rig import QUIET, Rig, flying, turning
+from sync_rig import QUIET, Rig, flying, level_matrices, turning
 
 from bench.maths.geodesy import TangentFrame, body_to_level
 from bench.model.clock import NS
@@ -70,10 +70,7 @@ def test_the_stream_of_the_egi_is_the_direct_simulation_on_the_same_path_with_th
     # the direct one starts at 0 s, the stream up to 20 ms later: errors of 1 m and 0.01 m/s, in turns 1 deg apart
     np.testing.assert_allclose(p - true.p, direct.dp[:count, 0], rtol=0.0, atol=1e-3)
     np.testing.assert_allclose(v - true.v, direct.dv[:count, 0], rtol=0.0, atol=1.5e-4)
-    level = np.zeros((count, 3, 3))
-    level[:, 0, 0] = level[:, 1, 1] = np.cos(true.yaw)
-    level[:, 1, 0], level[:, 0, 1], level[:, 2, 2] = np.sin(true.yaw), -np.sin(true.yaw), 1.0
-    tilt = turn @ np.swapaxes(level, 1, 2)
+    tilt = turn @ np.swapaxes(level_matrices(true.yaw), 1, 2)
     skew = 0.5 * (tilt - np.swapaxes(tilt, 1, 2))
     dphi = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
     np.testing.assert_allclose(dphi, direct.dphi[:count, 0], rtol=0.0, atol=5e-7)
