@@ -24,6 +24,7 @@ from bench.systems.gnc.magnetometer import analyse as analyse_magnetometer
 SYSTEM = "gnc"
 FIELD_gauss = 0.45
 RATE_Hz, SPIN_s, CONE_s = 200.0, 8.0, 3.0
+POSITION_s, TURN_s, MOVING_s, TURN_deg = 3.0, 8.0, 5.0, 1080.0
 RATE_deg_s = 370.0
 POSE = {"middle": -37.5, "outer": -20.0}  # inner axis along that of the Earth
 MAG_NOISE_gauss = 5e-4
@@ -187,23 +188,6 @@ SIGMA = {
 }  # of one sample
 
 
-@dataclass(frozen=True)
-class Form:
-    """Lengths of the records of both sets of positions and of a turn, which moves for ``moving_s`` after a second.
-
-    ``magnetic``: whether the turn in the Earth's field and the attitudes follow.
-    """
-
-    positions_s: tuple[float, float] = (3.0, 3.0)
-    turn_s: float = 8.0
-    moving_s: float = 5.0
-    turn_deg: float = 1080.0
-    magnetic: bool = True
-
-
-SHORT = Form()
-
-
 @dataclass
 class Bench:
     """Makes the records of one campaign; ``stated``: what kind each shows, and its input by the conditions, (n, 3)."""
@@ -211,8 +195,6 @@ class Bench:
     rng: np.random.Generator
     world: World
     noisy: bool
-    form: Form = SHORT
-    seed: int = 0
     unit: imu.Unit = field(default_factory=imu.Unit)
     rows: list[RecordRow] = field(default_factory=list)
     stated: list[tuple[str, Any]] = field(default_factory=list)
@@ -233,7 +215,7 @@ class Bench:
         self.add("accel", output, number, np.tile(stated, (n, 1)), about)
 
     def turn(self, axis: str, turn_deg: float) -> None:
-        number, n = self.number("gyro"), round(self.form.turn_s * RATE_Hz)
+        number, n = self.number("gyro"), round(TURN_s * RATE_Hz)
         true = self.rates(axis, self.world.turned_deg(turn_deg, number), n)
         output = self.world.gyro((true + self.unit.gyro_bias_deg_s) @ self.unit.gyro_S.T, true, number)
         about = {"item": "rotation", "axis": axis, "turn_deg": turn_deg, "turned": "inner", "mounting": axis}
@@ -242,7 +224,7 @@ class Bench:
 
     def rates(self, axis: str, turn_deg: float, n: int) -> Any:
         """Return rates in body axes, (n, 3), of whole turns after 1 s of rest."""
-        angle = np.interp(np.arange(n + 1) / RATE_Hz, [1.0, 1.0 + self.form.moving_s], [0.0, turn_deg])
+        angle = np.interp(np.arange(n + 1) / RATE_Hz, [1.0, 1.0 + MOVING_s], [0.0, turn_deg])
         rates = np.zeros((n, 3))
         rates[:, "xyz".index(axis)] = np.diff(angle) * RATE_Hz
         middle = (angle[1:] + angle[:-1]) / 2.0
@@ -283,31 +265,31 @@ class Bench:
         return Material(rows, campaign | ({"imu": imu.IMU} if self.noisy else {}), {})
 
 
-def recorded(seed: int, world: World, *, noisy: bool = True, form: Form = SHORT) -> Bench:
+def recorded(seed: int, world: World, *, noisy: bool = True, magnetic: bool = True) -> Bench:
     """Return the records of one campaign."""
-    bench = Bench(np.random.default_rng(seed), world, noisy, form, seed)
-    for seconds in form.positions_s:
+    bench = Bench(np.random.default_rng(seed), world, noisy)
+    for _ in range(2):
         for up in imu.POSES:
-            bench.position(up, seconds)
+            bench.position(up, POSITION_s)
         for axis in "xyz":
             for sign in (1.0, -1.0):
-                bench.turn(axis, sign * form.turn_deg)
-    if form.magnetic:
+                bench.turn(axis, sign * TURN_deg)
+    if magnetic:
         bench.magnetic("magnetometer", 0.0, SPIN_s)
         for height_deg in CONES_deg:
             bench.magnetic("attitudes", height_deg, CONE_s)
     return bench
 
 
-def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False, form: Form = SHORT) -> Seen:
+def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
     """Return what one campaign states and its truth; without a switch that of the same seed in a right world."""
-    bench = recorded(seed, World() if switch is None else switch.world(size), noisy=not noise_free, form=form)
+    bench = recorded(seed, World() if switch is None else switch.world(size), noisy=not noise_free)
     entries: list[Any] = []
     fitted: dict[tuple[Any, ...], Any] = {}
     for analyse, name, kinds, quantities in (
         (analyse_calibration, "imu_calibration", ("accel", "gyro"), TRIADS),
         (analyse_magnetometer, "magnetometer", ("mag",), FIELDS),
-    )[: 1 + form.magnetic]:
+    ):
         try:
             analysis = analyse(bench.material(name, kinds))
         except FitError:
@@ -316,8 +298,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
         document = build_results("doubt", analysis, {"records": len(bench.rows)}, PROVENANCE)
         entries += [entry for entry in estimates_of(document) if entry.quantity in quantities]
     chi2 = trace(bench, fitted)
-    promised = OF_TRIADS + OF_FIELD * form.magnetic
-    return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, promised)
+    return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, OF_TRIADS + OF_FIELD)
 
 
 def place_of(entry: Any) -> tuple[Any, ...]:

@@ -134,10 +134,6 @@ def campaign(
     return module
 
 
-def material_of(plan: Plan, module: Module) -> Material:
-    return Material(rows=module.rows, campaign=plan.campaign, standards={})
-
-
 def truth_of(module: Module, taken: list[Taken]) -> dict[Key, float]:
     """True values of some records, as the simulator states them."""
     windows = [row.window for row, one in zip(module.rows, module.taken, strict=True) if one in taken]
@@ -241,6 +237,7 @@ def _together(time_s: float, begin_s: tuple[float, ...], length_s: tuple[float, 
 def magnetometer_truth(module: Module) -> dict[Key, float]:
     """True ellipse of the turn about z by both methods, and the ellipsoid that keeps volumes."""
     turns = [one for one in module.taken if one.conditions["item"] == "magnetometer"]
+    module.imu.surroundings = turns[0].table
     truth: dict[Key, float] = {}
     for (quantity, place), value in truth_of(module, turns).items():
         methods = ("ellipsoid",) if quantity == "mag_hard_iron" else ("ellipse", "extremes")
@@ -260,14 +257,13 @@ def study(
     truth: Callable[[Module, Analysis], Mapping[Key, float]],
     first_seed: int,
     units: int,
-    answering: Callable[[Material, Plan, Module], Material] = lambda material, *_: material,
 ) -> Study:
-    """Units of seeds that follow each other; ``answering``: what adds their answers to commands."""
+    """Units of seeds that follow each other."""
     found = Study(predicted(plan))
     records = records_of(plan)
     for seed in range(first_seed, first_seed + units):
         module = campaign(records, seed, plan.campaign["rate_Hz"])
-        analysis = analyse(answering(material_of(plan, module), plan, module))
+        analysis = analyse(Material(rows=module.rows, campaign=plan.campaign, standards={}))
         found.add(analysis.estimates, truth(module, analysis))
     return found
 

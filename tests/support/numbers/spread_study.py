@@ -59,15 +59,6 @@ class Study:
         """Return of each place in how many campaigns the interval holds the truth."""
         return {key: sum(held) for key, held in self.held.items()}
 
-    def uncovered(self) -> dict[Key, int]:
-        """Counts outside of the 99.9 % band of a binomial of 95 %."""
-        found = {}
-        for key, count in self.counts().items():
-            low, high = stats.binom.interval(PROBABILITY, len(self.held[key]), 0.95)
-            if not low <= count <= high:
-                found[key] = count
-        return found
-
     def median(self) -> float:
         return float(np.median(list(self.ratios().values())))
 
