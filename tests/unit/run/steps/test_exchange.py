@@ -120,25 +120,6 @@ def test_nobody_answers() -> None:
         bench.do(unit_step(1, "identify", IDENTIFY))
 
 
-def test_the_time_a_command_may_take_is_its_own() -> None:
-    bench = Bench()
-    bench.line.returns = lambda number, frame: [(0.001 if number == 1 else 0.9, frame)]
-    bench.do(unit_step(0, "sci", SCI, b"slow", "sci", timeout=1.0))
-    assert (bench.told[0]["attempts"], bench.told[0]["status"]) == (1, 0)
-
-
-def test_the_late_answer_of_an_earlier_command_is_not_this_ones() -> None:
-    """The first command is given up; its answer comes while the next one of the same code is waited for."""
-    bench = Bench()
-    bench.line.returns = lambda number, frame: [(0.001, frame)] if number == 1 else []
-    bench.do(echo(0, b"first"))
-    late = bench.line.answered[-1]
-    bench.line.returns = lambda number, frame: [(0.001, late), (0.002, frame)]
-    bench.do(echo(1, b"second"))
-    assert [one["received"] for one in bench.told] == ["", b"second".hex()]
-    assert bench.told[1]["ignored"] == 1
-
-
 @pytest.mark.parametrize(
     ("delay_s", "command"),
     [(0.02, MEMORY), (0.0, SCI)],  # another code with this number; what came before, as of 256 commands ago
