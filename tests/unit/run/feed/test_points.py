@@ -3,6 +3,7 @@
 import json
 import math
 import struct
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -167,6 +168,12 @@ def test_a_rehearsal_that_reads_once_a_second_gives_a_point_each_tenth() -> None
     spans = values[:, NAMES.index("port_a.npp[1]")]
     assert not np.isnan(spans).any()
     assert (spans[1:, 1] - spans[1:, 0] == 9.0).all()
+
+
+def test_answers_of_the_unit_are_no_points() -> None:
+    points = made()
+    points.on_batch("port_a", SimpleNamespace(messages={"answer": SimpleNamespace(t_ns=None)}))  # type: ignore[arg-type]
+    assert points.since(0, ORIGIN_NS).n == 0
 
 
 STATION = load_station(ROOT / "stations" / "af_bench_sim.yaml")

@@ -276,14 +276,6 @@ def test_units_that_are_swapped_between_tests_are_no_other_unit() -> None:
     assert unit.verdict() == "other"
 
 
-def test_a_plan_that_only_tests_who_the_unit_is_has_no_way_to_ask() -> None:
-    tested = unit_step(0, "identify", IDENTIFY, item="identify")
-    bench = Bench(tested)
-    unit = Unit(bench.context)
-    assert unit.ask() is False
-    assert unit.verdict() == "none"
-
-
 def test_a_test_is_not_sent_again_after_a_restart_of_the_unit_but_a_command_is() -> None:
     stream = unit_step(0, "stream_start", 0x20, b"\x07\xc8\x00\x00\x00\x00\x00")
     erase = unit_step(1, "memory", MEMORY, b"erase", "memory")
