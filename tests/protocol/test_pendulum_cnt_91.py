@@ -125,7 +125,6 @@ def test_a_full_memory_is_read_in_batches_each_in_parts() -> None:
     whole = block(BLOCK)
     driver = started([(ASK, [whole[:1], whole[1:30], whole[30:]])])
     assert driver.read_stream(1_000_000) == BLOCK
-    full = 5461 * BLOCK
     driver = started([(ASK, block(full)), (b"STR:DATA? 159716\n", TIMEOUT), (CLEAR, None), (ASK, TIMEOUT)])
     assert driver.read_stream(400_000) == full
     assert driver.read_stream(400_000) == b""

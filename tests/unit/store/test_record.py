@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import store_sample
 from sqlalchemy import func, select
-from store_sample import BACKENDS, calibrations, new_history
+from store_sample import BACKENDS, new_history
 
 from bench.analysis import documents
 from bench.model.clock import NS, VirtualClock
@@ -42,11 +42,9 @@ from bench.store import database as opened
 from bench.store.contents import shared_components
 from bench.store.database import reading
 from bench.store.tables import (
-    ARCHIVE,
     archived_sessions,
     archived_standards,
     archived_units,
-    certificates,
     estimates,
     parameters,
     trial_rows,
@@ -401,21 +399,6 @@ def test_a_trial_is_whole_and_never_doubled(backend: str, tmp_path: Path) -> Non
     assert (stored.rows[0]["value"], stored.rows[0]["conditions"]) == (1.5, {"channel": 1})
     with pytest.raises(StoreError, match="B-STORE-009"):
         read_trial(url, "ffff")
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_a_history_of_version_3_gets_the_tables(backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    url = new_history(backend, tmp_path)
-    document, manifest = calibrations(1, 30.0, 1)[0]
-    record_calibration(url, document, manifest, None)
-    with opened.writing(url, "") as connection:  # as the release before left it
-        for table in reversed(ARCHIVE):
-            table.drop(connection)
-        connection.exec_driver_sql("UPDATE history SET version = 3")
-    assert places_known(url) == {}
-    assert len(list_calibrations(url, Filters())) == 1
-    with opened.reading(url) as connection:
-        assert connection.execute(select(certificates)).all() == []
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

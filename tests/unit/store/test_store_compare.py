@@ -11,7 +11,6 @@ import store_sample
 from store_sample import BACKENDS, FACTOR, Drift, GAIN_ppm, OWN_ppm, new_history
 
 from bench.store import Filters, StoreError, compare_pair, compare_unit, dues_of, export_history, record_calibration
-from bench.store.series import YEAR_S
 
 SEED = 17
 Documents = list[tuple[dict[str, Any], dict[str, Any]]]
@@ -26,30 +25,6 @@ def write(url: str, documents: Documents) -> Documents:
     for document, manifest in documents:
         record_calibration(url, document, manifest, None)
     return documents
-
-
-def test_arrays_are_what_was_written(url: str) -> None:
-    documents = write(url, store_sample.calibrations(5, 200.0, SEED))
-    comparison = compare_unit(url, Filters("A1", "scale_factor", "dsf_p"))
-    assert {one.parameter.quantity for one in comparison.parameters} == {"dsf_p"}
-    assert "unit_temperature_degC" not in comparison.parameters[0].parameter.conditions
-    for one in comparison.parameters:
-        place = one.parameter.conditions
-        written = [
-            estimate["value"]
-            for document, _ in documents
-            for estimate in document["estimates"]
-            if estimate["quantity"] == "dsf_p" and place.items() <= estimate["conditions"].items()
-        ]
-        assert one.value.tolist() == written
-    certificates = [manifest["standards"]["calibrator"]["certificate"] for _, manifest in documents]
-    labels = comparison.series.standard[:, 0]
-    assert [labels[i] == labels[j] for i in range(5) for j in range(5)] == [
-        a == b for a in certificates for b in certificates
-    ]
-    assert (comparison.series.shared == GAIN_ppm).all()
-    t = comparison.series.t_year * YEAR_S
-    np.testing.assert_allclose(np.diff(t), 200 * 86400.0, atol=2.0)
 
 
 def test_two_calibrations_with_and_without_the_same_certificate(url: str) -> None:

@@ -294,12 +294,6 @@ def completed(url: str) -> None:
         assert connection.execute(select(func.count()).select_from(result_sets)).scalar_one() == len(outcomes)
 
 
-@pytest.mark.parametrize(("backend", "number"), [(BACKENDS[number % 2], number) for number in range(4)])
-def test_killed_at_a_random_instant(backend: str, number: int, tmp_path: Path) -> None:
-    """A few of the fifty of the sweep; the instants inside a transaction are those of the next test but one."""
-    kill_and_complete(new_history(backend, tmp_path), number)
-
-
 @pytest.mark.sweep
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_killed_at_50_random_instants(backend: str, tmp_path: Path) -> None:

@@ -274,7 +274,11 @@ def test_results_that_are_none(golden: Path, tmp_path: Path) -> None:
         refused(code, lambda: Session(folder).results)
 
 
-def test_without_pandas_there_are_no_tables(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pandas_or_xarray_there_are_no_tables(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    records = Session(golden).records
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match=r"B-TAB-001: .*pip install 'inertial-bench\[xarray\]'"):
+        bench.to_xarray(records)
     monkeypatch.setitem(sys.modules, "pandas", None)
     session = Session(golden)
     assert session.results["campaign"] == "scale_factor"
@@ -345,12 +349,6 @@ def test_names_that_would_be_alike_are_told_apart() -> None:
     assert (arrays["time"][0], arrays["time_2"][0]) == (946_684_800 * 10**9, 3.0)
     dataset = bench.to_xarray(table)
     assert (dataset["a_b_2"].attrs["units"], dataset["time_2"].attrs["units"]) == ("V", "s")
-
-
-def test_without_xarray_there_is_one_line(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match=r"B-TAB-001: .*pip install 'inertial-bench\[xarray\]'"):
-        bench.to_xarray(Session(golden).records)
 
 
 SIGNAL = NAMES[2]

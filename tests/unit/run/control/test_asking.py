@@ -79,17 +79,7 @@ def test_the_terminal_may_answer_again_until_it_counts(tmp_path: Path) -> None:
     assert operator.ask(DOOR) == Answer("foreman")
 
 
-def test_another_one_answers_first_and_the_terminal_is_told(tmp_path: Path) -> None:
-    typist = Typist()
-    _, _, operator = waiting(tmp_path, typist)
-    typist.act = lambda: operator.propose("1", 0.25, "kim via root (process 1)", BENCH)
-    assert operator.ask(OHMS) == Answer("kim via root (process 1)", 0.25)
-    assert typist.said == ["resistance?", "answered by kim via root (process 1)"]
-    with pytest.raises(Refused, match="not asked"):
-        operator.propose("1", 0.25, "lee", BENCH)
-
-
-def test_only_the_first_answer_counts_and_a_wrong_one_changes_nothing(tmp_path: Path) -> None:
+def test_only_the_first_answer_counts_a_wrong_one_changes_nothing_and_the_terminal_is_told(tmp_path: Path) -> None:
     typist, refused = Typist(), []
     _, _, operator = waiting(tmp_path, typist)
 
@@ -110,6 +100,9 @@ def test_only_the_first_answer_counts_and_a_wrong_one_changes_nothing(tmp_path: 
 
     typist.act = act
     assert operator.ask(OHMS) == Answer("kim", 0.1)
+    assert typist.said == ["resistance?", "answered by kim"]
+    with pytest.raises(Refused, match="not asked"):
+        operator.propose("1", 0.25, "lee", BENCH)
     assert len(refused) == 10
     assert refused[-1] == refused[-2] == "a finite number is due"
 

@@ -309,12 +309,7 @@ class Told(Observer):
 
 
 def test_who_speaks_through_another_process_is_journaled_and_acknowledges_an_alarm(tmp_path: Path) -> None:
-    rig, context, _ = controlled(tmp_path)
-    state = RunState(rig.steps, {})
-    following = Following(context.observers)
-    context.observers.add(Told(state))
-    answering = Control(context, following, dict, state)
-    context.event(ClockStep(step_s=3.0, t_utc_ns=0))
+    rig, _, state, answering = shelving(tmp_path)
     by, peer = "kim, operator, 192.0.2.7", "root (process 12)"
     for alarm in ("2", None, 1):
         assert not answering.answer({"command": "acknowledge", "alarm": alarm, "by": by}, peer)["ok"]

@@ -108,21 +108,6 @@ def test_a_rate_is_what_came_in_the_second_before_and_a_gap_stays_a_gap() -> Non
     assert next(one for one in SIGNALS if one.name == "port_a.npp-ppp[2]/s").unit == "pulse/s"
 
 
-def test_a_tenth_without_frames_is_nan_and_a_silent_link_holds_nothing_up() -> None:
-    points = made()
-    npp = np.ones((40, 10), int)
-    points.on_batch("port_a", batch_of([ORIGIN_NS + k * NS // 100 for k in range(40)], npp))
-    points.on_batch("port_a", batch_of([ORIGIN_NS + NS + k * NS // 100 for k in range(40)], npp, 100))
-    found = points.since(0, ORIGIN_NS + 1_400_000_000)
-    _, values = unpacked(found)
-    place = NAMES.index("port_a.npp[1]")
-    assert found.seq == 13
-    assert [not math.isnan(one) for one in values[:, place, 0]] == [True] * 4 + [False] * 6 + [True] * 3
-    later = points.since(found.seq, ORIGIN_NS + 5 * NS)
-    assert (later.first, later.seq) == (13, 40)
-    assert np.isnan(unpacked(later)[1][1:, place]).all()
-
-
 @pytest.mark.parametrize(("since", "first"), [(0, 200), (799, 799), (800, 800), (801, 200), (-1, 200), (10**12, 200)])
 def test_numbers_that_are_gone_or_not_there_yet(since: int, first: int) -> None:
     points = made()
@@ -191,7 +176,6 @@ def test_answers_of_the_unit_are_no_points() -> None:
     assert points.since(0, ORIGIN_NS).n == 0
 
 
-FRAMES = {"port_a": load_frame(ROOT / "frames" / "ngu_a.yaml"), "port_b": load_frame(ROOT / "frames" / "ngu_b.yaml")}
 STATION = load_station(ROOT / "stations" / "af_bench_sim.yaml")
 GRAPHS = graphs_of(STATION.file.graphs, FRAMES, "port_a")
 SHOWN = shown_signals(GRAPHS, FRAMES)

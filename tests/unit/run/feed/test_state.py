@@ -81,12 +81,6 @@ def test_a_recording_follows_the_plan_but_never_past_an_event_that_is_missing() 
     }  # fmt: skip
 
 
-def test_at_planned_names_the_step() -> None:
-    state = in_campaign()
-    state.at_planned("campaign", 1021.0)
-    assert state.document(START_S + 5.0 + 1021.0)["step"]["number"] == 6
-
-
 def test_a_soak_is_a_wait_with_its_last_reading() -> None:
     state = in_campaign()
     for minute in range(3):
@@ -269,6 +263,7 @@ def test_the_planned_temperature_is_a_ramp_then_flat() -> None:
 
 def test_events_of_a_foreign_session_break_nothing() -> None:
     state = in_campaign()
+    assert PlannedRun(small_plan()).step_at("nowhere", 0.0) is None
     for kind in ("hold", "release", "alarm", "interlock", "link", "guard", "verdict", "error", "end", "slip", "late",
                  "overrun", "skip", "resume", "phase", "reentry", "prompt", "environment", "control", "gap", "closed",
                  "something"):  # fmt: skip
@@ -283,15 +278,6 @@ def test_the_range_of_the_end() -> None:
     assert known["latest_utc_s"] == 1000.0 + 100.0 + 5.0 + MARGIN_S
     calm = end_of_run(0.0, Remaining(1000.0, 400.0, 60.0), (0.0,) * 9)
     assert calm["latest_utc_s"] == 1000.0 + 4.0 + 60.0 + 5.0 + MARGIN_S
-
-
-def test_planned_positions() -> None:
-    plan: Any = PlannedRun(small_plan())
-    assert (plan.total_s, plan.before_s("finally")) == (1135.0, 1035.0)
-    assert plan.position_s(plan.steps[3], 1019.0) == 5.0 + 1019.0  # a call shares the settle time behind it
-    assert plan.position_s(plan.steps[3], 1025.0) == 5.0 + 1020.0
-    assert plan.position_s(plan.steps[8], 150.0) == 1135.0
-    assert plan.step_at("nowhere", 0.0) is None
 
 
 LEAST_s = 400.0

@@ -94,16 +94,6 @@ def test_a_hold_that_ends_by_itself_waits_to_be_armed_at_the_bench(tmp_path: Pat
     assert release["seconds"] == pytest.approx(300.0 - 8.0, abs=8.0)
 
 
-def test_a_resume_at_the_bench_has_armed_it(tmp_path: Path) -> None:
-    rig = Bench(tmp_path)
-    rig.at(40.0, lambda: rig.say("resume", "bench"))
-    assert rig.carried_out().error is None
-    sound(rig, 2)
-    assert rig.energised_s()[0] == pytest.approx(40.0, abs=1.0)
-    assert [event["by"] for event in rig.events("armed")] == ["kim via root (process 1)"]
-    assert rig.events("alarm") == []
-
-
 def test_a_resume_at_the_bench_does_not_arm_what_holds_for_another_reason(tmp_path: Path) -> None:
     rig = Bench(tmp_path)
     rig.at(20.0, lambda: rig.stop.holds.hold("link", "port_a is gone"))

@@ -90,18 +90,6 @@ def test_a_skipped_point_leaves_no_record_and_the_next_ones_are_whole(tmp_path: 
     assert (skip["first"], skip["stop"], skip["reason"]) == (0, 4, "bad point")
 
 
-def test_it_goes_on_only_when_the_last_reason_is_gone(tmp_path: Path) -> None:
-    rig = HoldRig(tmp_path, 2)
-    holds = rig.stop.holds
-    for by, since_s, until_s in (("one", 7.0, 30.0), ("two", 20.0, 60.0)):
-        rig.at(since_s, lambda by=by: holds.hold(by, f"reason {by}"))  # type: ignore[misc]
-        rig.at(until_s, lambda by=by: holds.release(by))  # type: ignore[misc]
-    rig.run_beside()
-    (release,) = rig.events("release")
-    assert 60.0 - 7.0 - POINT_S <= release["seconds"] <= 60.0 - 7.0 + 0.5
-    sound(rig, 2)
-
-
 def test_holding_longer_than_the_limit_of_its_reason_ends_the_run_safely(tmp_path: Path) -> None:
     rig = HoldRig(tmp_path, 2)
     rig.at(7.0, lambda: rig.stop.holds.hold("chamber", "it is cold", limit_s=900.0))

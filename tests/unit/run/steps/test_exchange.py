@@ -120,25 +120,6 @@ def test_nobody_answers() -> None:
         bench.do(unit_step(1, "identify", IDENTIFY))
 
 
-def test_the_time_a_command_may_take_is_its_own() -> None:
-    bench = Bench()
-    bench.line.returns = lambda number, frame: [(0.001 if number == 1 else 0.9, frame)]
-    bench.do(unit_step(0, "sci", SCI, b"slow", "sci", timeout=1.0))
-    assert (bench.told[0]["attempts"], bench.told[0]["status"]) == (1, 0)
-
-
-def test_the_late_answer_of_an_earlier_command_is_not_this_ones() -> None:
-    """The first command is given up; its answer comes while the next one of the same code is waited for."""
-    bench = Bench()
-    bench.line.returns = lambda number, frame: [(0.001, frame)] if number == 1 else []
-    bench.do(echo(0, b"first"))
-    late = bench.line.answered[-1]
-    bench.line.returns = lambda number, frame: [(0.001, late), (0.002, frame)]
-    bench.do(echo(1, b"second"))
-    assert [one["received"] for one in bench.told] == ["", b"second".hex()]
-    assert bench.told[1]["ignored"] == 1
-
-
 @pytest.mark.parametrize(
     ("delay_s", "command"),
     [(0.02, MEMORY), (0.0, SCI)],  # another code with this number; what came before, as of 256 commands ago
@@ -293,14 +274,6 @@ def test_units_that_are_swapped_between_tests_are_no_other_unit() -> None:
     bench.clock.sleep(0.1)
     bench.context.acquisition.catch_up()
     assert unit.verdict() == "other"
-
-
-def test_a_plan_that_only_tests_who_the_unit_is_has_no_way_to_ask() -> None:
-    tested = unit_step(0, "identify", IDENTIFY, item="identify")
-    bench = Bench(tested)
-    unit = Unit(bench.context)
-    assert unit.ask() is False
-    assert unit.verdict() == "none"
 
 
 def test_a_test_is_not_sent_again_after_a_restart_of_the_unit_but_a_command_is() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import store_sample
 from report_sample import unsound
-from sqlalchemy import create_engine
 from store_sample import BACKENDS, Documents, OWN_ppm, new_history
 
 from bench.maths.drift import NO_STANDARD, fit_drift_line
@@ -20,11 +19,14 @@ from bench.store import (
     compare_pair,
     compare_unit,
     list_calibrations,
+    places_known,
     record_calibration,
     show_calibration,
     state_calibration,
 )
 from bench.store.charts import ChartedSubject, chart_certificates, chart_station, chart_unit, freeze
+from bench.store.database import writing
+from bench.store.tables import ARCHIVE, STATED
 
 SEED = 23
 DAYS = 30.0 * np.arange(22)
@@ -144,13 +146,14 @@ def test_an_odd_calibration_in_the_first_phase_is_named(url: str) -> None:
     assert note.startswith(f"dsf_n (channel 1, 20 degC): {history[7][0]['session']} does not belong")
 
 
-def test_a_history_of_the_version_before_is_brought_up_to_date(url: str) -> None:
+def test_a_history_of_an_older_version_is_brought_up_to_date(any_url: str) -> None:
+    url = any_url
     store_sample.written(url, stepped(0.0)[:8])
-    engine = create_engine(url)
-    with engine.begin() as connection:
-        for statement in ("DROP TABLE states", "DROP TABLE phases", "UPDATE history SET version = 2"):
-            connection.exec_driver_sql(statement)
-    engine.dispose()
+    with writing(url, "") as connection:
+        for table in reversed((*STATED, *ARCHIVE)):
+            table.drop(connection)
+        connection.exec_driver_sql("UPDATE history SET version = 2")
+    assert places_known(url) == {}
     assert [row["state"] for row in list_calibrations(url, Filters())] == [None] * 8
     assert freeze(url, ("unit", None), (None, date(2015, 1, 1)), 50.0, "A. Meyer", "all of it")["calibrations"] == 8
 
