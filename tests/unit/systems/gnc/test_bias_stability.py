@@ -42,42 +42,6 @@ def hour_of_means(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(means + rng.normal(size=720) * WHITE_deg_h / np.sqrt(5.0))
 
 
-def expected_stability(
-    random_walk: float, slow_std: float = 0.0, slow_time_s: float = math.inf, averages: int = stability.AVERAGES
-) -> float:
-    """Stability that white noise and a Gauss-Markov process lead to expect.
-
-    Args:    random_walk: N, unit of the rate times sqrt(s) (deg/sqrt(h) times 60 for deg/h).   slow_std: standard
-             deviation of the Gauss-Markov process, unit of the rate.   slow_time_s: its correlation time; infinite
-             counts its whole variance, as a process that is slow against 10 s and quick against 1 h.
-    Returns: square root of the expected variance of the means, unit of the rate.
-    Source:  variance of a mean of T: N^2 / T (IEEE Std 952-1997 C.1.1); for the Gauss-Markov process
-             2 q^2 (a - 1 + exp(-a)) / a^2 with a = T / time, less that of the mean of the hour.
-    """
-    white = random_walk**2 / stability.AVERAGE_s
-    if math.isinf(slow_time_s):
-        return math.sqrt(white + slow_std**2)
-    parts = [_mean_variance(length / slow_time_s) for length in (stability.AVERAGE_s, averages * stability.AVERAGE_s)]
-    return math.sqrt(white + slow_std**2 * averages / (averages - 1.0) * (parts[0] - parts[1]))
-
-
-def _mean_variance(span: float) -> float:
-    """Variance of the mean of a Gauss-Markov process of unit variance over ``span`` correlation times."""
-    return 2.0 * (span - 1.0 + math.exp(-span)) / span**2 if span > 1e-4 else 1.0 - span / 3.0
-
-
-def test_theory() -> None:
-    """19 times the angle random walk; with 2 deg/h beside it 6.03 deg/h."""
-    assert expected_stability(60.0) == pytest.approx(18.97, abs=0.01)
-    assert expected_stability(WHITE_deg_h, SLOW_deg_h) == pytest.approx(6.03, abs=0.005)
-    exact = expected_stability(WHITE_deg_h, SLOW_deg_h, SLOW_s)
-    assert 5.95 < exact < 6.03
-    lag_s = 2.0 * np.abs(np.subtract.outer(np.arange(1800), np.arange(1800)))  # covariance every 2 s, numerically
-    means = (SLOW_deg_h**2 * np.exp(-lag_s / SLOW_s)).reshape(360, 5, 360, 5).mean(axis=(1, 3))
-    slow = (np.trace(means) - means.sum() / 360) / 359
-    assert exact == pytest.approx(np.sqrt(WHITE_deg_h**2 / 10 + slow), rel=1e-4)
-
-
 def test_by_the_formula_and_not_by_the_samples() -> None:
     rate = gyro(np.random.default_rng(101), HOUR_s)
     found = stability.bias_stability(rate, 1.0 / RATE_Hz)
@@ -108,7 +72,9 @@ def test_fifty_units(record_property: Keep) -> None:
 )
 def test_intervals_of_the_stability_cover(record_property: Keep) -> None:
     rng = np.random.default_rng(103)
-    expected = expected_stability(WHITE_deg_h, SLOW_deg_h, SLOW_s)
+    lag_s = 2.0 * np.abs(np.subtract.outer(np.arange(1800), np.arange(1800)))  # covariance every 2 s, numerically
+    means = (SLOW_deg_h**2 * np.exp(-lag_s / SLOW_s)).reshape(360, 5, 360, 5).mean(axis=(1, 3))
+    expected = math.sqrt(WHITE_deg_h**2 / 10.0 + (np.trace(means) - means.sum() / 360) / 359)
     found = [stability.bias_stability(hour_of_means(rng), 5.0) for _ in range(200)]
     inside = float(np.mean([abs(one.value - expected) <= coverage_factor() * one.std for one in found]))
     record_property("obtained", f"{100 * inside:.1f} %")

@@ -185,13 +185,6 @@ def test_stamps_in_bursts() -> None:
     assert {stamp_checks.IRREGULAR, stamp_checks.BURST} == kinds(checked(record(), tick_s=uneven))
 
 
-def test_a_wrong_rate_is_told() -> None:
-    """204.8 Hz taken for a recording of 102.4 Hz turns it by twice the angle."""
-    found = stamp_checks.check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
-    assert [fault.kind for fault in found.faults] == [stamp_checks.RATE]
-    assert "9.766 ms" in finding_text(found.faults[0])
-
-
 def test_a_clock_that_runs_off() -> None:
     rng = np.random.default_rng(126)
     device = np.arange(COUNT) * INTERVAL_s
@@ -236,7 +229,7 @@ def rows() -> list[SampledRow]:
 def test_a_unit_that_samples_at_another_rate_is_named(due_Hz: float, found: bool) -> None:
     notes = check_notes(checked_rows(rows(), ("gyro", "accelerometer"), {"imu": IMU, "rate_Hz": due_Hz}))
     assert [note for note in notes if "own sensor" not in note] == notes[1:]
-    assert bool(notes[1:]) is found, notes
+    assert any("every 5 ms" in note for note in notes[1:]) is found, notes
 
 
 def stamps(begin_s: float, length_s: float, error: float, rng: np.random.Generator, switched_on_s: float = 0.0):
