@@ -127,15 +127,6 @@ def test_direct_ellipse_by_other_formulas(record_property: Keep) -> None:
     assert score.max() < 0.5
 
 
-def test_signs_and_roll() -> None:
-    """Turned right-handed about +z by the angle that was put in."""
-    unit, turn = PlaneUnit(alpha_deg=4.0), Turn(15.0, length_s=60.0, begin_deg=30.0, noise=0.0, step=0.0)
-    readings = turned(unit, turn, np.random.default_rng(0))
-    x, y = fit_ellipse(*readings).parameters.corrected(*readings)
-    expected = 30.0 + 15.0 * np.arange(x.size) / 200.0
-    np.testing.assert_allclose((plane.roll_deg(x, y) - expected + 180.0) % 360.0 - 180.0, 0.0, atol=1e-7)
-
-
 @pytest.mark.validates(
     "magnetometer ellipse of 50 units, RMS errors and coverage of 95 % intervals",
     against="the errors that were put into simulated readings (0.43 gauss, 0.5 mgauss noise, 3 min at 200 Hz)",

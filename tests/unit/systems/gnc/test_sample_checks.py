@@ -53,14 +53,6 @@ def hangs(_: np.ndarray, accel: np.ndarray) -> None:
     accel[1000:1040, 2] = accel[1000, 2]
 
 
-def hangs_for_most(gyro: np.ndarray, _: np.ndarray) -> None:
-    gyro[500:3500, 0] = 7
-
-
-def never_moves(gyro: np.ndarray, _: np.ndarray) -> None:
-    gyro[:, 2] = 0
-
-
 def repeats(*both: np.ndarray) -> None:
     for values in both:
         values[301], values[900:903] = values[300], values[899]
@@ -73,8 +65,8 @@ def repeats(*both: np.ndarray) -> None:
         # as by an amplifier
         (clipped, faults.HELD, "gyro x", range(1, COUNT), range(COUNT), "held at their extreme 15"),
         (hangs, faults.RUNS, "accel z", (39, 40), (999, 1000), "accelerometer z"),
-        (hangs_for_most, faults.RUNS, "gyro x", (2999, 3000), (499, 500), "gyro x"),
-        (never_moves, faults.FROZEN, "gyro z", (COUNT - 1, COUNT), (0,), "gyro z"),
+        (lambda gyro, _: gyro[500:3500, 0].fill(7), faults.RUNS, "gyro x", (2999, 3000), (499, 500), "gyro x"),
+        (lambda gyro, _: gyro[:, 2].fill(0), faults.FROZEN, "gyro z", (COUNT - 1, COUNT), (0,), "gyro z"),
         (repeats, faults.REPEATED, None, (4,), (301,), "4"),
     ],
 )
