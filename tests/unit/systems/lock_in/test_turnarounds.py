@@ -54,14 +54,6 @@ def test_events_by_hand() -> None:
     assert found.clock_Hz == CLOCK_HZ
 
 
-def test_ticks_run_through_the_blocks() -> None:
-    (stretch,) = record_events(row(3)).stretches
-    assert stretch.ticks.tolist() == [k * PER_BLOCK + at for k in range(3) for at in (10, 30, 40)]
-    assert stretch.pickoff_ticks.tolist() == [k * PER_BLOCK + 20 for k in range(3)]
-    assert stretch.rising.tolist() == [True, False, True] * 3
-    assert stretch.ticks.dtype == np.int64
-
-
 def dark(blocks: int, *at: int) -> dict[str, Any]:
     """Blocks of which some came without an edge."""
     events = row(blocks).samples.columns["events"].copy()
