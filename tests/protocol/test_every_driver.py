@@ -20,6 +20,7 @@ from bench.model.errors import InputError, InstrumentError
 from bench.model.ports import Effect, Parameter, actions_of
 from bench.model.units import parse_quantity
 from instruments.values import (
+    OverloadReadingError,
     check_argument,
     exponent_form,
     plain_form,
@@ -241,6 +242,12 @@ def test_garbage_is_no_number(reply: str) -> None:
         read_number(reply)
 
 
+@pytest.mark.parametrize("reply", ["9.9E37", "-9.90000000E+37", "9.91E37", "1E+38", "-1e38"])
+def test_overload_sentinels(reply: str) -> None:
+    with pytest.raises(OverloadReadingError):
+        read_number(reply)
+
+
 def test_numbers() -> None:
     assert read_number("+1.00000000E+07") == 1e7
     assert read_integer("+4097") == 4097
@@ -251,9 +258,23 @@ def test_numbers() -> None:
         read_text("")
 
 
+@pytest.mark.parametrize("value", [True, "1", None, math.nan, math.inf, 2.3, -0.1, [1]])
+def test_quantity_arguments_are_rejected_not_clipped(value: object) -> None:
+    with pytest.raises(ValueError, match="current"):
+        check_argument(Parameter("current", "A", 0.0, 2.2), value)
+
+
 @pytest.mark.parametrize("value", [True, 11, "1", 1.5, math.nan, None])
 def test_choices(value: object) -> None:
     parameter = Parameter("channel", choices=tuple(range(1, 11)))
     with pytest.raises(ValueError, match="channel"):
         check_argument(parameter, value)
     assert repr(check_argument(parameter, 10.0)) == "10"
+
+
+def test_limits_are_inside() -> None:
+    parameter = Parameter("current", "A", 0.0, 2.2)
+    assert check_argument(parameter, 2.2) == 2.2
+    assert check_argument(parameter, 0) == 0.0
+    with pytest.raises(ValueError, match=r"2\.2000000000000006 A is above 2\.2"):
+        check_argument(parameter, math.nextafter(2.2, 3))

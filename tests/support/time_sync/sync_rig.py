@@ -130,19 +130,6 @@ class Flight:
     def egi(self, offsets_s: tuple[float, ...]) -> EgiRuns:
         return EgiRuns(self.path, self.errors, np.array(offsets_s))
 
-    def white(self) -> "Flight":
-        """The same with EGI errors of the same sizes, white from sample to sample."""
-        rng = np.random.default_rng(SEED)
-        parts = [
-            rng.normal(size=x.shape) * x.std(axis=(0, 1)) for x in (self.errors.dp, self.errors.dv, self.errors.dphi)
-        ]
-        return replace(self, errors=EgiErrors(self.errors.t_s, *parts))
-
-    def matrices(self, t_s: Array) -> Array:
-        """True attitude (n, 3, 3)."""
-        yaw = self.path.state(t_s).yaw
-        return level_matrices(yaw)
-
 
 def level_matrices(yaw: Array) -> Array:
     """Body to t of level bodies, (..., 3, 3)."""

@@ -52,14 +52,8 @@ def bias_analysis(**changes: Any) -> Analysis:
     ]
     clock = {"channel": None, "kind": None, "parameter": "master_clock", "unit": "ppm", "valid_degC": [-10.2, 50.1]}
     entries.append(clock | {"reference_temperature_degC": 20.0, "coefficients": [1.5, -0.01]})
-    fields = {
-        "campaign": "bias_ramp",
-        "method": "joint",
-        "uut": {"model": "NGU", "serial": "SIM-1"},
-        "estimates": [],
-        "compensation": entries,
-    }
-    return Analysis(**(fields | changes))
+    made = Analysis("bias_ramp", "joint", {"model": "NGU", "serial": "SIM-1"}, [], compensation=entries)
+    return dataclasses.replace(made, **changes)
 
 
 def document(

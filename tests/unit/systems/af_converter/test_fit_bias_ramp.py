@@ -19,16 +19,6 @@ from bench.systems.af_converter.bias_ramp import analysis as bias_ramp
 from bench.systems.af_converter.coefficients import coefficients_of
 
 
-def units(seed: int) -> dict[int, Ramp]:
-    """Two gyro channels (the second without hysteresis) and an accelerometer; scale factors are not nominal."""
-    rng = np.random.default_rng([99, seed])
-    return {
-        1: ramp(seed, unit=draw(rng, "gyro", dsf=True)),
-        2: ramp(seed + 1, unit=draw(rng, "gyro", dsf=True, hysteresis=False)),
-        7: ramp(seed + 2, unit=draw(rng, "accelerometer", dsf=True)),
-    }
-
-
 def material(ramps: dict[int, Ramp], found: list[RecordRow] | None = None) -> Material:
     world = next(iter(ramps.values()))
     trace = Trace(world.trace_t_s, world.air_degC, world.sensor_degC)
@@ -37,7 +27,13 @@ def material(ramps: dict[int, Ramp], found: list[RecordRow] | None = None) -> Ma
 
 @pytest.fixture(scope="module")
 def ramps() -> dict[int, Ramp]:
-    return units(40)
+    """Two gyro channels (the second without hysteresis) and an accelerometer; scale factors are not nominal."""
+    rng = np.random.default_rng([99, 40])
+    return {
+        1: ramp(40, unit=draw(rng, "gyro", dsf=True)),
+        2: ramp(41, unit=draw(rng, "gyro", dsf=True, hysteresis=False)),
+        7: ramp(42, unit=draw(rng, "accelerometer", dsf=True)),
+    }
 
 
 @pytest.fixture(scope="module")

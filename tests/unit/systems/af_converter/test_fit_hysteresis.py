@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bias_simulation import K0_C, Ramp, WALK_A_rth, WHITE_A_rtHz, covariance, draw, heat, ramp, slack
+from bias_simulation import K0_C, Ramp, WALK_A_rth, WHITE_A_rtHz, covariance, draw, follow, heat, ramp, slack
 from scipy.optimize import least_squares
 
 from bench.systems.af_converter.estimators.gates import Drive, series_covariance, usable_drive
@@ -96,7 +96,6 @@ def test_truth_over_twenty_seeds(record_property: Callable[[str, object], None],
         assert fit.half_width_determined
         assert fit.lag_determined
         width_errors.append(fit.value(WIDTH) - one.unit.width_A)
-    print(f"{kind}: mean width error {np.mean(width_errors) * 1e9:.3f} nA, sd {np.std(width_errors) * 1e9:.3f} nA")
     record_property("obtained", f"{kind}: {np.mean(width_errors) * 1e9:.2f} nA, limit 1")
     assert abs(np.mean(width_errors)) < 1e-9
 
@@ -113,7 +112,6 @@ def test_intervals_cover_the_truth(record_property: Callable[[str, object], None
     """
     found = np.array([scores(*fitted(seed)) for seed in range(40)])
     covered = np.mean(np.abs(found) < 1.96, axis=0)
-    print("covered", dict(zip(("b0", "b1", "b2", "b3", "width", "lag", "r"), covered.tolist(), strict=True)))
     record_property("obtained", ", ".join(f"{100 * share:.0f}" for share in covered) + " %, at least 84")
     assert np.all(covered > 0.84)
     assert np.all((found.std(axis=0) > 0.7) & (found.std(axis=0) < 1.35))
@@ -154,10 +152,11 @@ def test_second_method_finds_the_same_minimum(record_property: Callable[[str, ob
     fit = fit_ramp(one, level=False)
     factor = np.linalg.inv(np.linalg.cholesky(covariance("gyro")))
     world = heat()
+    air_degC = np.interp(world.t_s, one.trace_t_s, one.air_degC)  # as recorded, joined by straight lines
     places = world.windows[:-1, None] + np.arange(50)
 
     def model(p: np.ndarray) -> np.ndarray:
-        unit = _lag(one, p[5] * 100.0)
+        unit = follow(air_degC, p[5] * 100.0)
         x = (unit[places] + unit[places + 1]).mean(axis=1) / 2.0
         behind = slack(unit, p[6]) - unit
         shape = (behind[places] + behind[places + 1]).mean(axis=1) / (4.0 * p[6])
@@ -175,17 +174,6 @@ def test_second_method_finds_the_same_minimum(record_property: Callable[[str, ob
     assert apart.max() < 0.05
     other = np.sqrt(np.diag(np.linalg.inv(end.jac.T @ end.jac))) * scale
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), other, rtol=0.1)
-
-
-def _lag(one: Ramp, lag_s: float) -> np.ndarray:
-    """Explicit steps of 2 s behind the air as recorded, joined by straight lines."""
-    from scipy.signal import lfilter
-
-    world = heat()
-    air = np.interp(world.t_s, one.trace_t_s, one.air_degC)
-    a = 1.0 / lag_s
-    gain = a / (1.0 + a)
-    return lfilter([gain, gain], [1.0, -(1.0 - a) / (1.0 + a)], air, zi=[air[0] * (1.0 - gain)])[0]
 
 
 def test_without_noise_the_truth_comes_out() -> None:

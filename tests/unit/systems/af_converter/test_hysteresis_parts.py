@@ -269,8 +269,6 @@ def test_contiguous_gates_telescope(record_property: Callable[[str, object], Non
     whitener = series_covariance("gated", (np.arange(windows) + 0.5) * GATE_s, GATE_s, K0_C, WHITE_A_rtHz, 0.0)
     stated = float(np.sqrt(covariance_of(whitener).mean()))
     white_A = float(np.sqrt(np.trace(covariance_of(whitener))) / windows)
-    print(f"lag-1 {lag_1:.3f}; mean of an hour: sd {hour * 1e9:.3f} nA, stated {stated * 1e9:.3f}, "
-          f"as if white {white_A * 1e9:.3f}")  # fmt: skip
     record_property(
         "obtained", f"scatter {hour * 1e9:.3f} nA, stated {stated * 1e9:.3f}, as white noise {white_A * 1e9:.3f}"
     )
@@ -300,7 +298,6 @@ def test_intervals_of_a_mean_and_a_slope_cover(record_property: Callable[[str, o
     chi2 = np.mean(np.sum((white - design @ found) ** 2, axis=0)) / (windows - 2)
     errors = found - np.vstack((current[:, 0], np.zeros(trials)))
     covered = 100.0 * np.mean(np.abs(errors) < 1.96 * np.sqrt(np.diag(covariance))[:, None], axis=1)
-    print(f"level {covered[0]:.1f} %, drift {covered[1]:.1f} %, reduced chi-square {chi2:.3f}")
     record_property("obtained", f"{covered[0]:.1f} and {covered[1]:.1f} %")
     assert np.all(np.abs(covered - 95.0) < 3.5)
     assert chi2 == pytest.approx(1.0, abs=0.1)
@@ -319,7 +316,6 @@ def test_a_reciprocal_series_shares_its_pulses() -> None:
     error = np.diff(last, axis=1) * K0_C / np.diff(seen[rows, last], axis=1) - true
     lag_1 = np.mean(error[:, 1:] * error[:, :-1]) / np.mean(error**2)
     whitener = series_covariance("reciprocal", np.arange(windows) * GATE_s, GATE_s, current * frame_s, 0.0, 0.0)
-    print(f"reciprocal: sd {np.std(error) * 1e9:.3f} nA, lag-1 {lag_1:.3f}")
     assert np.std(error) == pytest.approx(np.sqrt(covariance_of(whitener)[0, 0]), rel=0.05)
     assert lag_1 == pytest.approx(-0.5, abs=0.05)
 

@@ -92,16 +92,14 @@ def test_table_of_the_estimators(
     rng = np.random.default_rng(2026)
     current = nominal_A + rng.uniform(-1, 1, (200, 1)) * K0_C / 100.0 * (nominal_A > 1e-7)
     rows = records(steady(current, 200, 3 * FRAMES, rng))
-    figures = {only: rms_nA(record_rates(rows, GYRO, only), current[:, 0]) for only in (GATED, OMEGA, RECIPROCAL)}
+    rms_of_gated_nA = rms_nA(record_rates(rows, GYRO, GATED), current[:, 0])
     rates = record_rates(rows, GYRO)
     later = RecordRates(**{name: getattr(rates, name)[1:] for name in RecordRates.__dataclass_fields__})
     best_nA, covered = rms_nA(later, current[:, 0]), coverage(later, current[:, 0])
-    rounded = {only: round(figure, 2) for only, figure in figures.items()}
-    print(f"{nominal_A * 1e9:.0f} nA: {rounded}, best {best_nA:.2f} nA, covered {covered:.1f} %")
     assert set(later.estimator.ravel()) == {best}, "the pulse before these records is known"
     record_property("obtained", f"{nominal_A * 1e9:.0f} nA: {best_nA:.2f}")
     assert best_nA < 0.25
-    assert figures[GATED] == pytest.approx(gated_nA, abs=0.7)
+    assert rms_of_gated_nA == pytest.approx(gated_nA, abs=0.7)
     assert covered >= 93.0  # 400 records, the three of a trial have one rate
 
 
@@ -116,8 +114,6 @@ def test_stated_intervals_are_honest_where_pulses_lock_to_frames_or_gates(rate_p
     current = rate_per_frame * K0_C / FRAME_s
     rates = record_rates(records(steady(current, 400, FRAMES, rng)), GYRO)
     covered = coverage(rates, current)
-    print(f"{rate_per_frame} per frame: {covered:.1f} %, rms {rms_nA(rates, current):.2f} nA, "
-          f"stated {np.sqrt(np.mean(rates.std_uncertainty_A**2)) * 1e9:.2f}", *set(rates.estimator[0]))  # fmt: skip
     assert covered >= 92.0  # 95 % and 2.7 of its standard deviations
 
 
@@ -136,7 +132,6 @@ def test_stated_intervals_over_random_rates(record_property: Callable[[str, obje
         for one, part in zip(found, np.split(np.arange(1500), 15), strict=True)
     ])  # fmt: skip
     used = np.concatenate([one.estimator[0] for one in found])
-    print(f"noise {noise}: covered {100 * hit.mean():.1f} %", {name: int((used == name).sum()) for name in set(used)})
     record_property("obtained", f"{'with' if noise else 'without'} noise {100 * hit.mean():.1f} %, at least 94")
     assert {OMEGA, RECIPROCAL} <= set(used)
     assert 100 * hit.mean() >= 94.0
@@ -167,7 +162,6 @@ def test_each_polarity_has_its_own_charge(current_A: float) -> None:
     for only in (None, GATED):
         rates = record_rates(rows, SLOW_CLOCK, only)
         error = rates.current_A[1:] - current_A
-        print(current_A, only, np.std(error), np.mean(rates.std_uncertainty_A[1:]))
         assert np.mean(np.abs(error) < 1.96 * rates.std_uncertainty_A[1:]) >= 0.9
         assert abs(np.mean(error)) < 4 * np.std(error) / np.sqrt(60)
 
@@ -264,7 +258,6 @@ def test_gated_count_covers_over_random_rates() -> None:
     current = rng.uniform(50e-9, 5e-6, (2000, 1))
     rates = record_rates(records(steady(current, 2000, 2000, rng), 2000), GYRO, GATED)
     covered = coverage(rates, current[:, 0])
-    print(f"gated: {covered:.1f} %")
     assert covered == pytest.approx(96.0, abs=1.5)  # triangular: 96.0 %
 
 

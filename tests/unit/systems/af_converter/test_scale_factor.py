@@ -238,15 +238,10 @@ TRUTH_ppm = (1.5, 0.013, 0.0, 4.7e-5)  # about 20 degC
 GENERATOR_ppm = 3.0 / np.sqrt(3.0)
 
 
-def temperatures() -> np.ndarray:
-    """900 windows of the bias ramp: hold, up, hold, down, hold."""
-    corners_h, degC = [0, 2, 12, 13, 23, 25], [-10.0, -10, 50, 50, -10, -10]
-    return np.interp((np.arange(900) + 0.5) * GATE_s / 3600.0, corners_h, degC)
-
-
 def counted(rng, generator_ppm: float = 0.0, noise_degC: float = 0.0, flicker_ppm: float = 0.0) -> OscillatorWindows:
     """The unit opens its gate for 1e9 pulses of its own clock; generator pulses are whole, none is counted twice."""
-    unit = temperatures()
+    corners_h, degC = [0, 2, 12, 13, 23, 25], [-10.0, -10, 50, 50, -10, -10]  # hold, up, hold, down, hold
+    unit = np.interp((np.arange(900) + 0.5) * GATE_s / 3600.0, corners_h, degC)
     error = np.polynomial.polynomial.polyval(unit - REFERENCE_degC, TRUTH_ppm) * 1e-6
     error = error + flicker_ppm * 1e-6 * rng.standard_normal(unit.size)
     seconds = GATE_s / (1.0 + error)  # true length of a gate of 1e9 master pulses
@@ -274,7 +269,6 @@ def test_residual_and_interval(record_property: Callable[[str, object], None]) -
     """Resolution 1e-9: the fit is good to a few 1e-4 ppm, the generator decides the interval."""
     fit = fit_oscillator(counted(np.random.default_rng(1)), FG_Hz)
     parts = fit.components_ppm(20.0)
-    print(f"residual {fit.rms_ppm:.2e} ppm, fit {parts[FIT]:.1e}, generator {parts[GENERATOR]:.3f} ppm")
     record_property(
         "obtained", f"residual {fit.rms_ppm:.1e} ppm, at 20 degC {fit.value_ppm(20.0) - TRUTH_ppm[0]:.0e} ppm off"
     )
@@ -303,7 +297,6 @@ def test_intervals_of_the_coefficients_cover(
     fits = [fit_oscillator(counted(rng, 0.0, noise_degC, flicker_ppm), FG_Hz) for _ in range(200)]
     scaled = np.array([errors(fit) / np.sqrt(np.diag(fit.covariance_ppm2)) for fit in fits])
     covered = 100.0 * np.mean(np.abs(scaled) < 1.96, axis=0)
-    print("covered %", covered, "reduced chi-square", np.mean([fit.reduced_chi2 for fit in fits]))
     record_property("obtained", f"{noise_degC} degC, {flicker_ppm} ppm: {covered.min():.1f} to {covered.max():.1f} %")
     assert (covered >= 91.0).all()  # 200 fits: sd 1.5 %
 

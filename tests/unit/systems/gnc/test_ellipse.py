@@ -127,44 +127,6 @@ def test_direct_ellipse_by_other_formulas(record_property: Keep) -> None:
     assert score.max() < 0.5
 
 
-def test_signs_and_roll() -> None:
-    """Turned right-handed about +z by the angle that was put in."""
-    unit, turn = PlaneUnit(alpha_deg=4.0), Turn(15.0, length_s=60.0, begin_deg=30.0, noise=0.0, step=0.0)
-    readings = turned(unit, turn, np.random.default_rng(0))
-    x, y = fit_ellipse(*readings).parameters.corrected(*readings)
-    expected = 30.0 + 15.0 * np.arange(x.size) / 200.0
-    np.testing.assert_allclose((plane.roll_deg(x, y) - expected + 180.0) % 360.0 - 180.0, 0.0, atol=1e-7)
-
-
-def fits(units: int, rate_deg_s: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Errors and standard uncertainties of the five parameters, (units, 5) each."""
-    rng = np.random.default_rng(seed)
-    errors, stds = [], []
-    for _ in range(units):
-        unit = drawn_unit(rng)
-        turn = Turn(rate_deg_s, begin_deg=rng.uniform(0, 360), clock=rng.normal(0.0, 2e-5))
-        found = fit_ellipse(*turned(unit, turn, rng)).parameters
-        errors.append(found.values - unit.truth)
-        stds.append(found.std)
-    return np.array(errors), np.array(stds)
-
-
-def check(errors: np.ndarray, stds: np.ndarray) -> str:
-    rms = np.sqrt(np.mean(errors**2, axis=0))
-    inside = float(np.mean(np.abs(errors) < 1.96 * stds))
-    text = (
-        f"offset {1e6 * rms[:2].max():.1f} ugauss, K_y {1e6 * rms[2]:.0f} ppm, alpha {rms[3]:.4f} degrees, "
-        f"covered {100 * inside:.1f} %"
-    )
-    print(text)
-    assert np.abs(errors[:, 3]).max() < 0.005
-    few = len(errors) < 20  # five parameters of eight units scatter that much more
-    assert rms[:2].max() < (9e-6 if few else 5e-6)
-    assert rms[2] < 30e-6
-    assert inside > (0.8 if few else 0.91)
-    return text
-
-
 @pytest.mark.validates(
     "magnetometer ellipse of 50 units, RMS errors and coverage of 95 % intervals",
     against="the errors that were put into simulated readings (0.43 gauss, 0.5 mgauss noise, 3 min at 200 Hz)",
@@ -172,7 +134,26 @@ def check(errors: np.ndarray, stds: np.ndarray) -> str:
 @pytest.mark.parametrize(("name", "rate_deg_s"), [("15 r/s", QUICK_deg_s), ("15 deg/s", SLOW_deg_s)])
 @pytest.mark.parametrize(("units", "seed"), [(8, 62), pytest.param(50, 63, marks=pytest.mark.sweep)])
 def test_fifty_units(record_property: Keep, name: str, rate_deg_s: float, units: int, seed: int) -> None:
-    record_property("obtained", f"{name}, {units} units: {check(*fits(units, rate_deg_s, seed))}")
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(units):
+        unit = drawn_unit(rng)
+        turn = Turn(rate_deg_s, begin_deg=rng.uniform(0, 360), clock=rng.normal(0.0, 2e-5))
+        fit = fit_ellipse(*turned(unit, turn, rng)).parameters
+        found.append((fit.values - unit.truth, fit.std))
+    errors, stds = np.swapaxes(found, 0, 1)
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    inside = float(np.mean(np.abs(errors) < 1.96 * stds))
+    text = (
+        f"{name}, {units} units: offset {1e6 * rms[:2].max():.1f} ugauss, K_y {1e6 * rms[2]:.0f} ppm, "
+        f"alpha {rms[3]:.4f} degrees, covered {100 * inside:.1f} %"
+    )
+    record_property("obtained", text)
+    assert np.abs(errors[:, 3]).max() < 0.005
+    few = len(errors) < 20  # five parameters of eight units scatter that much more
+    assert rms[:2].max() < (9e-6 if few else 5e-6)
+    assert rms[2] < 30e-6
+    assert inside > (0.8 if few else 0.91)
 
 
 def test_points_that_are_no_ellipse_are_noticed() -> None:
@@ -286,42 +267,6 @@ def test_largest_of_many_against_drawn_ones() -> None:
     assert abs(errors[:, 4].mean() - stated.bias[4]) < 0.1 * stated.bias[4]
 
 
-def compared(units: int, rate_deg_s: float, clock: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Errors by extremes and by ellipse, standard uncertainties of the extremes; (units, 5) each."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for _ in range(units):
-        unit = drawn_unit(rng)
-        turn = Turn(rate_deg_s, begin_deg=rng.uniform(0, 360), clock=clock * rng.normal())
-        both = plane.compare_methods(*turned(unit, turn, rng))
-        methods = both.by_method
-        rows.append(
-            (
-                methods[plane.EXTREMES].values - unit.truth,
-                methods[plane.ELLIPSE].values - unit.truth,
-                methods[plane.EXTREMES].std,
-            )
-        )
-        assert both.roll_std_deg[plane.EXTREMES] > 20.0 * both.roll_std_deg[plane.ELLIPSE]
-    return tuple(np.array(part) for part in zip(*rows, strict=True))
-
-
-def check_extremes(units: int, name: str, rate_deg_s: float, clock: float, seed: int) -> str:
-    extremes, ellipse, stds = compared(units, rate_deg_s, clock, seed)
-    rms = [np.sqrt(np.mean(errors**2, axis=0)) for errors in (extremes, ellipse)]
-    inside = float(np.mean(np.abs(extremes) < 1.96 * stds))
-    factor = rms[0] / rms[1]
-    text = (
-        f"{name}: offset {1e3 * rms[0][:2].max():.2f} mgauss, K_y {100 * rms[0][2]:.2f} %, alpha {rms[0][3]:.1f} "
-        f"degrees; worse by {factor[0]:.0f}, {factor[2]:.0f}, {factor[3]:.0f}; covered {100 * inside:.0f} %"
-    )
-    print(text)
-    assert rms[0][3] > 0.7
-    assert factor[[0, 2, 3]].min() > 10.0
-    assert inside > (0.75 if units < 20 else 0.85)
-    return text
-
-
 @pytest.mark.validates(
     "maximum and minimum method of the paper: RMS errors, factor to the ellipse, coverage of its 95 % intervals",
     against="the errors that were put into simulated readings of 50 units",
@@ -336,4 +281,23 @@ def check_extremes(units: int, name: str, rate_deg_s: float, clock: float, seed:
     ],
 )
 def test_extremes_of_fifty_units(record_property: Keep, name: str, rate_deg_s: float, clock: float, units: int) -> None:
-    record_property("obtained", check_extremes(units, name, rate_deg_s, clock, seed=73 if units < 50 else 74))
+    rng = np.random.default_rng(73 if units < 50 else 74)
+    errors, stds = [], []
+    for _ in range(units):
+        unit = drawn_unit(rng)
+        turn = Turn(rate_deg_s, begin_deg=rng.uniform(0, 360), clock=clock * rng.normal())
+        both = plane.compare_methods(*turned(unit, turn, rng))
+        errors.append([both.by_method[method].values - unit.truth for method in (plane.EXTREMES, plane.ELLIPSE)])
+        stds.append(both.by_method[plane.EXTREMES].std)
+        assert both.roll_std_deg[plane.EXTREMES] > 20.0 * both.roll_std_deg[plane.ELLIPSE]
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    inside = float(np.mean(np.abs(np.array(errors)[:, 0]) < 1.96 * np.array(stds)))
+    factor = rms[0] / rms[1]
+    text = (
+        f"{name}: offset {1e3 * rms[0][:2].max():.2f} mgauss, K_y {100 * rms[0][2]:.2f} %, alpha {rms[0][3]:.1f} "
+        f"degrees; worse by {factor[0]:.0f}, {factor[2]:.0f}, {factor[3]:.0f}; covered {100 * inside:.0f} %"
+    )
+    record_property("obtained", text)
+    assert rms[0][3] > 0.7
+    assert factor[[0, 2, 3]].min() > 10.0
+    assert inside > (0.75 if units < 20 else 0.85)

@@ -22,11 +22,6 @@ from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position
 SEED = 606
 
 
-@pytest.fixture(scope="module")
-def twice() -> Analysis:
-    return analyse(calibration(Rig(SEED), sets=2).material("imu_calibration"))
-
-
 def short(seed: int = SEED) -> Rig:
     """One set of a unit, its positions of 10 s."""
     return calibration(Rig(seed), rest_s=10.0)
@@ -36,7 +31,8 @@ def analysed(rig: Rig, **more: object) -> Analysis:
     return analyse(rig.material("imu_calibration", **more))
 
 
-def test_coupling_is_judged_after_compensation_by_the_second_set(twice: Analysis) -> None:
+def test_coupling_is_judged_after_compensation_by_the_second_set() -> None:
+    twice = analyse(calibration(Rig(SEED), sets=2).material("imu_calibration"))
     assert english_left(twice) == set()
     assert twice.missing == []
     rows = {row[0]: row[-1] for row in twice.tables[2].rows}

@@ -23,7 +23,7 @@ from bench.systems.gnc.estimators.earth_rate import RotationRecord, static_means
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
-from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
+from bench.systems.gnc.estimators.static_intervals import static_intervals
 from bench.systems.gnc.estimators.triad import fit_six_position
 from bench.systems.gnc.logs import multi_position as imu_multi_position
 from bench.systems.gnc.logs import six_position as imu_six_position
@@ -209,12 +209,6 @@ def test_ferraris_recording(sections: dict[str, np.ndarray], record_property: Ke
     assert rms == pytest.approx(0.0131, abs=1e-4)
 
 
-@pytest.fixture(scope="module")
-def xsens() -> tuple[np.ndarray, np.ndarray, StaticIntervals]:
-    acceleration, gyro = (np.loadtxt(XSENS / f"xsens_{name}.mat") for name in ("acc", "gyro"))
-    return acceleration, gyro, static_intervals(acceleration[:, 1:], 100.0, initial_s=50.0, least_s=2.0)
-
-
 def published(means: np.ndarray) -> NormFit:
     return fit_multi_position(means, 9.81744)  # gravity of the publication
 
@@ -225,8 +219,9 @@ def published(means: np.ndarray) -> NormFit:
     "multi-position calibration of a real unit turned by hand",
     against="the figures of the public multi-position method on the recording published with it (imu_tk)",
 )
-def test_multi_position_recording(xsens: tuple[np.ndarray, np.ndarray, StaticIntervals], record_property: Keep) -> None:
-    acceleration, gyro, rests = xsens
+def test_multi_position_recording(record_property: Keep) -> None:
+    acceleration, gyro = (np.loadtxt(XSENS / f"xsens_{name}.mat") for name in ("acc", "gyro"))
+    rests = static_intervals(acceleration[:, 1:], 100.0, initial_s=50.0, least_s=2.0)
     means = rests.means(acceleration[:, 1:])
     fit = published(means)
     third = np.arange(len(means)) % 3

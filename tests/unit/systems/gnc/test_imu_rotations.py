@@ -95,19 +95,6 @@ def test_vertical_table_after_compensation(record_property: Keep) -> None:
     assert np.all(vague.bias_std > 1.02 * two.triad.bias_std)  # latitude and azimuth go into the bias
 
 
-def coverage(count: int, tilt_deg: float) -> tuple[np.ndarray, float]:
-    """Per cent of intervals that hold the truth for each of the twelve, and rms error of cross coupling, ppm."""
-    declared = replace(STEP, tilt_std_deg=tilt_deg)
-    inside, cross_ppm, mount = [], [], None if tilt_deg else "vertical"
-    for seed in range(count):
-        more = {"tilt_deg": tilt_deg} if tilt_deg else {}
-        fit = fitted(seed, mount, declared, rate_Hz=100.0, **more)
-        std = np.sqrt(fit.triad.covariance.diagonal())
-        inside.append(np.abs(errors(fit, unit_of(seed))) <= coverage_factor(fit.triad.dof) * std)
-        cross_ppm.append(1e6 * (fit.triad.sensitivity - unit_of(seed).sensitivity)[~np.eye(3, dtype=bool)])
-    return 100.0 * np.mean(inside, axis=0), float(np.std(cross_ppm))
-
-
 @pytest.mark.validates(
     "gyroscope triad: 95 % intervals of the twelve parameters, 500 units",
     against="the simulated truth, without tilt on a vertical table, and with 1 arcmin of tilt of each axis of turn",
@@ -116,7 +103,15 @@ def coverage(count: int, tilt_deg: float) -> tuple[np.ndarray, float]:
 @pytest.mark.parametrize("units", [60, pytest.param(500, marks=pytest.mark.sweep)])
 def test_intervals_cover(record_property: Keep, tilt_deg: float, units: int) -> None:
     """Of 60 units 95 +- 4 % of all 720 intervals."""
-    share, cross_ppm = coverage(units, tilt_deg)
+    declared = replace(STEP, tilt_std_deg=tilt_deg)
+    inside, off_ppm, mount = [], [], None if tilt_deg else "vertical"
+    for seed in range(units):
+        more = {"tilt_deg": tilt_deg} if tilt_deg else {}
+        fit = fitted(seed, mount, declared, rate_Hz=100.0, **more)
+        std = np.sqrt(fit.triad.covariance.diagonal())
+        inside.append(np.abs(errors(fit, unit_of(seed))) <= coverage_factor(fit.triad.dof) * std)
+        off_ppm.append(1e6 * (fit.triad.sensitivity - unit_of(seed).sensitivity)[~np.eye(3, dtype=bool)])
+    share, cross_ppm = 100.0 * np.mean(inside, axis=0), float(np.std(off_ppm))
     record_property(
         "obtained", f"tilt {60 * tilt_deg:g}': {share.min():.1f} to {share.max():.1f} %, all {share.mean():.1f} %"
     )
@@ -274,13 +269,6 @@ def test_attitude_against_scipy() -> None:
             pose = Pose(*rng.uniform(-180.0, 180.0, 3), mounting)
             azimuth = rng.uniform(0.0, 360.0)
             assert er.attitude(pose, Site(0.0, azimuth)) == pytest.approx(body_to_local(pose, azimuth).as_matrix())
-    # by hand: at azimuth 90 the inner axis points East, then the middle axis North; at azimuth 0 the inner axis North
-    assert er.attitude(Pose(), Site(0.0, 90.0)) == pytest.approx(np.eye(3))
-    assert er.attitude(Pose(), Site(0.0, 0.0)) @ [1, 0, 0] == pytest.approx([0, 1, 0])
-    assert er.attitude(Pose(outer_deg=90.0), Site(0.0, 90.0)) @ [1, 0, 0] == pytest.approx([0, 1, 0])
-    assert er.attitude(Pose(middle_deg=-90.0), Site(0.0, 90.0)) @ [1, 0, 0] == pytest.approx([0, 0, 1])
-    assert er.mounting_matrix("y") @ [1, 2, 3] == pytest.approx([2, 3, 1])
-    assert er.mounting_matrix("z") @ [1, 2, 3] == pytest.approx([3, 1, 2])
 
 
 @pytest.mark.validates(

@@ -195,16 +195,10 @@ def test_a_log_without_rest_is_refused(accel: np.ndarray, gyro: np.ndarray, why:
         find_rests(accel, gyro, RATE, NONE)
 
 
-def test_stamps_even_with_gaps_and_in_bursts() -> None:
-    even = np.arange(1000) / 102.4
-    found = sample_stamps(even)
-    assert (found.rate_Hz, found.missing, found.bursty) == (pytest.approx(102.4), 0, False)
-    gaps = sample_stamps(np.delete(even, [200, 201, 700]))
-    assert (gaps.breaks.tolist(), gaps.missing, gaps.bursty) == ([200, 698], 3, False)
-    assert gaps.rate_Hz == pytest.approx(102.4)
+def test_stamps_with_gaps_and_in_bursts() -> None:
+    gaps = sample_stamps(np.delete(np.arange(1000) / 102.4, [200, 201, 700]))
+    assert (gaps.breaks.tolist(), gaps.missing) == ([200, 698], 3)
     bursts = sample_stamps(np.ceil(np.arange(1000) / 8) * 8 / 102.4)
-    assert bursts.bursty
-    assert bursts.rate_Hz == pytest.approx(102.4, rel=0.01)
     assert not len(bursts.breaks)
     mean_s = np.ceil(999 / 8) * 8 / 102.4 / 999  # first stamp 0, then eight at a time
     due_s = np.abs(np.ceil(np.arange(1000) / 8) * 8 / 102.4 - mean_s * np.arange(1000)).max()

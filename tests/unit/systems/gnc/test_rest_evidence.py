@@ -167,17 +167,6 @@ def test_a_gyro_that_warms_is_doubted_and_one_that_never_changes_is_refused() ->
     assert found["gyro_bias x"] == ("sound", [])
 
 
-def rests(wrong: Callable[[Any, Any], Any], seed: int, count: int = 40) -> tuple[Any, Any]:
-    """Mean readings of poses held at any time of 15 min, and when; ``wrong`` adds what no ellipsoid has."""
-    draw = np.random.default_rng(seed)
-    up = draw.normal(size=(count, 3))
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    time_s = np.sort(draw.uniform(0.0, 900.0, count))
-    matrix = np.eye(3) + np.triu(draw.normal(0.0, 0.01, (3, 3)))
-    read = np.linalg.solve(matrix, G * up.T).T + draw.normal(0.0, 0.2, 3) + draw.normal(0.0, 3e-3, (count, 3))
-    return read + wrong(up, time_s), time_s
-
-
 def one_rest(up: Any, time_s: Any) -> Any:
     moved = np.zeros_like(up)
     moved[np.argmin(np.abs(up).max(axis=1))] = 0.4
@@ -192,7 +181,14 @@ WRONG = {
 
 
 def against(wrong: Callable[[Any, Any], Any], seed: int) -> list[str]:
-    mean, time_s = rests(wrong, seed)
+    """What is said of rests of 40 poses held at any time of 15 min; ``wrong`` adds what no ellipsoid has."""
+    draw = np.random.default_rng(seed)
+    up = draw.normal(size=(40, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    time_s = np.sort(draw.uniform(0.0, 900.0, 40))
+    matrix = np.eye(3) + np.triu(draw.normal(0.0, 0.01, (3, 3)))
+    read = np.linalg.solve(matrix, G * up.T).T + draw.normal(0.0, 0.2, 3) + draw.normal(0.0, 3e-3, (40, 3))
+    mean = read + wrong(up, time_s)
     fit, place = fit_multi_position(mean, G), {"kind": "accelerometer"}
     zeros = [
         estimate("accel_zero", "m/s2", fit.zero[k], fit.zero_std[k], place | {"axis": axis}, n=40, dof=fit.dof)

@@ -53,14 +53,6 @@ def hangs(_: np.ndarray, accel: np.ndarray) -> None:
     accel[1000:1040, 2] = accel[1000, 2]
 
 
-def hangs_for_most(gyro: np.ndarray, _: np.ndarray) -> None:
-    gyro[500:3500, 0] = 7
-
-
-def never_moves(gyro: np.ndarray, _: np.ndarray) -> None:
-    gyro[:, 2] = 0
-
-
 def repeats(*both: np.ndarray) -> None:
     for values in both:
         values[301], values[900:903] = values[300], values[899]
@@ -73,8 +65,8 @@ def repeats(*both: np.ndarray) -> None:
         # as by an amplifier
         (clipped, faults.HELD, "gyro x", range(1, COUNT), range(COUNT), "held at their extreme 15"),
         (hangs, faults.RUNS, "accel z", (39, 40), (999, 1000), "accelerometer z"),
-        (hangs_for_most, faults.RUNS, "gyro x", (2999, 3000), (499, 500), "gyro x"),
-        (never_moves, faults.FROZEN, "gyro z", (COUNT - 1, COUNT), (0,), "gyro z"),
+        (lambda gyro, _: gyro[500:3500, 0].fill(7), faults.RUNS, "gyro x", (2999, 3000), (499, 500), "gyro x"),
+        (lambda gyro, _: gyro[:, 2].fill(0), faults.FROZEN, "gyro z", (COUNT - 1, COUNT), (0,), "gyro z"),
         (repeats, faults.REPEATED, None, (4,), (301,), "4"),
     ],
 )
@@ -185,13 +177,6 @@ def test_stamps_in_bursts() -> None:
     assert {stamp_checks.IRREGULAR, stamp_checks.BURST} == kinds(checked(record(), tick_s=uneven))
 
 
-def test_a_wrong_rate_is_told() -> None:
-    """204.8 Hz taken for a recording of 102.4 Hz turns it by twice the angle."""
-    found = stamp_checks.check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
-    assert [fault.kind for fault in found.faults] == [stamp_checks.RATE]
-    assert "9.766 ms" in finding_text(found.faults[0])
-
-
 def test_a_clock_that_runs_off() -> None:
     rng = np.random.default_rng(126)
     device = np.arange(COUNT) * INTERVAL_s
@@ -236,7 +221,7 @@ def rows() -> list[SampledRow]:
 def test_a_unit_that_samples_at_another_rate_is_named(due_Hz: float, found: bool) -> None:
     notes = check_notes(checked_rows(rows(), ("gyro", "accelerometer"), {"imu": IMU, "rate_Hz": due_Hz}))
     assert [note for note in notes if "own sensor" not in note] == notes[1:]
-    assert bool(notes[1:]) is found, notes
+    assert any("every 5 ms" in note for note in notes[1:]) is found, notes
 
 
 def stamps(begin_s: float, length_s: float, error: float, rng: np.random.Generator, switched_on_s: float = 0.0):

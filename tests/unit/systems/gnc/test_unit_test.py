@@ -4,6 +4,7 @@ import json
 import struct
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import pytest
@@ -39,15 +40,9 @@ def test_a_sound_unit_passes_everything() -> None:
 
 def changed(name: str, change: Callable[[int, Exchange], Exchange | None]) -> list[Exchange]:
     """The sound exchanges with those of one command changed or left out; ``change`` gets their number in the item."""
-    found, number = [], 0
-    for one in exchanges():
-        if one.name == name:
-            other, number = change(number, one), number + 1
-            if other is not None:
-                found.append(other)
-        else:
-            found.append(one)
-    return found
+    number = count()
+    found = [change(next(number), one) if one.name == name else one for one in exchanges()]
+    return [one for one in found if one is not None]
 
 
 def answered(received: bytes, only: int = 0) -> Callable[[int, Exchange], Exchange]:

@@ -13,6 +13,7 @@ from typing import Any
 import doubt_lock_in as worlds
 import numpy as np
 import pytest
+from allan_simulation import kasdin
 from doubt_lock_in import beta, wrong
 from imported_logs import columns_of, estimates_of, imported, parsed, table
 from laser_physics import KNOTS, World, crossings, half_cycles
@@ -372,19 +373,10 @@ def test_rate_walk_and_quantisation_are_those_it_was_made_of(role: str, tmp_path
     assert every(found, "bias_alignment_error") == []  # a random walk alone states no bias
 
 
-def flicker(count: int, seed: int) -> Array:
-    """Noise of the two-sided density B^2 / (2 pi f), B = 1: half an integral of unit white noise (Hosking, Kasdin)."""
-    lags = np.arange(1, 2 * count)
-    weights = np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags)))
-    white = np.random.default_rng(seed).normal(0.0, 1.0, 2 * count)
-    size = 4 * count
-    return np.fft.irfft(np.fft.rfft(weights, size) * np.fft.rfft(white, size), size)[count : 2 * count]
-
-
 def test_the_bias_leaves_an_alignment_error_where_the_log_shows_one(tmp_path: Path) -> None:
     """Against the heading of two level gyroscopes that the Earth turns, one of them with this bias."""
     bias_deg_h, latitude_deg, step_s = 0.5, 37.0, 0.1
-    rate = RATE_deg_h + bias_deg_h * flicker(2**16, 4)  # deg/h, arcsec/s alike
+    rate = RATE_deg_h + bias_deg_h * kasdin(np.random.default_rng(4), 2**16, -1)  # deg/h, arcsec/s alike
     values = np.floor(np.cumsum(rate * step_s) / 0.001)
     mapping = COUNTS.replace("1.11 arcsec", "0.001 arcsec")
     stated = mapping + f"laser: {{path_length: 28 cm, latitude: {latitude_deg:g} deg}}\n"

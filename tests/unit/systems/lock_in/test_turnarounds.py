@@ -54,14 +54,6 @@ def test_events_by_hand() -> None:
     assert found.clock_Hz == CLOCK_HZ
 
 
-def test_ticks_run_through_the_blocks() -> None:
-    (stretch,) = record_events(row(3)).stretches
-    assert stretch.ticks.tolist() == [k * PER_BLOCK + at for k in range(3) for at in (10, 30, 40)]
-    assert stretch.pickoff_ticks.tolist() == [k * PER_BLOCK + 20 for k in range(3)]
-    assert stretch.rising.tolist() == [True, False, True] * 3
-    assert stretch.ticks.dtype == np.int64
-
-
 def dark(blocks: int, *at: int) -> dict[str, Any]:
     """Blocks of which some came without an edge."""
     events = row(blocks).samples.columns["events"].copy()
@@ -118,12 +110,6 @@ def edges_of(cells: Int64) -> tuple[Int64, Bool, Bool]:
     return level, up == even, even
 
 
-def swing(top: int, turns: int = 6) -> Int64:
-    """Cells of a phase that goes up to ``top`` and down again, ``turns`` times."""
-    once = np.concatenate((np.arange(top), np.arange(top, 0, -1)))
-    return np.concatenate((np.tile(once, turns), [0]))
-
-
 def counted(rising: Bool, cosine: Bool) -> EdgeLevels:
     return edge_levels(np.arange(rising.size), rising, cosine)
 
@@ -143,7 +129,8 @@ def test_any_way_is_counted(seed: int) -> None:
 
 
 def test_an_edge_lost_in_a_run_is_bridged_and_one_at_a_turnaround_breaks_the_count() -> None:
-    level, rising, cosine = edges_of(swing(12))
+    once = np.concatenate((np.arange(12), np.arange(12, 0, -1)))  # cells of a phase that goes up and down again
+    level, rising, cosine = edges_of(np.concatenate((np.tile(once, 6), [0])))
     kept = np.delete(np.arange(level.size), [5, 17, 30])
     found = counted(rising[kept], cosine[kept])
     assert found.repaired == 3

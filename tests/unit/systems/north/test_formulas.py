@@ -38,14 +38,6 @@ def test_exact_at_every_azimuth(method: Callable[..., North]) -> None:
     assert found.std_deg.max() < 1e-9
 
 
-def test_lock_ins_of_unlike_gain_are_told_apart() -> None:
-    """U1 = 2 sin(phi + 20 deg), U2 = 0.5 cos(phi - 10 deg) are made cos phi + i sin phi again."""
-    phi = np.deg2rad(EVERY)
-    of_1, of_2 = phasors._unmixed((2.0, 0.5), 20.0, -10.0)
-    found = of_1 * 2.0 * np.sin(phi + np.deg2rad(20.0)) + of_2 * 0.5 * np.cos(phi - np.deg2rad(10.0))
-    np.testing.assert_allclose(found, np.exp(1j * phi), atol=1e-12)
-
-
 @pytest.mark.validates(
     "north without noise at every azimuth, swing of the table included: below 0.001 degrees",
     against="the azimuth put into the sampled waveform of a second simulation, 0, 90, 180 and 270 degrees among them",

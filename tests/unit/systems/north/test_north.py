@@ -77,12 +77,8 @@ def test_the_literal_formulas_are_half_a_turn_off_on_half_of_the_circle() -> Non
     assert max(map(abs, figure.series[0].y)) == pytest.approx(180.0, abs=0.1)  # folded into one turn, not half
 
 
-@pytest.fixture(scope="module")
-def noisy():
-    return analyse(campaign(NorthRig(SEED, NOISY), repeats=3).material())
-
-
-def test_results_with_noise_have_the_form_of_the_contract(noisy) -> None:
+def test_results_with_noise_have_the_form_of_the_contract() -> None:
+    noisy = analyse(campaign(NorthRig(SEED, NOISY), repeats=3).material())
     build_results("one", noisy, {}, PROVENANCE)
     assert noisy.missing == []
     errors = of(noisy, "azimuth_error")

@@ -117,13 +117,6 @@ def test_shift_that_is_due_is_that_of_the_offset_left_in_the_tags(beforehand_s: 
     assert "-2.500 m" in time_sync_tables._image(image, result).caption
 
 
-def test_joints_hold_no_frame_twice() -> None:
-    for records in (1, 4):
-        taken = recording(Recording(1, records=records).material())
-        assert np.array_equal(np.diff(taken.imu.counter), np.ones(len(taken.imu) - 1))
-        assert np.array_equal(np.diff(taken.egi.counter), np.ones(len(taken.egi) - 1))
-
-
 def test_lost_increments_are_filled_and_told() -> None:
     ready, sound = (prepared(recording(Recording(1, imu_s=0.005, loss=loss).material())) for loss in (0.01, 0.0))
     assert ready.filled == np.count_nonzero(ready.imu.filled) > 20

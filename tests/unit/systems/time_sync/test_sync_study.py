@@ -40,7 +40,6 @@ from bench.systems.time_sync.study.tasks import _focused, image_result, predicte
     [
         (1, "0,10", "2 to 1000"),
         (1001, "0,10", "2 to 1000"),
-        (50, "0,ten", "milliseconds with commas"),
         (50, "", "milliseconds with commas"),
         (50, "10,20", "0 must be among them"),
         (50, "0,150.5", "150 ms either way"),
@@ -80,7 +79,6 @@ def test_tasks_travel_and_cover_everything() -> None:
 @pytest.mark.parametrize(
     ("value", "ends", "verdict", "limit"),
     [
-        (0.3, {"at_least": 0.2, "at_most": 0.45}, "pass", 0.45),
         (0.45, {"at_least": 0.2, "at_most": 0.45}, "pass", 0.45),
         (0.19, {"at_least": 0.2, "at_most": 0.45}, "fail", 0.45),
         (0.46, {"at_least": 0.2, "at_most": 0.45}, "fail", 0.45),
@@ -204,14 +202,9 @@ _EDGES_s = (20.0, 40.0)
 
 def made_results(options: StudyOptions) -> Results:
     """Results that keep every tolerance."""
-    return Results(tuple((task, made(task)) for task in published.tasks_of(options)))
-
-
-def made(task: Task) -> Any:
-    """What a task gives."""
-    if task.kind == "ideal":
-        return published.IdealResult(2e-5, 3e-7, 0.249, 2.65, -13.26, -10.12, (_cut("azimuth", 0.0, "none", 0.0),))
-    return _image(task) if task.kind == "image" else _flight(task)
+    ideal = published.IdealResult(2e-5, 3e-7, 0.249, 2.65, -13.26, -10.12, (_cut("azimuth", 0.0, "none", 0.0),))
+    made = {"ideal": lambda _: ideal, "image": _image, "flight": _flight}
+    return Results(tuple((task, made[task.kind](task)) for task in published.tasks_of(options)))
 
 
 def _flight(task: Task) -> FlightResult:
