@@ -1,11 +1,10 @@
-"""The shipped shorter campaign: what ``bench plan`` made of that of 38 hours, held against truth and wrong worlds.
+"""The shipped shorter campaign: what ``bench plan`` made of that of 38 hours, held against the truth.
 
 Counts are those of the physics of ``fit_simulation`` at the planned times; one channel of each kind stands for all that
 are alike.
 """
 
 import math
-from collections import Counter
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,13 +13,12 @@ from typing import Any
 import doubt_scale_factor as wrong
 import fit_simulation as sim
 import pytest
-from doubt_classes import Seen, sorted_classes
 from plan_sample import reworded
 from rehearsal import ROOT
 from scipy import stats
 from trials import without_budgets
 
-from bench.analysis import Analysis, Material, build_results, estimates_of
+from bench.analysis import Analysis, Material
 from bench.cli import main
 from bench.commands.planning import plan as command
 from bench.commands.requests import PlanRequest
@@ -30,7 +28,6 @@ from bench.model.errors import InputError
 from bench.plan import Plan, PlannedRecord, PlannedSoak, check_plan, compile_sequence
 from bench.session.designed import Asked, Proposal, problem_of, proposed
 from bench.session.predicted import predicted
-from bench.systems.af_converter.constants import CLOCK_STEADY
 from bench.systems.af_converter.scale_factor.analysis import analyse
 from bench.systems.af_converter.scale_factor.design.campaign import Campaigns, Candidate
 from bench.systems.af_converter.scale_factor.design.template import template_of
@@ -170,14 +167,6 @@ def judged_entries(estimates: Any) -> list[Any]:
     return [one for one in estimates if one.quantity in wrong.QUANTITIES and "repeat" not in one.conditions]
 
 
-def seen(points: list[sim.Point], seed: int, world: Any) -> Seen:
-    """Return what a campaign states in a world, and its truth."""
-    campaign = simulate_plan(seed, points, world=world)
-    document = build_results("doubt", analysed(campaign), {"records": len(campaign.rows)}, wrong.PROVENANCE)
-    entries = judged_entries(estimates_of(document))
-    return Seen(entries, [campaign.truth(entry) for entry in entries], 0.0, wrong._promised(campaign))
-
-
 @pytest.mark.parametrize(
     ("world", "told"), [(wrong.CALIBRATOR_STEP(1e-5), True), (wrong.CALIBRATOR_DRIFT(1e-5), False)]
 )
@@ -188,54 +177,6 @@ def test_a_step_of_the_calibrator_is_told_from_a_steady_drift(world: Any, told: 
     print([seen.sentence for seen in heard])
     assert bool(heard) == told
     assert any(one.quantity == "dsf_n_tc1" for seen in heard for one in seen.entries) == told
-
-
-class FirstOfRange(wrong.Wrong):
-    """The tail at the smallest level of each range that a plan uses, whichever that is."""
-
-    def __init__(self, size: float, levels_A: list[float]) -> None:
-        super().__init__(size)
-        firsts = {min(level for level in levels_A if (level > 2.2e-3) == large) for large in (False, True)}
-        object.__setattr__(self, "firsts", firsts)  # of a frozen class
-
-    def input_A(self, current_A: float, at: Any) -> float:
-        hit = self.of_channel(at) and at.step[2] == 1 and at.step[1] in self.firsts  # type: ignore[attr-defined]
-        return current_A * (1.0 - self.size) if hit else current_A
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sizes", [slice(1, 2), pytest.param(slice(0, None, 2), marks=pytest.mark.sweep)])
-@pytest.mark.parametrize("switch", wrong.SWITCHES, ids=lambda switch: switch.name)
-def test_no_wrong_world_is_believed_that_the_given_plan_tells(
-    monkeypatch: pytest.MonkeyPatch, switch: Any, sizes: slice
-) -> None:
-    """Seeds 0 and 1 of each size. What no data can show, an assumption names: it may put more values off where it puts
-    off some already, since the uncertainties are smaller now; nothing else may.
-    """
-    monkeypatch.setattr(wrong, "WRONG", 7)
-    for size in switch.sizes[sizes]:
-        if switch.name == "clock_misread" and size < CLOCK_STEADY:  # the assumption names it
-            continue
-        now = believed(SHORTER, switch, size)
-        if now:
-            before = believed(GIVEN, switch, size)
-            assert now <= before or (switch.assumption and before)
-
-
-def believed(name: str, switch: Any, size: float) -> int:
-    """Return how many estimates of two campaigns by a plan are confidently wrong in a world."""
-    points = planned_points(name)
-    levels_A = [point.conditions["current_A"] for point in points if point.place.channel == 7]
-    first = switch.name == "first_of_a_range"
-    world = FirstOfRange(size, [level for level in levels_A if level]) if first else switch.world(size)
-    counted = sum((sorted_classes(seen(points, seed, world), right_world(name, seed)) for seed in (0, 1)), Counter())
-    print(f"{switch.name} {size:g}, {name}: {dict(counted)}")
-    return counted["confidently_wrong"]
-
-
-@cache
-def right_world(name: str, seed: int) -> Seen:
-    return seen(planned_points(name), seed, None)
 
 
 def test_what_cannot_be_planned_is_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
