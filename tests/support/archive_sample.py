@@ -95,11 +95,7 @@ def _plan(out: Path, bench: str, serial: str, year: int) -> Plan:
     check = f"check_standard: {{model: CS, serial: CS-{bench}, channel: 7}}\n"
     sequence = made / f"golden_{bench}_{serial}.yaml"
     sequence.write_text(check + text)
-    return compile_sequence(sequence, load_station(station), {"world.unit_seed": str(_number_of(serial))})
-
-
-def _number_of(serial: str) -> int:
-    return int(serial.removeprefix("U-"))
+    return compile_sequence(sequence, load_station(station), {"world.unit_seed": str(int(serial.removeprefix("U-")))})
 
 
 def station_text(bench: str, year: int) -> str:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plan_sample import reworded
 
 from bench import cli
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, Clock, VirtualClock
@@ -163,11 +164,8 @@ def shortened(
     text = source.read_text()
     if cut[0]:
         text = text[: text.index(cut[0])] + text[text.index(cut[1]) :]
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
     path = folder / f"{name}.yaml"
-    path.write_text(text)
+    path.write_text(reworded(text, *changes, once=True))
     return path
 
 

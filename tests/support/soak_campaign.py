@@ -26,9 +26,11 @@ from typing import Any
 from unittest.mock import patch
 
 from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
+from plan_sample import reworded
 from soak_views import Views
+from trials import without_trials
 
-from bench.analysis import Estimate, Table, declared_analysis, estimates_of, is_sound
+from bench.analysis import Estimate, declared_analysis, estimates_of, is_sound
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, FitError
@@ -71,14 +73,13 @@ def watchers(plan: Plan) -> list[Any]:
 
 def soak_plan(folder: Path) -> Plan:
     """The short campaign on a fast bench, compiled and checked."""
-    bench = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
-    for old, new in (
+    bench = reworded(
+        (ROOT / "stations" / "af_bench_sim.yaml").read_text(),
         ("station: af_bench_sim", "station: soak_bench"),
         ('visa: "@bench"', 'visa: "@bench"\nbus_time_factor: 0.05'),
         ("    af_clock_error_ppm: null", "    af_clock_error_ppm: null\n    time_constants: 20"),
-    ):
-        assert bench.count(old) == 1, old
-        bench = bench.replace(old, new)
+        once=True,
+    )
     station = folder / "soak_bench.yaml"
     station.write_text(bench)
     plan = compile_sequence(HERE / "soak.yaml", load_station(station), {})
@@ -229,9 +230,8 @@ def _judge(plan: Plan, done: Conducted, soaked: Soaked) -> None:
     """Every estimate lies within MOST_SIGMA of its stated standard uncertainty of the truth, or is flagged."""
     if done.outcome.error is not None:
         return
-    without = Table("Monte Carlo check", "", [], [])  # takes as long as all the rest, and nothing is judged by it
     try:
-        with patch("bench.systems.af_converter.scale_factor.budgets.check_table", lambda *_: without):
+        with without_trials():  # they take as long as all the rest, and nothing is judged by them
             results, _ = analyse_view(view_of(plan, done))
     except FitError as error:  # nothing is left that a number could be made of, and it says so
         soaked.ended = f"done without results: {error.code}"

@@ -130,13 +130,16 @@ class Session:
         other.texts = self.texts | {self.links[link]: re.sub(rf"\b{field}\b", f"my_{field}", text)}
         return other
 
-    def write(self, folder: Path) -> Path:
-        """Write the session with the documented writer."""
+    def content(self) -> tuple[dict[str, Any], dict[str, str], list[tuple[str, int, bytes]]]:
+        """Manifest, texts, and messages in order of time, as the documented writer takes them."""
         said = [
             ("/event", t_ns, json.dumps({"kind": kind, "fields": fields}).encode())
             for t_ns, kind, fields in self.events
         ]
-        messages = sorted([*self.messages, *said], key=lambda message: message[1])
+        return self.manifest, self.texts, sorted([*self.messages, *said], key=lambda message: message[1])
+
+    def write(self, folder: Path) -> Path:
+        """Write the session with the documented writer."""
         folder.mkdir(parents=True, exist_ok=True)
-        documented_writer()(folder, self.manifest, self.texts, messages)
+        documented_writer()(folder, *self.content())
         return folder

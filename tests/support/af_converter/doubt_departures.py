@@ -242,7 +242,8 @@ def left_over(wrong: sim.SimulatedCampaign, right: sim.SimulatedCampaign) -> flo
     Free are the coefficients of both counters of each channel, an offset of each polarity of each visit, a steady
     drift of the calibrator, and, within what they are specified to, its offsets and its errors at each level.
     """
-    pairs = [(one, other) for one, other in zip(wrong.rows, right.rows, strict=True) if _is_closed(other)]
+    both = zip(wrong.rows, right.rows, strict=True)
+    pairs = [(one, other) for one, other in both if other.window.conditions["route"] == "closed"]
     change = np.array([_reading(one) - _reading(other) for one, other in pairs])
     rows = [other for _, other in pairs]
     free, held = _columns(rows)
@@ -255,10 +256,6 @@ def left_over(wrong: sim.SimulatedCampaign, right: sim.SimulatedCampaign) -> flo
     white = factor @ change
     halves = np.array([(_more(one) - _more(other)) / _more_std_A(other) for one, other in pairs])
     return float(np.hypot(np.linalg.norm(white - left @ (left.T @ white)), np.linalg.norm(halves)))
-
-
-def _is_closed(row: sim.Row) -> bool:
-    return bool(row.window.conditions["route"] == "closed")
 
 
 def _reading(row: sim.Row) -> float:

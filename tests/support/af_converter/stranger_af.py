@@ -29,7 +29,7 @@ PORT_A = np.dtype(
 _CLOCKS = [list(int(count).to_bytes(3, "big")) for count in (2560, 100_000, 100_000)]
 
 
-def _points() -> list[dict[str, Any]]:
+def points() -> list[dict[str, Any]]:
     common = {"channel": 1, "kind": "gyro", "temperature_degC": 20.0, "repeat": 0}
     closed = [
         {"current_A": level_A, "polarity": polarity, "range_A": 2.2 * (level_A or LEVELS_A[0]), "route": "closed"}
@@ -39,7 +39,7 @@ def _points() -> list[dict[str, Any]]:
     return [{**common, "route": "open"}, *({**common, **point} for point in closed)]
 
 
-def _pulses(current_A: float, frames: int) -> tuple[Any, Any]:
+def pulses(current_A: float, frames: int) -> tuple[Any, Any]:
     """N and P pulses of each frame: whole charges of a constant current, an error of the charge for each sign."""
     total_A = current_A - BIAS_A
     charge_C = K0_C * (1.0 + 1e-6 * TRUTH_ppm["dsf_n" if total_A > 0.0 else "dsf_p"])
@@ -52,7 +52,7 @@ def _said(session: Session, counter: int, current_A: float, seconds: int) -> int
     n = seconds * RATE_Hz
     body = np.zeros(n, PORT_A)
     body["counter"] = (counter + np.arange(n)) % 65536
-    body["npp"][:, 0], body["ppp"][:, 0] = _pulses(current_A, n)
+    body["npp"][:, 0], body["ppp"][:, 0] = pulses(current_A, n)
     body["clocks"] = _CLOCKS
     frames = packed(b"\xeb\x90", body, "crc-16/ibm-3740", "big")
     for second in range(seconds):
@@ -78,7 +78,7 @@ def converter_session(analysis: str, swapped: bool = False) -> Session:
     for number, level_A in enumerate(LEVELS_A if analysis == "dmm_method" else ()):
         _metered(session, 0.1 * number, level_A, 0.0, zero_range_A=level_A)
     counter, lead = 0, -1 if swapped else 1
-    for point in _points():
+    for point in points():
         current_A = point.get("current_A", 0.0) * point.get("polarity", 0)
         if analysis == "dmm_method" and point["route"] == "closed":
             range_A = max(LEVELS_A[0], point["current_A"])

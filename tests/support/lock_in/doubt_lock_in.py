@@ -178,7 +178,8 @@ def truths(world: World, cycles: Cycles, own: float) -> dict[tuple[str, str], fl
     left = own if world.spoils else np.mean(np.abs(pull - np.mean(pull)) ** 2 * wide) + second
     behind = math.hypot(unit * math.sqrt(left), world.quantum_deg_rth)
     level = _EARTH_deg_h * math.cos(math.radians(_LATITUDE_deg)) * math.radians(_ERROR_deg)
-    found = {("lock_in_rate", ""): world.lock_in_deg_s * float(np.mean(world.kappa_share(_shares(cycles))))}
+    shares = (np.arange(cycles.turn_rad.size) + 0.5) / cycles.turn_rad.size
+    found = {("lock_in_rate", ""): world.lock_in_deg_s * float(np.mean(world.kappa_share(shares)))}
     found["backscatter_phase", ""] = math.degrees(float(np.mean(cycles.beta_rad)))
     for method, walk in ((RAW, raw), (GLOBAL, behind)):
         found["angle_random_walk", method] = walk
@@ -186,10 +187,6 @@ def truths(world: World, cycles: Cycles, own: float) -> dict[tuple[str, str], fl
         found["random_walk_ratio", method] = walk / raw
         found["alignment_time_ratio", method] = (walk / raw) ** 2
     return found
-
-
-def _shares(cycles: Cycles) -> Array:
-    return np.asarray((np.arange(cycles.turn_rad.size) + 0.5) / cycles.turn_rad.size)
 
 
 def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:

@@ -77,11 +77,6 @@ class Row:
     gap_s: float = 0.0
 
 
-def sequence_in(folder: Path, scale: Scale) -> Path:
-    """Return the sequence of a drill: the shipped one, or cut down to one temperature."""
-    return one_temperature(folder) if scale.short else WALL_30_s
-
-
 def steps_of(sequence: Path) -> list[PlanStep]:
     """Return the steps of a sequence as a schedule wants them."""
     plan = compile_sequence(sequence, load_station(STATION))
@@ -94,7 +89,7 @@ def drilled(folder: Path, seeds: Sequence[int], scale: Scale, bare: bool = False
     Args: bare: nothing is lost, all else is the same.
     """
     folder.mkdir(parents=True)
-    sequence = sequence_in(folder, scale)
+    sequence = one_temperature(folder) if scale.short else WALL_30_s
     steps = steps_of(sequence)
     kinds: tuple[Kind, ...] = ("none",) if bare else possible_kinds(FEW_SERVERS if scale.short else KINDS)
     roles = tuple(load_station(STATION).instruments)

@@ -60,13 +60,12 @@ class Turning:
         found = self.signal((np.arange(first, last) + 0.5) * 1e-3 * self.rate_Hz)
         if not self.noise_V:
             return found
-        noise = [np.random.default_rng([7, second]).normal(0.0, 1.0, 1000) for second in self._seconds(first, last)]
+        noise = [
+            np.random.default_rng([7, second]).normal(0.0, 1.0, 1000)
+            for second in range(first // 1000, (last - 1) // 1000 + 1)
+        ]
         start = first - first // 1000 * 1000
         return found + self.noise_V * np.concatenate(noise)[start : start + last - first]
-
-    @staticmethod
-    def _seconds(first: int, last: int) -> range:
-        return range(first // 1000, (last - 1) // 1000 + 1)
 
     def pulses(self, index: str, t0_ns: int, t1_ns: int) -> NDArray[np.int64]:
         """Nanoseconds of the pulses in [t0, t1)."""

@@ -23,15 +23,10 @@ document.addEventListener("securitypolicyviolation", (event) => {
 PATIENCE_MS = 20_000
 
 
-def chromium_path() -> str | None:
-    """The system's Chromium."""
-    return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-
-
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """A browser; skips the test where there is none."""
-    path = chromium_path()
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if path is None:
         pytest.skip("no Chromium on this machine: install the package 'chromium' to run the browser tests")
     words = ["--no-sandbox"] if os.geteuid() == 0 else []

@@ -262,17 +262,14 @@ class Recording:
         ns = -(-ns // self.poll_ns) * self.poll_ns
         kept = rng.random(due_s.size) >= self.loss
         kept[[0, -1]] = True
-        return part(Samples(columns, first + np.arange(due_s.size), ns, _scales(columns)), kept)
+        scales = {name: SCALES.get(name, (1.0, 0.0, "")) for name in columns}
+        return part(Samples(columns, first + np.arange(due_s.size), ns, scales), kept)
 
 
 def part(samples: Samples, kept: Array) -> Samples:
     """Return some of the samples of a link."""
     columns = {name: column[kept] for name, column in samples.columns.items()}
     return replace(samples, columns=columns, counter=samples.counter[kept], t_ns=samples.t_ns[kept])
-
-
-def _scales(columns: Mapping[str, Array]) -> dict[str, tuple[float, float, str]]:
-    return {name: SCALES.get(name, (1.0, 0.0, "")) for name in columns}
 
 
 def on_the_ellipsoid(plane_m: Array) -> tuple[Array, Array, Array, Array]:

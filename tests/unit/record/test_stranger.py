@@ -9,37 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from record_sample import AF_CLOCK, FRAME_NS, NS, constant_stream, frame, housekeeping
-from stranger_af import RAMP_BIAS_A, WIDTH_A, LAG_s, PLAY_degC, SLOPE_A_degC, TRUTH_ppm, converter_session, ramp_session
-from stranger_gnc import (
-    ACCEL_S,
-    GYRO_S,
-    MAGNETIC,
-    SUPPLY_A,
-    SUPPLY_V,
-    ACCEL_BIAS_g,
-    GYRO_BIAS_deg_s,
-    STEPS_deg_s,
-    WIDTH_m,
-    bias_session,
-    calibration_session,
-    earth_at_rest,
-    indicated_bias,
-    magnetometer_session,
-    module_session,
-    short_bias_session,
-)
-from stranger_north import (
-    BACKSCATTER_deg,
-    LOCK_IN_deg_s,
-    OFFSET_s,
-    SOUGHT_deg,
-    laser_session,
-    north_session,
-    random_walk_deg_rth,
-    sync_session,
-)
-from stranger_page import DOCUMENT, Session, documented_campaign, documented_standards, documented_writer
+import stranger_af as af
+import stranger_gnc as gnc
+import stranger_north as north
+from one_estimate import every, holds
+from stranger_page import DOCUMENT, Session, documented_writer
 
 from bench.analysis import Material, analyse
 from bench.commands.fit import fit
@@ -47,76 +21,11 @@ from bench.model.errors import BenchError, ExitStatus, SessionDamaged
 from bench.record import SessionReader
 from bench.replay import replay_rows
 
-SECONDS = 10
-RECORD_FRAMES = SECONDS * 100
-K0_C = 1.25e-6
-DSF = {"dsf_n": 412e-6, "dsf_p": -230e-6}
-OFFSET_A = 3e-8
-LEVELS_A = (1e-3, 1e-2, 1e-1)
 
-
-def manifest() -> dict[str, Any]:
-    campaign, standards = documented_campaign("scale_factor"), documented_standards()
-    campaign["channels"][0]["levels_A"] = list(LEVELS_A)
-    standards["calibrator"]["uncertainty"] = [
-        {"range_A": 2.2 * level, "relative": 2e-5, "floor_A": 1e-9} for level in LEVELS_A
-    ]
-    standards["calibrator"]["corrections"] = []
-    return {
-        "schema": 1, "session": "stranger", "sequence": "none", "title": "A stranger's session", "simulated": True,
-        "links": {"port_a": "frames/ngu_a.yaml", "port_b": "frames/ngu_b.yaml"}, "measurement_link": "port_a",
-        "frame_sha256": {"port_a": frame("ngu_a").sha256}, "plan_sha256": "none", "campaign": campaign,
-        "planned": {"prepare_s": 0, "duration_s": 0, "records": 9, "steps": 0}, "standards": standards,
-    }  # fmt: skip
-
-
-def points() -> list[dict[str, Any]]:
-    """Open input, both zeros, both polarities of each level: conditions of each record."""
-    common = {"channel": 1, "kind": "gyro", "temperature_degC": 20.0, "level_index": 0, "repeat": 0}
-    open_input = {**common, "current_A": 0.0, "polarity": 0, "range_A": 2.2e-3, "route": "open"}
-    steps = [open_input]
-    for index, level in enumerate((0.0, *LEVELS_A)):
-        point = {**common, "current_A": level, "route": "closed", "level_index": index}
-        range_A = 2.2 * (level or LEVELS_A[0])
-        steps += [{**point, "polarity": polarity, "range_A": range_A} for polarity in (1, -1)]
-    return steps
-
-
-@cache
-def pulses(current_A: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pulse counts of each frame of one record, exact to a pulse: (n, 10) each, only channel 1 counts."""
-    total = current_A - OFFSET_A
-    charge = K0_C * (1 + (DSF["dsf_n"] if total > 0 else DSF["dsf_p"]))
-    whole = np.floor(np.arange(RECORD_FRAMES + 1) * (abs(total) / 100 / charge) + 0.5)
-    counts = np.zeros((RECORD_FRAMES, 10), np.int64)
-    counts[:, 0] = np.diff(whole)
-    return (counts, np.zeros_like(counts)) if total > 0 else (np.zeros_like(counts), counts)
-
-
-@cache
-def messages() -> tuple[tuple[str, int, bytes], ...]:
-    """Frames of the whole campaign in chunks of 0.5 s, housekeeping, record events."""
-    sent: list[tuple[str, int, bytes]] = []
-    conditions = points()
-    pairs = [pulses(step["current_A"] * step["polarity"]) for step in conditions]
-    frames = constant_stream(np.concatenate([n for n, _ in pairs]), np.concatenate([p for _, p in pairs])).frames
-    for block in range(len(frames) // 50):
-        t_ns = (block + 1) * 50 * FRAME_NS
-        sent.append(("/link/port_b/rx", t_ns, housekeeping(5, 5 * block)))
-        sent.append(("/link/port_a/rx", t_ns, frames[50 * block : 50 * (block + 1)].tobytes()))
-        if (block + 1) % (2 * SECONDS) == 0:
-            number = (block + 1) // (2 * SECONDS)
-            fields = {
-                "number": number, "link": "port_a", "first_counter": (number - 1) * RECORD_FRAMES,
-                "frames": RECORD_FRAMES, "t_start_ns": t_ns - SECONDS * NS, "t_end_ns": t_ns,
-                "conditions": conditions[number - 1], "step": -1,
-            }  # fmt: skip
-            sent.append(("/event", t_ns, json.dumps({"kind": "record", "fields": fields}).encode()))
-    return tuple(sent)
-
-
-def texts() -> dict[str, str]:
-    return {f"frames/{name}.yaml": frame(name).text for name in ("ngu_a", "ngu_b")}
+def sample(messages: int | None = None) -> tuple[Any, Any, list[Any]]:
+    """Manifest, texts and the first messages of a scale-factor campaign."""
+    manifest, texts, sent = SESSIONS["scale_factor"]().content()
+    return manifest, texts, sent[:messages]
 
 
 VARIANTS = {
@@ -135,55 +44,54 @@ VARIANTS = {
 )
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_strangers_session_is_replayed_and_fitted(tmp_path: Path, variant: str) -> None:
-    documented_writer(**VARIANTS[variant])(tmp_path, manifest(), texts(), messages())
+    documented_writer(**VARIANTS[variant])(tmp_path, *sample())
     done = replay_rows(tmp_path, strict=True)
     assert (done.damage, done.unfinished, done.notes) == ((), (), ())
-    assert len(done.rows) == len(points())
-    assert done.totals == {"frames": 1.1 * RECORD_FRAMES * len(points()), "frames_bad": 0, "frames_lost": 0, "jumps": 0}
-    for row, step in zip(done.rows, points(), strict=True):
-        n, p = pulses(step["current_A"] * step["polarity"])
-        assert row.sums["npp"].tolist() == n.sum(axis=0).tolist()
-        assert row.sums["ppp"].tolist() == p.sum(axis=0).tolist()
-        assert int(row.sums["af_clock"]) == AF_CLOCK * RECORD_FRAMES
+    frames = (af.SECONDS + af.PAUSE_s) * (af.RATE_Hz + 1) * len(af.points())
+    assert done.totals == {"frames": frames, "frames_bad": 0, "frames_lost": 0, "jumps": 0}
+    for row, point in zip(done.rows, af.points(), strict=True):
+        counted = af.pulses(point.get("current_A", 0.0) * point.get("polarity", 0), af.SECONDS * af.RATE_Hz)
+        for name, counts in zip(("npp", "ppp"), counted, strict=True):
+            assert row.sums[name].tolist() == [counts.sum(), *[0] * 9]
+        assert int(row.sums["af_clock"]) == 2560 * af.SECONDS * af.RATE_Hz
         assert row.quality == 0
-        assert row.context["unit_temperature_degC"] == pytest.approx(20.035, abs=1e-9)
+        assert row.context["unit_temperature_degC"] == pytest.approx(20.03, abs=1e-9)
     analysis = analyse(Material(done.rows, done.manifest["campaign"], done.manifest["standards"]))
-    for estimate in analysis.estimates:
-        if estimate.quantity in DSF:
-            error_ppm = estimate.value - 1e6 * DSF[estimate.quantity]
-            assert abs(error_ppm) < estimate.expanded_uncertainty
-    assert {estimate.quantity for estimate in analysis.estimates} >= set(DSF)
+    for quantity, true_ppm in af.TRUTH_ppm.items():
+        assert all(holds(entry, true_ppm) for entry in every(analysis, quantity))
+    assert {estimate.quantity for estimate in analysis.estimates} >= set(af.TRUTH_ppm)
 
 
 def test_the_hash_of_a_session_without_a_chain_covers_its_data(tmp_path: Path) -> None:
     write = documented_writer()
     for name in ("a", "b", "c"):
         (tmp_path / name).mkdir()
-        sent = [*messages()[:40]]
+        manifest, texts, messages = sample()
+        sent = messages[:40]
         if name == "c":
             sent[7] = (sent[7][0], sent[7][1], sent[7][2][:-1] + b"\0")
-        write(tmp_path / name, manifest(), texts(), sent)
+        write(tmp_path / name, manifest, texts, sent)
     one, same, other = (SessionReader(tmp_path / name).sha256 for name in ("a", "b", "c"))
     assert one == same != other
 
 
 def test_zstd_is_refused_with_the_reason(tmp_path: Path) -> None:
     edits = {"compression=CompressionType.LZ4": "compression=CompressionType.ZSTD"}
-    documented_writer(**edits)(tmp_path, manifest(), texts(), messages()[:10])
+    documented_writer(**edits)(tmp_path, *sample(10))
     assert "zstd" in SessionReader(tmp_path).damage[0].what
 
 
 def test_foreign_topics_are_left_alone(tmp_path: Path) -> None:
     extra = 'writer.register_channel("/camera", "jpeg", schema_id=0)'
     edits = {"        writer.finish()": f"        writer.add_message({extra}, 1, b'any', 1)\n        writer.finish()"}
-    documented_writer(**edits)(tmp_path, manifest(), texts(), messages()[:10])
+    documented_writer(**edits)(tmp_path, *sample(10))
     reader = SessionReader(tmp_path)
     assert reader.damage == []
     assert "/camera" not in reader.counts
 
 
 def test_data_section_crc_of_a_file_without_a_chain_is_checked(tmp_path: Path) -> None:
-    documented_writer(**VARIANTS["data CRC"])(tmp_path, manifest(), texts(), messages()[:40])
+    documented_writer(**VARIANTS["data CRC"])(tmp_path, *sample(40))
     path = tmp_path / "session.0001.mcap"
     content = bytearray(path.read_bytes())
     content[9 + 8 + 4] ^= 1  # inside the profile of the header record
@@ -206,7 +114,7 @@ def test_content_that_is_not_what_its_topic_promises(tmp_path: Path, topic: str,
     edits = (
         {'head = [("/manifest", start_ns, json.dumps(manifest).encode())]': "head = []"} if topic == "/manifest" else {}
     )
-    documented_writer(**edits)(tmp_path, manifest(), texts(), sent)
+    documented_writer(**edits)(tmp_path, *sample()[:2], sent)
     with pytest.raises(SessionDamaged, match="B-REC-014"):
         replay_rows(tmp_path)
 
@@ -230,35 +138,34 @@ def errors_in_U(found: Estimates, truth: Mapping[str, float], **conditions: Any)
     """How far each of these estimates is from its truth, in its expanded uncertainty."""
     errors = []
     for quantity, true in truth.items():
-        entries = [
-            entry
-            for entry in found
-            if entry["quantity"] == quantity and conditions.items() <= entry["conditions"].items()
-        ]
+        entries = every(found, quantity, **conditions)
         assert entries, quantity
-        assert {entry["quality"] for entry in entries} == {"sound"}, entries
-        errors += [abs(entry["value"] - true) / entry["expanded_uncertainty"] for entry in entries]
+        assert {entry.quality for entry in entries} == {"sound"}, entries
+        errors += [abs(entry.value - true) / entry.expanded_uncertainty for entry in entries]
     return errors
 
 
 HELD: Mapping[str, Sequence[tuple[Mapping[str, float], Mapping[str, Any]]]] = {
-    "scale_factor": [(TRUTH_ppm, {})],
-    "dmm_method": [(TRUTH_ppm, {})],
+    "scale_factor": [(af.TRUTH_ppm, {})],
+    "dmm_method": [(af.TRUTH_ppm, {})],
     "bias_ramp": [
-        ({"bias_tc1": SLOPE_A_degC, "hysteresis_width": WIDTH_A, "thermal_lag": LAG_s / 60.0}, {}),
-        ({"bias": RAMP_BIAS_A}, {"temperature_degC": 20.0}),
-        ({"play_half_width": PLAY_degC}, {}),
+        ({"bias_tc1": af.SLOPE_A_degC, "hysteresis_width": af.WIDTH_A, "thermal_lag": af.LAG_s / 60.0}, {}),
+        ({"bias": af.RAMP_BIAS_A}, {"temperature_degC": 20.0}),
+        ({"play_half_width": af.PLAY_degC}, {}),
     ],
     "fog_north": [
-        *(({"azimuth": SOUGHT_deg}, {"item": "search", "method": name}) for name in ("least_squares", "likelihood")),
+        *(
+            ({"azimuth": north.SOUGHT_deg}, {"item": "search", "method": name})
+            for name in ("least_squares", "likelihood")
+        ),
         ({"azimuth_error": 0.0}, {"item": "test"}),
     ],
     "magnetometer": [
-        *(({"mag_offset": MAGNETIC[axis]}, {"axis": axis, "method": "ellipse"}) for axis in "xy"),
-        ({"mag_gain": MAGNETIC["gain"], "mag_angle": MAGNETIC["angle_deg"]}, {"method": "ellipse"}),
-        ({"mag_radius": MAGNETIC["radius"]}, {"method": "ellipse"}),
+        *(({"mag_offset": gnc.MAGNETIC[axis]}, {"axis": axis, "method": "ellipse"}) for axis in "xy"),
+        ({"mag_gain": gnc.MAGNETIC["gain"], "mag_angle": gnc.MAGNETIC["angle_deg"]}, {"method": "ellipse"}),
+        ({"mag_radius": gnc.MAGNETIC["radius"]}, {"method": "ellipse"}),
     ],
-    "time_sync": [({"time_offset": OFFSET_s, "time_offset_from_stamps": OFFSET_s}, {})],
+    "time_sync": [({"time_offset": north.OFFSET_s, "time_offset_from_stamps": north.OFFSET_s}, {})],
 }
 
 
@@ -271,10 +178,10 @@ def test_intervals_hold_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_swapped_leads_are_refused_with_that_word(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, found = fitted(converter_session("scale_factor", swapped=True), tmp_path, capsys)
+    status, found = fitted(af.converter_session("scale_factor", swapped=True), tmp_path, capsys)
     assert status == ExitStatus.VERDICT_FAIL
     for entry in found:
-        if entry["quantity"] in TRUTH_ppm:
+        if entry["quantity"] in af.TRUTH_ppm:
             assert (entry["quality"], entry["value"]) == ("refused", None)
             assert "swapped_leads" in [reason["code"] for reason in entry["reasons"]]
 
@@ -288,66 +195,71 @@ def mostly_held(errors: Sequence[float]) -> None:
 def test_imu_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, found = fitted(SESSIONS["imu_calibration"](), tmp_path, capsys)
     errors = []
-    for prefix, matrix in (("gyro", GYRO_S), ("accel", ACCEL_S)):
+    for prefix, matrix in (("gyro", gnc.GYRO_S), ("accel", gnc.ACCEL_S)):
         inverse = np.linalg.inv(matrix)
         for row, name in enumerate("xyz"):
             for column, other in enumerate("xyz"):
                 errors += errors_in_U(found, {f"{prefix}_matrix": inverse[row, column]}, row=name, column=other)
     for k, axis in enumerate("xyz"):
-        biases = {"gyro_bias": 3600.0 * GYRO_BIAS_deg_s[k], "accel_bias": ACCEL_BIAS_g[k]}
+        biases = {"gyro_bias": 3600.0 * gnc.GYRO_BIAS_deg_s[k], "accel_bias": gnc.ACCEL_BIAS_g[k]}
         errors += errors_in_U(found, biases, axis=axis)
     mostly_held(errors)
 
 
 def test_imu_bias(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _, found = fitted(bias_session(), tmp_path, capsys)
-    gyro_deg_h, errors = 3600.0 * indicated_bias(earth_at_rest()), []
+    _, found = fitted(gnc.bias_session(), tmp_path, capsys)
+    gyro_deg_h, errors = 3600.0 * gnc.indicated_bias(gnc.earth_at_rest()), []
     for k, axis in enumerate("xyz"):
         truth = {
             "gyro_bias": gyro_deg_h[k],
             "gyro_bias_stability": 3600.0 * 5e-3 / 10.0**0.5,
             "accel_bias_stability": 0.5 / 10.0**0.5,
-            "gyro_bias_repeatability": 3600.0 * GYRO_S[k].sum() * np.std(STEPS_deg_s, ddof=1),
+            "gyro_bias_repeatability": 3600.0 * gnc.GYRO_S[k].sum() * np.std(gnc.STEPS_deg_s, ddof=1),
         }
         if axis != "x":  # the axis of the flip, which does not reverse it
-            truth["accel_bias"] = float(ACCEL_S[k] @ ACCEL_BIAS_g)
+            truth["accel_bias"] = float(gnc.ACCEL_S[k] @ gnc.ACCEL_BIAS_g)
         errors += errors_in_U(found, truth, axis=axis)
     mostly_held(errors)
 
 
 @pytest.mark.parametrize("dead_line", [False, True])
 def test_unit_tests(tmp_path: Path, capsys: pytest.CaptureFixture[str], dead_line: bool) -> None:
-    status, found = fitted(module_session(dead_line), tmp_path, capsys)
+    status, found = fitted(gnc.module_session(dead_line), tmp_path, capsys)
     wrong = {entry["quantity"]: entry["value"] for entry in found if entry["quantity"].endswith("_wrong")}
     assert wrong.pop("io_wrong") == float(dead_line)
     assert len(wrong) == 12
     assert set(wrong.values()) == {0.0}
     assert status == (ExitStatus.VERDICT_FAIL if dead_line else ExitStatus.PASS)
     values = {entry["quantity"]: entry["value"] for entry in found}
-    measured = {"supply_voltage": SUPPLY_V, "supply_current": SUPPLY_A, "width": WIDTH_m, "gps_latitude": 37.5}
+    measured = {
+        "supply_voltage": gnc.SUPPLY_V,
+        "supply_current": gnc.SUPPLY_A,
+        "width": gnc.WIDTH_m,
+        "gps_latitude": 37.5,
+    }
     assert {name: values[name] for name in measured} == pytest.approx(measured)
 
 
 def test_ring_laser(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, found = fitted(SESSIONS["rlg_lock_in"](), tmp_path, capsys)
-    held(found, {"lock_in_rate": LOCK_IN_deg_s, "backscatter_phase": BACKSCATTER_deg})
+    held(found, {"lock_in_rate": north.LOCK_IN_deg_s, "backscatter_phase": north.BACKSCATTER_deg})
     assert status == ExitStatus.PASS
-    walks = [found, *(fitted(laser_session(seed), tmp_path / str(seed), capsys)[1] for seed in (7, 8))]
-    errors = [errors_in_U(each, {"angle_random_walk": random_walk_deg_rth()}, method="raw") for each in walks]
+    walks = [found, *(fitted(north.laser_session(seed), tmp_path / str(seed), capsys)[1] for seed in (7, 8))]
+    errors = [errors_in_U(each, {"angle_random_walk": north.random_walk_deg_rth()}, method="raw") for each in walks]
     assert np.sqrt(np.mean(np.square(errors))) < 1.0, errors  # seed 6 alone is 1.03, as one record in twenty is
 
 
 SESSIONS: Mapping[str, Callable[[], Session]] = {
-    "scale_factor": cache(lambda: converter_session("scale_factor")),
-    "dmm_method": cache(lambda: converter_session("dmm_method")),
-    "bias_ramp": cache(ramp_session),
-    "fog_north": cache(north_session),
-    "imu_calibration": cache(calibration_session),
-    "imu_bias": cache(short_bias_session),
-    "magnetometer": cache(magnetometer_session),
-    "gnc_unit_test": cache(module_session),
-    "time_sync": cache(sync_session),
-    "rlg_lock_in": cache(laser_session),
+    "scale_factor": cache(lambda: af.converter_session("scale_factor")),
+    "dmm_method": cache(lambda: af.converter_session("dmm_method")),
+    "bias_ramp": cache(af.ramp_session),
+    "fog_north": cache(north.north_session),
+    "imu_calibration": cache(gnc.calibration_session),
+    "imu_bias": cache(gnc.short_bias_session),
+    "magnetometer": cache(gnc.magnetometer_session),
+    "gnc_unit_test": cache(gnc.module_session),
+    "time_sync": cache(north.sync_session),
+    "rlg_lock_in": cache(north.laser_session),
 }
 _EVERY = (
     "session", "simulated", "plan_sha256", "links", "measurement_link", "planned", "planned.prepare_s",

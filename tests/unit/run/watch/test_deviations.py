@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from record_sample import FaultyFiles, no_space
+from rehearsal import Watched as Heard
 from rehearsal import contents
 from run_rig import HoldRig, Passive
-from trend_sample import Heard, run_short
+from trend_sample import run_short
 from unruly_chamber import SECOND_AIR, Watched, campaign
 
 from bench.model.errors import InputError, InstrumentError
@@ -360,7 +361,7 @@ def test_a_disk_that_refuses_costs_the_trend_and_nothing_else(
     full = FaultyFiles(lambda kind, n: no_space() if kind == "write" and n > writes else None)
     done, heard = run_short(tmp_path, beside=[lambda context: trend_recorder(context, full)])
     assert segments(done.folder) == segments(recorded[0])
-    said = [text for text in heard.said if "no trend is written" in text]
+    said = [text for text in heard.messages if "no trend is written" in text]
     assert len(said) == 1
     assert "No space left" in said[0]
     assert not (done.folder / FOLDER / "trend.json").exists(), "half a trend must not pass for a whole one"
@@ -381,7 +382,7 @@ def test_whatever_keeps_a_trend_from_being_written_is_said_and_the_run_goes_on(
             yield
 
     done, heard = run_short(tmp_path, beside=[beside])
-    assert len([text for text in heard.said if words in text]) == 1
+    assert len([text for text in heard.messages if words in text]) == 1
     assert SessionReader(done.folder).damage == []
 
 

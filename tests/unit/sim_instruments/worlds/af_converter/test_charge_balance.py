@@ -84,21 +84,6 @@ def test_counts_equal_the_clock_by_clock_loop(shape, case):
     assert n_pulses.sum() + p_pulses.sum() > 0
 
 
-@pytest.mark.parametrize("case", range(6))
-def test_one_way_equals_any_way(case):
-    """Also where the charge that is left belongs to the other polarity, and where an unsigned type holds the counts."""
-    rng = np.random.default_rng([SEED, case])
-    steady = rng.choice((-1, 1), 8) * rng.integers(2000, UNIT // 10 ** rng.integers(1, 3), 8)
-    noise, clocks = rng.integers(-1000, 1001, (8, 300)).astype(np.int32), rng.integers(1, 60, 300)
-    banks = ChargeBalance(np.full(8, UNIT)), ChargeBalance(np.full(8, UNIT), np.uint16)
-    for bank in banks:
-        bank.set_quanta(*np.random.default_rng(case).integers(UNIT * 999 // 1000, UNIT * 1001 // 1000, (2, 8)))
-        bank.residue = np.where(np.arange(8) % 2, UNIT, -UNIT)
-    expected = banks[0]._any_way((noise + steady[:, None]) * clocks)
-    np.testing.assert_array_equal(banks[1].advance_one_way(steady, noise, clocks), expected)
-    np.testing.assert_array_equal(banks[1].residue, banks[0].residue)
-
-
 def test_a_call_that_could_leave_64_bits_is_refused():
     bank = ChargeBalance(np.array([1 << 40]))
     for call in (

@@ -4,9 +4,8 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from sim_bench import station
 
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from sim_instruments.seeds import generator
@@ -15,7 +14,6 @@ from sim_instruments.worlds.af_converter.constants import CHANNELS, WALK_A_RTH
 from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.af_converter.unit_constants import BiasWalk, NguTruth
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.simulation import open_world
 
 NUMBERS = np.arange(1, 11)
 BRANCHES = (("hold_start", 2), ("up", 10), ("hold_top", 1), ("down", 10), ("hold_end", 2))  # hours
@@ -115,18 +113,6 @@ def test_falling_minus_rising_is_the_width_and_the_centre_is_the_cubic() -> None
     )
 
 
-def test_hysteresis_can_be_switched_off() -> None:
-    truth = NguTruth(4, {"hysteresis": "off"})
-    assert not truth.hysteresis_A.any()
-    assert truth.bias_A(1, 20.0, 0.0, 2.5) == truth.bias_A(1, 20.0, 0.0)
-    options = {"hysteresis": "off"}
-    world = open_world("af_converter", clock=VirtualClock(), seed=1, station=station(), options=options)
-    world.close()
-    assert not world.unit.truth.hysteresis_A.any()
-    with pytest.raises(InputError, match=r"B-NGU-001: .*hysteresis"):
-        NguTruth(4, {"hysteresis": "no"})
-
-
 def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
     """Mean bias of a block against the truth at its gates, on the ramp and where the play is crossed: < 0.005 nA."""
     truth, thermal = NguTruth(2), ramped()
@@ -176,7 +162,9 @@ def test_truth_of_a_bias_campaign() -> None:
     units = {e["quantity"]: e["unit"] for e in found}
     assert (units["bias_tc1"], units["bias_tc3"]) == ("A/degC", "A/degC3")
     assert units["master_clock_error_tc2"] == "ppm/degC2"
-    found = estimates(NguTruth(3, {"hysteresis": "off"}), ramped(), bias_campaign_windows())
+    truth = NguTruth(3, {"hysteresis": "off"})
+    assert truth.bias_A(1, 20.0, 0.0, 2.5) == truth.bias_A(1, 20.0, 0.0)
+    found = estimates(truth, ramped(), bias_campaign_windows())
     assert {e["value"] for e in found if e["quantity"] == "hysteresis_width"} == {0.0}
     assert not [e for e in found if e["quantity"] == "play_half_width"]
 
@@ -241,8 +229,8 @@ def test_options_replace_the_clock_errors_and_switch_the_noise_off():
 
 @pytest.mark.parametrize(
     "options",
-    [{"noise": "maybe"}, {"master_error_ppm": "fast"}, {"af_clock_error_ppm": "1e9"}, {"master_error_ppm": "nan"},
-     {"unit_seed": "-1"}, {"check_standard": "11:3"}, {"check_standard": "7"}],
+    [{"noise": "maybe"}, {"hysteresis": "no"}, {"master_error_ppm": "fast"}, {"af_clock_error_ppm": "1e9"},
+     {"master_error_ppm": "nan"}, {"unit_seed": "-1"}, {"check_standard": "11:3"}, {"check_standard": "7"}],
 )  # fmt: skip
 def test_a_bad_option_is_refused(options):
     with pytest.raises(InputError) as caught:

@@ -268,11 +268,3 @@ def test_it_does_not_matter_how_often_somebody_looks(look_s):
     n = min(len(rows), len(other))
     assert n >= 1118
     assert (rows[:n] == other[:n]).all()
-
-
-def test_commands_are_answered_between_samples():
-    with open_host() as host:
-        streamed(host, seconds=0.5)
-        assert host.ask(0x17, "H", 0x1234) == (0, bytes.fromhex("34 12 34 12"))
-        rows = [f for f in frames_in(host.read()) if f.kind == STREAM]
-    assert len(rows) <= 2

@@ -94,8 +94,6 @@ def test_frames_and_waveform_are_the_same_samples_and_the_encoder_is_latched_in_
     analogue = rig.world.waveform(2000, 2000 + len(rows))
     np.testing.assert_allclose(rows[:, 1], analogue, atol=0.501e-6)
     assert analogue.std() > 0.9
-    rig = running(seed=7)
-    rows = rig.read()
     true_deg = rig.world.sensor.table_deg((2000 + rows[:, 0].astype(np.int64)) * MS + MS // 2)
     apart_deg = (rows[:, 2] - true_deg + 180.0) % 360.0 - 180.0
     assert np.abs(apart_deg).max() <= 180.0 / 2**24 * 1.001

@@ -187,18 +187,19 @@ _PIECES = (
 )
 
 
+def _grown(t_s: float, start: float, column: int) -> float:
+    """What an acceleration or a yaw rate of the pieces has made of a start."""
+    for piece, end in zip(_PIECES, [*[p[0] for p in _PIECES[1:]], np.inf], strict=True):
+        start += piece[column] * (min(max(t_s, piece[0]), end) - piece[0])
+    return start
+
+
 def _heading(t_s: float) -> float:
-    turned = 20.0
-    for (begin, _, rate), end in zip(_PIECES, [*[p[0] for p in _PIECES[1:]], np.inf], strict=True):
-        turned += rate * (min(max(t_s, begin), end) - begin)
-    return np.radians(turned)
+    return np.radians(_grown(t_s, 20.0, 2))
 
 
 def _speed(t_s: float) -> float:
-    speed = 30.0
-    for (begin, along, _), end in zip(_PIECES, [*[p[0] for p in _PIECES[1:]], np.inf], strict=True):
-        speed += along * (min(max(t_s, begin), end) - begin)
-    return speed
+    return _grown(t_s, 30.0, 1)
 
 
 @pytest.mark.parametrize("t_s", [-3.0, 2.0, 4.9, 5.0, 8.0, 11.5, 14.0, 17.0, 17.3, 19.9, 33.0])
