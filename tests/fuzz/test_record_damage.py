@@ -289,7 +289,10 @@ def test_after_a_power_cut_the_session_goes_on_in_a_new_segment(tmp_path: Path) 
     before = good(tmp_path / "s")
     again = resume_session(tmp_path / "s", Resume(reason="power cut"), t_mono_ns=0)
     again.raw("port_a", "rx", NS, b"more")
-    again.close("done")
+    sha256 = again.close("done")
     assert path.read_bytes() == torn, "a segment that exists is never touched"
+    reader = SessionReader(tmp_path / "s")
+    assert (reader.damage, reader.unfinished, reader.sha256) == ([], ["session.0001.mcap"], sha256)
+    assert [(fields["reason"], fields["segment"]) for _, _, fields in reader.events("resume")] == [("power cut", 2)]
     assert good(tmp_path / "s")[: len(before)] == before
     assert [message.payload for message in good(tmp_path / "s") if message.topic == "/link/port_a/rx"][-1] == b"more"
