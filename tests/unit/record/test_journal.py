@@ -58,11 +58,15 @@ def test_flipped_bits_and_lines_out_of_place_end_the_good_part(tmp_path: Path) -
             assert list(read_journal(tmp_path).entries) == entries[: content[:at].count(b"\n")]
 
 
-def test_reopened_journal_goes_on_behind_its_good_part(tmp_path: Path) -> None:
-    written(tmp_path, 3)
+@pytest.mark.parametrize("tail", [b"00000000 {torn", bytes(500) + b"\n" + b'{"n":4}\n'])
+def test_reopened_journal_goes_on_behind_its_good_part(tmp_path: Path, tail: bytes) -> None:
+    entries = written(tmp_path, 3)
     path = tmp_path / JOURNAL_NAME
-    path.write_bytes(path.read_bytes() + b"00000000 {torn")
+    content = path.read_bytes()
+    path.write_bytes(content + tail)
     journal = Journal(tmp_path)
+    assert path.read_bytes() == content
+    assert list(read_journal(tmp_path).entries) == entries
     journal.step(3, "campaign", 9, {})
     journal.close()
     state = read_journal(tmp_path)
@@ -169,16 +173,6 @@ def test_what_is_no_json_and_has_a_right_sum_is_of_another_version(tmp_path: Pat
         (tmp_path / JOURNAL_NAME).write_bytes(b"%08x %b\n" % (zlib.crc32(text, 1), text))
         with pytest.raises(InputError, match="B-REC-007"):
             read_journal(tmp_path)
-
-
-def test_zeros_behind_whole_lines_are_cut_as_before(tmp_path: Path) -> None:
-    entries = written(tmp_path, 3)
-    path = tmp_path / JOURNAL_NAME
-    content = path.read_bytes()
-    path.write_bytes(content + bytes(500) + b"\n" + b'{"n":4}\n')
-    Journal(tmp_path).close()
-    assert path.read_bytes() == content
-    assert list(read_journal(tmp_path).entries) == entries
 
 
 def test_a_crashed_run(tmp_path: Path) -> None:

@@ -159,6 +159,8 @@ def test_every_estimate_has_its_place(model: ReportModel, outline: Outline) -> N
 def test_flags_are_counted_and_provenance_is_named(model: ReportModel, outline: Outline) -> None:
     assert model.counts.by_flag == {"lost": 1, "retaken": 1}
     assert (model.counts.records, model.counts.flagged) == (765, 1)
+    assert len(model.residuals) == 10 * 5 * 12
+    assert all(one.current_A for one in model.residuals)  # at zero current there is none in ppm
     due = [["flag lost", "1"], ["frames lost", "2"], ["SHA-256 of the plan", "ab" * 32]]
     due += [["software.packages.numpy", "2.4"], ["calibrator", "FLUKE", "5720A"]]
     assert [row for row in due if row not in outline.rows] == []
@@ -215,11 +217,6 @@ def test_what_comes_from_a_file_is_escaped(plain: ReportModel) -> None:
     text = Report(nasty).html()
     assert "<script" not in text
     assert "&lt;b&gt;x&lt;/b&gt;" in text
-
-
-def test_zero_current_has_no_residual_in_ppm(model: ReportModel) -> None:
-    assert len(model.residuals) == 10 * 5 * 12
-    assert all(one.current_A for one in model.residuals)
 
 
 @pytest.mark.parametrize("method", ["gls", "ols"])

@@ -204,7 +204,7 @@ def state_of(recorded: Recording) -> RecordedState:
     return RecordedState(recorded, scenery_of(recorded))
 
 
-def test_the_state_is_that_of_the_moment_forward_and_back(recorded: Recording) -> None:
+def test_the_state_is_that_of_the_moment_forward_and_back(recorded: Recording, tmp_path: Path) -> None:
     state = state_of(recorded)
     ended = state.at(recorded.last_utc_s)
     assert (ended["state"], ended["outcome"]["error"], ended["records"]["done"]) == ("ended", None, 10)
@@ -215,13 +215,9 @@ def test_the_state_is_that_of_the_moment_forward_and_back(recorded: Recording) -
     assert middle["instruments"]["dmm"]["answer_ms"] == pytest.approx(10.0, abs=0.01)
     assert state.at(recorded.last_utc_s) == ended
     assert state_of(recorded).at(UTC_S + 455.0) == middle
-
-
-def test_a_recording_without_an_end_was_stopped(tmp_path: Path) -> None:
     write_session(tmp_path / "s", ends=False)
     state = state_of(read_recording(tmp_path / "s"))
-    assert state.at(UTC_S + 455.0)["state"] != "stopped"
-    assert state.at(UTC_S + 2000.0)["state"] == "stopped"
+    assert [state.at(UTC_S + later_s)["state"] == "stopped" for later_s in (455.0, 2000.0)] == [False, True]
 
 
 class Stage:
