@@ -323,12 +323,9 @@ def test_every_command_stands_in_one_group() -> None:
     assert sorted(listed) == sorted(COMMAND.commands)  # type: ignore[attr-defined]
 
 
-def test_help_and_version_are_options_too(inside: Inside) -> None:
+def test_help_and_version_are_options_too_and_a_mistyped_command_is_guessed(inside: Inside) -> None:
     assert inside().stdout == inside("--help").stdout == inside("-h").stdout
     assert inside("--version").stdout == inside("version").stdout == f"{bench.__version__}\n"
-
-
-def test_a_mistyped_command_is_guessed(inside: Inside) -> None:
     done = inside("rnu")
     assert done.returncode == 2
     assert "error B-CLI-011: " in done.stderr
