@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from record_sample import ROOT, frame
+from record_sample import ROOT, chunks_of, frame
 
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, Message
 from bench.frame.layout import Field, Layout, read_element
@@ -84,14 +84,6 @@ def damaged_stream(definition: FrameDefinition, generator: Generator) -> bytes:
             frame = damage(kinds[generator.integers(len(kinds))], frame, definition.layout.pattern, generator)
         stream += frame
     return bytes(stream)
-
-
-def chunks_of(stream: bytes, generator: Generator) -> list[bytes]:
-    found, at = [], 0
-    while at < len(stream):
-        found.append(stream[at : at + int(generator.integers(1, 701))])
-        at += len(found[-1])
-    return found
 
 
 def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_frame_engines import DAMAGE, Generator, chunks_of, damage, everything, random_values
+from record_sample import chunks_of
+from test_frame_engines import DAMAGE, Generator, damage, everything, random_values
 
 from bench.frame import FrameDefinition, FrameSpec, parse_frame
 from bench.frame.compiling.whole import compile_frame

@@ -48,11 +48,12 @@ def chunks(content: bytes) -> dict[int, int]:
     return found
 
 
-def check(session: Path, folder: Path, flips: int, fits: int, seed: int, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("flips", "fits"), [(30, 2), pytest.param(3000, 300, marks=pytest.mark.sweep)])
+def test_flipped_bits(golden: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flips: int, fits: int) -> None:
+    seed, folder = SEED + (flips > 30), tmp_path
     rng = np.random.default_rng(seed)
-    content = (session / NAME).read_bytes()
-    whole, chunk = good(session), chunks(content)
-    folder.mkdir()
+    content = (golden / NAME).read_bytes()
+    whole, chunk = good(golden), chunks(content)
     lost_most = 0
     for number in range(flips):
         at, bit = int(rng.integers(0, len(content))), int(rng.integers(0, 8))
@@ -75,11 +76,6 @@ def check(session: Path, folder: Path, flips: int, fits: int, seed: int, capsys:
             capsys.readouterr()
     with capsys.disabled():
         print(f"seed {seed}: {flips} flips noticed, at most {lost_most} of {len(whole)} messages lost, {fits} fitted")
-
-
-@pytest.mark.parametrize("flips", [30, pytest.param(3000, marks=pytest.mark.sweep)])
-def test_flipped_bits(golden: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flips: int) -> None:
-    check(golden, tmp_path / "s", flips, 2 if flips == 30 else 300, SEED + (flips > 30), capsys)
 
 
 @pytest.mark.parametrize("at", [0, 3, 40, 200, 2000])
@@ -123,7 +119,9 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     return bytes(work)
 
 
-def check_random(folder: Path, rounds: int, seed: int) -> None:
+@pytest.mark.parametrize("rounds", [400, pytest.param(20_000, marks=pytest.mark.sweep)])
+def test_random_damage(tmp_path: Path, rounds: int) -> None:
+    seed, folder = SEED + (rounds > 400), tmp_path
     rng = np.random.default_rng(seed)
     write_sample(folder / "whole", seconds=15)
     whole, _ = read(folder / "whole")
@@ -139,11 +137,6 @@ def check_random(folder: Path, rounds: int, seed: int) -> None:
             missing = sum(item.lost or 0 for item in reader.damage)
             assert reader.unfinished or missing >= len(whole) - len(set(got)) or got[-1] != whole[-1], place
         recover_session(folder / "bad")
-
-
-@pytest.mark.parametrize("rounds", [400, pytest.param(20_000, marks=pytest.mark.sweep)])
-def test_random_damage(tmp_path: Path, rounds: int) -> None:
-    check_random(tmp_path, rounds, SEED + (rounds > 400))
 
 
 def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
@@ -241,26 +234,26 @@ def after_the_cut(content: bytes, size: int, synced: int, rng: np.random.Generat
     return bytes(found) + bytes(int(rng.integers(0, 2)) * 4096)
 
 
-def check_cuts(folder: Path, tails: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    states = recorded(folder / "whole", rng)
-    name = "session.0001.mcap"
-    content = (folder / "whole" / name).read_bytes()
-    lines = (folder / "whole" / JOURNAL_NAME).read_bytes()
-    whole, steps = good(folder / "whole"), read_journal(folder / "whole").entries
-    cut = folder / "cut"
+@pytest.mark.parametrize("tails", [60, pytest.param(3000, marks=pytest.mark.sweep)])
+def test_power_cut(tmp_path: Path, tails: int) -> None:
+    rng = np.random.default_rng(CUT_SEED)
+    states = recorded(tmp_path / "whole", rng)
+    content = (tmp_path / "whole" / NAME).read_bytes()
+    lines = (tmp_path / "whole" / JOURNAL_NAME).read_bytes()
+    whole, steps = good(tmp_path / "whole"), read_journal(tmp_path / "whole").entries
+    cut = tmp_path / "cut"
     cut.mkdir()
     worst_s, kept = 0.0, 0
     for number in range(tails):
-        place = f"seed {seed}, tail {number}"
-        size, synced = states[name][int(rng.integers(2, len(states[name])))]
-        (cut / name).write_bytes(content[:synced])
+        place = f"seed {CUT_SEED}, tail {number}"
+        size, synced = states[NAME][int(rng.integers(2, len(states[NAME])))]
+        (cut / NAME).write_bytes(content[:synced])
         safe = good(cut)
-        (cut / name).write_bytes(after_the_cut(content, size, synced, rng))
+        (cut / NAME).write_bytes(after_the_cut(content, size, synced, rng))
         got = good(cut)
         assert got[: len(safe)] == safe, f"{place}: something synced is lost"
         assert set(got) <= set(whole), f"{place}: a phantom"
-        (cut / name).write_bytes(content[:size])
+        (cut / NAME).write_bytes(content[:size])
         written_ns = good(cut)[-1].t_ns
         worst_s = max(worst_s, (written_ns - (got[-1].t_ns if got else 0)) / NS)
         kept += len(got) > len(safe)
@@ -270,13 +263,8 @@ def check_cuts(folder: Path, tails: int, seed: int) -> None:
             done = read_journal(cut).entries
             assert done == steps[: len(done)], f"{place}: a phantom step"
             assert len(done) >= lines[:synced].count(b"\n"), f"{place}: a synced step is lost"
-    print(f"seed {seed}: {tails} tails, at most {worst_s:g} s lost, {kept} tails held more than was synced, 0 phantoms")
+    print(f"seed {CUT_SEED}: of {tails} tails at most {worst_s:g} s lost, {kept} held more than was synced, 0 phantoms")
     assert worst_s <= COMMIT_S
-
-
-@pytest.mark.parametrize("tails", [60, pytest.param(3000, marks=pytest.mark.sweep)])
-def test_power_cut(tmp_path: Path, tails: int) -> None:
-    check_cuts(tmp_path, tails, CUT_SEED)
 
 
 def test_after_a_power_cut_the_session_goes_on_in_a_new_segment(tmp_path: Path) -> None:
@@ -289,7 +277,10 @@ def test_after_a_power_cut_the_session_goes_on_in_a_new_segment(tmp_path: Path) 
     before = good(tmp_path / "s")
     again = resume_session(tmp_path / "s", Resume(reason="power cut"), t_mono_ns=0)
     again.raw("port_a", "rx", NS, b"more")
-    again.close("done")
+    sha256 = again.close("done")
     assert path.read_bytes() == torn, "a segment that exists is never touched"
+    reader = SessionReader(tmp_path / "s")
+    assert (reader.damage, reader.unfinished, reader.sha256) == ([], ["session.0001.mcap"], sha256)
+    assert [(fields["reason"], fields["segment"]) for _, _, fields in reader.events("resume")] == [("power cut", 2)]
     assert good(tmp_path / "s")[: len(before)] == before
     assert [message.payload for message in good(tmp_path / "s") if message.topic == "/link/port_a/rx"][-1] == b"more"

@@ -85,12 +85,14 @@ def judge(path: Path, act: Callable[[Path], None], whole: bytes | None = None) -
     return outcome
 
 
-def sweep(folder: Path, total: int) -> dict[str, int]:
+@pytest.mark.slow
+@pytest.mark.parametrize(("total", "least"), [(150, 30), pytest.param(10_000, 1_000, marks=pytest.mark.sweep)])
+def test_one_byte_mutations(bench_folder: Path, total: int, least: int) -> None:
     rng = np.random.default_rng(SEED)
     outcomes = {"valid": 0, "refused": 0}
     share = -(-total // len(FILES))
     for name in FILES:
-        path = folder / name
+        path = bench_folder / name
         raw = path.read_bytes()
         count = min(share, LARGE_COUNT) if len(raw) > LARGE_BYTES else share
         count *= FRAMES_MORE if name.parent.name == "frames" else 1
@@ -103,12 +105,5 @@ def sweep(folder: Path, total: int) -> dict[str, int]:
                 raise
         path.write_bytes(raw)
     print(f"seed {SEED}: {outcomes}")
-    return outcomes
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("total", "least"), [(150, 30), pytest.param(10_000, 1_000, marks=pytest.mark.sweep)])
-def test_one_byte_mutations(bench_folder: Path, total: int, least: int) -> None:
-    outcomes = sweep(bench_folder, total)
     assert sum(outcomes.values()) >= max(total, 300)
     assert min(outcomes.values()) > least

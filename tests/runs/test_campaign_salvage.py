@@ -18,7 +18,6 @@ from rehearsal import (
     copied,
     crashed_at,
     go_on,
-    kinds,
     overheard,
     rehearsed,
     shortened,
@@ -169,13 +168,10 @@ def test_invalid_records_are_made_up_with_their_reason(
     assert len([step for step in plan.phase("campaign") if step.kind == "record"]) == 3
 
 
-def test_nothing_to_make_up_is_said(stopped: tuple[Path, Path], tmp_path: Path) -> None:
+def test_nothing_to_make_up_is_said_and_a_ramp_cannot_be(stopped: tuple[Path, Path], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="B-RES-007"):
         recover(stopped[1], tmp_path / "rest.yaml", as_json=False)
     assert not (tmp_path / "rest.yaml").exists()
-
-
-def test_a_ramp_without_gaps_cannot_be_made_up(tmp_path: Path) -> None:
     plan = compile_sequence("bias_ramp_short")
     with pytest.raises(InputError, match="B-RES-008"):
         make_up_sequence(plan, record_states(plan.steps, nothing_recorded()))
@@ -234,13 +230,16 @@ def test_another_standard_is_refused_before_any_stimulus(crashes: Crashes, tmp_p
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
-def test_a_living_run_is_not_gone_on_with(crashes: Crashes, tmp_path: Path) -> None:
+def test_a_living_run_is_not_gone_on_with_and_the_frozen_plan_is_the_plan(crashes: Crashes, tmp_path: Path) -> None:
     folder = copied(crashes, "between points", tmp_path)
     journal = Journal(folder)
     with pytest.raises(InputError, match="B-RES-002"):
         read_stopped(folder)
     journal.close()
-    assert read_stopped(folder).plan.sha256 == crashes.plan.sha256
+    frozen, plan = read_stopped(folder).plan, crashes.plan
+    assert (frozen.sha256, dict(frozen.campaign)) == (plan.sha256, dict(plan.campaign))
+    assert dict(frozen.settings) == dict(plan.settings) == {"world.calibrator_gain": "off"}
+    assert dict(frozen.station.world_options) == dict(plan.station.world_options)
 
 
 def test_another_plan_is_refused_and_the_same_one_is_not(crashes: Crashes, tmp_path: Path) -> None:
@@ -275,14 +274,6 @@ def test_a_session_that_lost_its_plan_is_refused(crashes: Crashes, tmp_path: Pat
     for damaged in ({**texts, "plan.json": changed}, {**texts, "plan.json": "[{}]"}, missing):
         with pytest.raises(SessionDamaged, match="B-RES-004"):
             frozen_plan(folder, stopped.manifest, damaged)
-
-
-def test_the_frozen_plan_is_the_plan(crashes: Crashes) -> None:
-    stopped = read_stopped(crashes.at(kinds(crashes.plan)["between points"]))
-    assert stopped.plan.sha256 == crashes.plan.sha256
-    assert dict(stopped.plan.settings) == dict(crashes.plan.settings) == {"world.calibrator_gain": "off"}
-    assert dict(stopped.plan.station.world_options) == dict(crashes.plan.station.world_options)
-    assert dict(stopped.plan.campaign) == dict(crashes.plan.campaign)
 
 
 def own_files(folder: Path) -> Path:

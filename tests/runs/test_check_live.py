@@ -9,7 +9,9 @@ import pytest
 from rehearsal import Inside, bench
 from served import Served, serving
 
+from bench.commands.hand import commission
 from bench.model.clock import WallClock
+from bench.model.errors import InputError
 from bench.plan import load_station
 from bench.run.guard.lock import BenchLock, bus_keys
 
@@ -150,9 +152,6 @@ def test_a_bench_inside_the_process_and_a_role_that_is_not_there(inside: Inside,
 
 
 def test_a_driver_without_a_table(table: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bench.commands.hand import commission
-    from bench.model.errors import InputError
-
     monkeypatch.setattr(commission, "manual_of", lambda driver: None)
     with pytest.raises(InputError, match="B-COM-001: "):
         commission.commission("turntable", str(as_a_real_one(table, tmp_path)), "somebody", yes=False)

@@ -60,10 +60,6 @@ def session(tmp_path_factory: pytest.TempPathFactory, probes: None) -> SESSION:
     return sequence, folder / "out" / NAME
 
 
-def results_of(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / "results.json").read_text())
-
-
 def test_the_check_knows_steps_duration_and_disk_use(tmp_path: Path) -> None:
     plan = probe_plan(tmp_path)
     summary = summarise(plan)
@@ -77,7 +73,7 @@ def test_the_check_knows_steps_duration_and_disk_use(tmp_path: Path) -> None:
 
 def test_results_of_a_run(session: SESSION) -> None:
     """Each probe follows the chamber within the meter's one-year accuracy; its leads, 2 x 1.5 ohm, do not show."""
-    results = results_of(session[1])
+    results: dict[str, Any] = json.loads((session[1] / "results.json").read_text())
     frames = {"frames": 0, "frames_bad": 0, "frames_lost": 0}
     assert results["quality"] == {**frames, "records": RECORDS, "retaken": 0, "splices": 0}
     assert results["provenance"]["frame_sha256"] == ""
@@ -129,12 +125,6 @@ def test_every_reader_of_a_session_takes_it(session: SESSION) -> None:
     (folder / "certificate.specimen.xml").unlink()
     early = verdict(folder, {"max_lost": 0.0, "max_bad": 0.0, "max_dispersion": 5.0, "max_residual": 6.0})
     assert (early["ok"], early["records"]) == (None, RECORDS)  # no frames, so nothing that could be judged early
-
-
-def test_a_sequence_that_only_records(tmp_path: Path) -> None:
-    sequence = written(tmp_path, ("analysis: probe_means\n", ""))
-    assert "4 records in" in command("run", sequence, "--out", tmp_path / "out")
-    assert len(replay_rows(tmp_path / "out" / NAME).rows) == RECORDS
 
 
 def test_the_page_and_the_terminal_show_readings(tmp_path: Path) -> None:

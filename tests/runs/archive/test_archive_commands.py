@@ -294,16 +294,8 @@ def test_import_show_and_list(ask: Say, session: Path) -> None:
     out = session.parent
     status, text, _ = ask("list", "--out", out)
     assert status == 0
-    for word in (
-        "(SIMULATED)",
-        "NGU GOLDEN",
-        sha256_of(session)[:8],
-        "campaign",
-        "verdict",
-        "revision",
-        "approved by",
-    ):
-        assert word in text
+    words = ("(SIMULATED)", "NGU GOLDEN", sha256_of(session)[:8], "campaign", "verdict", "revision", "approved by")
+    assert all(word in text for word in words), text
     status, text, _ = ask("show", session)
     assert "first results" in text
     assert "5720A" in text

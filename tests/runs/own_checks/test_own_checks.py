@@ -231,10 +231,14 @@ def taken(steps: str, rail_V: float = 5.0) -> tuple[int, list[str], list[str], P
     return done.exit_code, missing, [entry["quantity"] for entry in results_of(folder)["estimates"]], folder
 
 
-@pytest.mark.parametrize("steps", ["WAITS", "IF"])
-def test_a_loop_that_ends_and_a_branch_that_is_not_taken_promise_nothing(lab: Path, steps: str) -> None:
-    """No turn more; neither a call, nor the readings of a record, nor what a person measures."""
-    assert taken({"WAITS": WAITS, "IF": IF}[steps])[:3] == (0, [], ["rail_meter_voltage", "current"])
+@pytest.mark.parametrize(
+    ("steps", "rail_V", "more"), [(WAITS, 5.0, []), (IF, 5.0, []), (CHOOSE, 4.2, ["both"]), (CHOOSE, 5.2, ["both"])]
+)
+def test_a_loop_that_ends_and_a_branch_that_is_not_taken_promise_nothing(
+    lab: Path, steps: str, rail_V: float, more: list[str]
+) -> None:
+    """No turn more; no call, reading of a record or what a person measures; of two branches the value of one."""
+    assert taken(steps, rail_V)[:3] == (0, [], ["rail_meter_voltage", "current", *more])
 
 
 def test_a_loop_that_goes_on_without_what_it_waits_for_says_so(lab: Path) -> None:
@@ -249,11 +253,6 @@ def test_a_branch_that_is_taken_promises_its_values(lab: Path) -> None:
     status, missing, names, _ = taken(IF, 4.2)
     assert (status, missing) == (0, [])
     assert {"low_rail_output", "low_rail_input", "fuse"} <= {*names}
-
-
-@pytest.mark.parametrize("rail", [4.2, 5.2])
-def test_a_value_of_two_branches_is_that_of_the_one_taken(lab: Path, rail: float) -> None:
-    assert taken(CHOOSE, rail)[:3] == (0, [], ["rail_meter_voltage", "current", "both"])
 
 
 SEQUENCE = """\
@@ -321,6 +320,8 @@ def test_each_is_an_estimate_with_its_verdict(session: Path) -> None:
     assert found["firmware"]["value"] == 1.0
     assert found["firmware"]["std_uncertainty"] == pytest.approx(0.1 / math.sqrt(12.0))  # "1.0": its last digit
     assert found["frequency"]["std_uncertainty"] == pytest.approx(0.05, rel=1e-3)
+    assert "every number is identical" in command("replay", session).output  # the same from the session alone
+    assert "identical" in command("report", session, "--verify").output
 
 
 def test_a_number_of_the_frames_is_the_mean_of_the_record(session: Path) -> None:
@@ -345,11 +346,6 @@ def test_a_number_of_the_frames_is_the_mean_of_the_record(session: Path) -> None
     clock = found["clock"]
     assert (clock["unit"], clock["n"]) == ("pulse", 2000)
     assert clock["value"] == pytest.approx(2560.0, abs=0.2)  # of 256 kHz in 10 ms
-
-
-def test_it_is_the_same_from_the_session_alone(session: Path) -> None:
-    assert "every number is identical" in command("replay", session).output
-    assert "identical" in command("report", session, "--verify").output
 
 
 def test_what_is_not_as_expected_fails_or_is_missing(tmp_path: Path) -> None:

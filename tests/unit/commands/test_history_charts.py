@@ -319,20 +319,12 @@ def copied(folder: Path, damage: Callable[[bytearray], object] = lambda content:
     return folder
 
 
-def flip(content: bytearray) -> None:
-    content[len(content) // 2] ^= 0xFF
-
-
-def cut(content: bytearray) -> None:
-    del content[-20_000:]
-
-
 def test_sessions_as_they_are_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Three of one name: one whole, one with a false byte, one that ends in the middle of a run."""
     sessions = [
         copied(tmp_path / "first" / "session"),
-        copied(tmp_path / "second" / "session", flip),
-        copied(tmp_path / "third" / "session", cut),
+        copied(tmp_path / "second" / "session", lambda raw: raw.__setitem__(len(raw) // 2, raw[len(raw) // 2] ^ 0xFF)),
+        copied(tmp_path / "third" / "session", lambda raw: raw.__delitem__(slice(-20_000, None))),
     ]
     status = batch_command.batch(sessions, tmp_path / "out", as_json=True)
     document = json.loads(capsys.readouterr().out)

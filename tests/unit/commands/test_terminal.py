@@ -136,16 +136,6 @@ def test_settings() -> None:
             settings_of([wrong])
 
 
-class Told:
-    """A follower that has its answer ready."""
-
-    def __init__(self, **changes: Any) -> None:
-        self.document: Any = document(**changes)
-
-    def look(self) -> Any:
-        return self.document
-
-
 def on(kind: str, what: str, **wait: Any) -> dict[str, Any]:
     step = {**document()["step"], "kind": kind, "what": what}
     return document(step=step, wait={"reason": what, "since_utc_s": NOW_S - 40, "until_utc_s": NOW_S + 60, **wait})
@@ -171,7 +161,7 @@ def test_what_is_going_on(found: dict[str, Any], words: str) -> None:
 def test_a_quiet_log_shows_that_the_run_lives(capsys: pytest.CaptureFixture[str]) -> None:
     clock: Any = SetClock()
     lines = PlainLines(PLAN, console(), clock)
-    told: Any = Told()
+    told: Any = SimpleNamespace(look=document)
     said = []
     for minute in range(61):
         clock.s = 60.0 * minute
@@ -323,12 +313,9 @@ def test_every_command_stands_in_one_group() -> None:
     assert sorted(listed) == sorted(COMMAND.commands)  # type: ignore[attr-defined]
 
 
-def test_help_and_version_are_options_too(inside: Inside) -> None:
+def test_help_and_version_are_options_too_and_a_mistyped_command_is_guessed(inside: Inside) -> None:
     assert inside().stdout == inside("--help").stdout == inside("-h").stdout
     assert inside("--version").stdout == inside("version").stdout == f"{bench.__version__}\n"
-
-
-def test_a_mistyped_command_is_guessed(inside: Inside) -> None:
     done = inside("rnu")
     assert done.returncode == 2
     assert "error B-CLI-011: " in done.stderr

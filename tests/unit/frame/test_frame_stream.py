@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from crccheck.crc import Crc8Smbus, Crc16Modbus
+from crccheck.crc import Crc16Modbus
 from hypothesis import example, given, seed, settings
 from hypothesis import strategies as st
 from record_sample import frame
@@ -181,40 +181,6 @@ def test_counters_do_not_depend_on_the_moments_of_flushing(seed: int) -> None:
     assert replay.counts == live.counts
     assert live.counts.suspect > 0
     assert live.counts.lost > 0
-
-
-SHARED = """frame: shared
-endian: little
-sync: [0xA5]
-rate: 10 Hz
-fields: [{name: kind, type: u8}, {name: counter, type: u8, role: counter}]
-type: {field: kind}
-messages:
-  one: {value: 1, fields: [{name: total, type: u8, per: cumulative}], golden: "a5010005CC1", expect: {total: 5}}
-  two: {value: 2, fields: [{name: value, type: u16}], golden: "a502000900CC2", expect: {value: 9}}
-crc: {name: crc-8/smbus, over: [kind, end]}
-"""
-
-
-def shared() -> FrameDefinition:
-    text = SHARED
-    for mark, body in (("CC1", "010005"), ("CC2", "02000900")):
-        text = text.replace(mark, f"{Crc8Smbus.calc(bytes.fromhex(body)):02x}")
-    return parse_frame(text, "shared.yaml")
-
-
-def test_a_counter_shared_by_all_messages() -> None:
-    definition = shared()
-    link = LinkDecoder(definition)
-    order = ["one", "two", "two", "one", "one", "two"]
-    for index, name in enumerate(order):
-        if index != 3:
-            values = {"counter": (254 + index) % 256, "total" if name == "one" else "value": 1}
-            link.push(index * 10**8, definition.encode_one(values, name))
-    batch = link.flush()
-    assert batch.messages["one"].counter.tolist() == [254, 258]  # type: ignore[union-attr]
-    assert batch.messages["two"].counter.tolist() == [255, 256, 259]  # type: ignore[union-attr]
-    assert link.counts.lost == 1
 
 
 @pytest.mark.parametrize("engine", ["numpy", "reference"])

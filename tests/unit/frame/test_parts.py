@@ -60,6 +60,8 @@ def test_a_group_and_an_optional_part(engine: Engine) -> None:
     np.testing.assert_array_equal(batch.scaled("rate")[:2], [[1.5, -2.5, np.nan], [np.nan] * 3])
     np.testing.assert_array_equal(batch.scaled("temperature"), [-20.5, np.nan, -20.5])
     assert batch.there("axis").tolist() == [2, 0, 2]  # type: ignore[union-attr]
+    assert batch.newest("temperature") == -20.5
+    assert np.isnan(definition.decoder(engine).feed(TWO_SETS + NO_SET).messages["frame"].newest("temperature"))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -84,13 +86,6 @@ def test_what_a_frame_does_not_hold_is_empty_in_a_table(suffix: str, tmp_path: P
         due = [{"axis_1": 3, "axis_2": None, "tag": great, "state.on": 1, "label": b"ab"},
                {"axis_1": None, "axis_2": None, "tag": None, "state.on": None, "label": None}]  # fmt: skip
     assert [{name: row[name] for name in due[0]} for row in rows] == due
-
-
-def test_a_newest_value_that_is_not_there_is_nan() -> None:
-    decoder = of([GROUP, EXTRA], TWO_SETS).decoder("numpy")
-    batch = decoder.feed(TWO_SETS + NO_SET).messages["frame"]
-    assert np.isnan(batch.newest("temperature"))
-    assert decoder.feed(NO_SET + TWO_SETS).messages["frame"].newest("temperature") == -20.5
 
 
 def test_what_is_encoded_is_what_struct_makes() -> None:

@@ -13,7 +13,6 @@ from bench.record import (
     Journal,
     JournalEntry,
     RecordError,
-    SessionReader,
     SessionWriter,
     read_journal,
     recover_session,
@@ -44,10 +43,13 @@ def test_cut_anywhere_gives_the_whole_lines_before(tmp_path: Path) -> None:
         assert state.torn == (stop != state.good_bytes)
 
 
-def test_flipped_bits_end_the_good_part(tmp_path: Path) -> None:
+def test_flipped_bits_and_lines_out_of_place_end_the_good_part(tmp_path: Path) -> None:
     entries = written(tmp_path, 5)
     path = tmp_path / JOURNAL_NAME
     content = path.read_bytes()
+    lines = content.splitlines(keepends=True)
+    path.write_bytes(lines[0] + lines[2] + lines[1])
+    assert list(read_journal(tmp_path).entries) == entries[:1]
     for at in range(len(content)):
         for bit in (0, 3, 7):
             damaged = bytearray(content)
@@ -56,19 +58,15 @@ def test_flipped_bits_end_the_good_part(tmp_path: Path) -> None:
             assert list(read_journal(tmp_path).entries) == entries[: content[:at].count(b"\n")]
 
 
-def test_lines_out_of_place_are_refused(tmp_path: Path) -> None:
-    written(tmp_path, 5)
+@pytest.mark.parametrize("tail", [b"00000000 {torn", bytes(500) + b"\n" + b'{"n":4}\n'])
+def test_reopened_journal_goes_on_behind_its_good_part(tmp_path: Path, tail: bytes) -> None:
+    entries = written(tmp_path, 3)
     path = tmp_path / JOURNAL_NAME
-    lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(lines[0] + lines[2] + lines[1])
-    assert len(read_journal(tmp_path).entries) == 1
-
-
-def test_reopened_journal_goes_on_behind_its_good_part(tmp_path: Path) -> None:
-    written(tmp_path, 3)
-    path = tmp_path / JOURNAL_NAME
-    path.write_bytes(path.read_bytes() + b"00000000 {torn")
+    content = path.read_bytes()
+    path.write_bytes(content + tail)
     journal = Journal(tmp_path)
+    assert path.read_bytes() == content
+    assert list(read_journal(tmp_path).entries) == entries
     journal.step(3, "campaign", 9, {})
     journal.close()
     state = read_journal(tmp_path)
@@ -91,7 +89,8 @@ def test_a_full_disk_keeps_the_lines_before(tmp_path: Path) -> None:
 
 def test_a_torn_line_that_cannot_be_cut_back_is_cut_before_the_next(tmp_path: Path) -> None:
     """The disk is read-only for a while: neither call is an error nobody foresaw, and no line follows a torn one."""
-    faults = {("write", 2): 10, ("truncate", 1): read_only(), ("truncate", 2): read_only()}
+    read_only = OSError(errno.EROFS, "read-only file system")
+    faults = {("write", 2): 10, ("truncate", 1): read_only, ("truncate", 2): read_only}
     journal = Journal(tmp_path, FaultyFiles(lambda kind, n: faults.get((kind, n))))
     journal.step(0, "campaign", 0, {})
     for _ in range(2):
@@ -113,16 +112,7 @@ def test_a_journal_that_may_not_be_on_the_disk_says_so(tmp_path: Path) -> None:
     journal.close()
 
 
-def read_only() -> OSError:
-    return OSError(errno.EROFS, "read-only file system")
-
-
-def test_a_folder_without_a_journal_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="B-REC-005"):
-        Journal(tmp_path / "not there")
-
-
-def test_two_writers_of_one_journal_are_refused(tmp_path: Path) -> None:
+def test_two_writers_of_one_journal_and_a_folder_that_is_not_there_are_refused(tmp_path: Path) -> None:
     """The lock is the kernel's: it is gone with its holder, however that ends."""
     assert not is_being_written(tmp_path)
     journal = Journal(tmp_path)
@@ -133,6 +123,8 @@ def test_two_writers_of_one_journal_are_refused(tmp_path: Path) -> None:
     journal.close()
     assert not is_being_written(tmp_path)
     Journal(tmp_path).close()
+    with pytest.raises(RecordError, match="B-REC-005"):
+        Journal(tmp_path / "not there")
 
 
 def test_a_step_that_set_something_says_what(tmp_path: Path) -> None:
@@ -140,10 +132,8 @@ def test_a_step_that_set_something_says_what(tmp_path: Path) -> None:
     journal.step(0, "campaign", 0, {}, {"calibrator.output": {"current": 0.01}})
     journal.step(1, "campaign", 0, {}, {})
     journal.close()
-    assert [entry.setpoint for entry in read_journal(tmp_path).entries] == [
-        {"calibrator.output": {"current": 0.01}},
-        {},
-    ]
+    set_by = [entry.setpoint for entry in read_journal(tmp_path).entries]
+    assert set_by == [{"calibrator.output": {"current": 0.01}}, {}]
 
 
 def in_another_form(path: Path, change: dict[str, object], first: int = 1) -> bytes:
@@ -185,24 +175,6 @@ def test_what_is_no_json_and_has_a_right_sum_is_of_another_version(tmp_path: Pat
             read_journal(tmp_path)
 
 
-def test_zeros_behind_whole_lines_are_cut_as_before(tmp_path: Path) -> None:
-    entries = written(tmp_path, 3)
-    path = tmp_path / JOURNAL_NAME
-    content = path.read_bytes()
-    path.write_bytes(content + bytes(500) + b"\n" + b'{"n":4}\n')
-    Journal(tmp_path).close()
-    assert path.read_bytes() == content
-    assert list(read_journal(tmp_path).entries) == entries
-
-
-def damage_middle(session: Path) -> None:
-    path = session / "session.0001.mcap"
-    content = bytearray(path.read_bytes())
-    middle = len(content) // 3
-    content[middle : middle + 40] = bytes(40)
-    path.write_bytes(content)
-
-
 def test_a_crashed_run(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
     journal = Journal(tmp_path)
@@ -223,16 +195,3 @@ def test_a_journal_of_another_version_is_told_and_the_rest_is_listed(tmp_path: P
     assert (found.damaged, found.steps) == (False, 0)
     assert any("B-REC-007" in line for line in found.lines())
     assert "B-REC-007" in found.as_json()["journal_refused"]
-
-
-def test_a_damaged_session_says_what_is_lost(tmp_path: Path) -> None:
-    write_sample(tmp_path / "s")
-    damage_middle(tmp_path / "s")
-    found = recover_session(tmp_path / "s")
-    assert found.damaged
-    assert found.lost > 0
-    kept = sum(count for topic, count in found.counts.items() if topic != "/chain")
-    assert kept + found.lost == SessionReader(tmp_path / "s").next_sequence
-    text = found.as_json()
-    assert text["lost"] == found.lost
-    assert {"segment", "byte", "what", "lost"} == set(text["damage"][0])

@@ -95,40 +95,22 @@ def test_damage_names_segment_byte_and_loss(session: Path) -> None:
     assert lost + sum(count for topic, count in reader.counts.items() if topic != "/chain") == reader.next_sequence
     assert (first.segment, first.byte) == ("session.0001.mcap", offsets[3])
     assert "session.0001.mcap byte" in str(first)
+    said = recover_session(session).as_json()
+    assert (said["lost"], said["damage"][0].keys()) == (lost, {"segment", "byte", "what", "lost"})
+    assert lost > 0
     with pytest.raises(SessionDamaged, match="B-REC-011") as caught:
         list(SessionReader(session, strict=True).messages())
     assert caught.value.exit_status == 5
 
 
-def wrong_crc(content: bytearray, chunks: list[int]) -> None:
-    content[chunks[5] + 33] ^= 0xFF
-
-
-def removed(content: bytearray, chunks: list[int]) -> None:
-    del content[chunks[8] : chunks[9]]
-
-
-def repeated(content: bytearray, chunks: list[int]) -> None:
-    content[chunks[9] : chunks[9]] = content[chunks[8] : chunks[9]]
-
-
-def no_channel(content: bytearray, chunks: list[int]) -> None:
-    """The records of the link's channel stand in the third chunk; later ones are readable without it."""
-    content[chunks[2] + 60] = 0xEE
-
-
-def no_summary(content: bytearray, chunks: list[int]) -> None:
-    content[-60] ^= 1
-
-
 @pytest.mark.parametrize(
     ("edit", "lost", "what"),
     [
-        (wrong_crc, 0, "chunk CRC is wrong"),
-        (removed, 1, "messages are missing"),
-        (repeated, 0, "goes back"),
-        (no_channel, 1, ""),
-        (no_summary, 0, "summary"),
+        (lambda content, at: content.__setitem__(at[5] + 33, content[at[5] + 33] ^ 0xFF), 0, "chunk CRC is wrong"),
+        (lambda content, at: content.__delitem__(slice(at[8], at[9])), 1, "messages are missing"),
+        (lambda content, at: content.__setitem__(slice(at[9], at[9]), content[at[8] : at[9]]), 0, "goes back"),
+        (lambda content, at: content.__setitem__(at[2] + 60, 0xEE), 1, ""),  # the channel's records; later ones do too
+        (lambda content, at: content.__setitem__(-60, content[-60] ^ 1), 0, "summary"),
     ],
 )
 def test_damage_costs_a_chunk(
@@ -184,11 +166,6 @@ def test_the_results_know_of_a_last_segment_that_is_missing(tmp_path: Path) -> N
     assert [item.what for item in SessionReader(tmp_path).damage] == [SHORTER]
 
 
-def test_a_folder_without_a_session(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="B-REC-010"):
-        SessionReader(tmp_path)
-
-
 def test_a_lost_manifest(session: Path) -> None:
     def wipe(content: bytearray) -> None:
         for at in chunk_offsets(bytes(content))[:copies]:
@@ -204,8 +181,13 @@ def test_a_lost_manifest(session: Path) -> None:
     assert raw_count(SessionReader(session)) == SECONDS
 
 
-def test_a_file_that_is_no_segment(tmp_path: Path) -> None:
-    (tmp_path / "session.0001.mcap").write_bytes(b"PK\x03\x04 something else entirely" * 100)
+def test_a_folder_without_a_session_an_empty_segment_and_a_file_that_is_none(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="B-REC-010"):
+        SessionReader(tmp_path)
+    (tmp_path / SEGMENT).touch()
+    survey = recover_session(tmp_path)
+    assert (survey.unfinished, survey.damaged) == ((SEGMENT,), False)
+    (tmp_path / SEGMENT).write_bytes(b"PK\x03\x04 something else entirely" * 100)
     reader = SessionReader(tmp_path)
     assert "wrong magic" in reader.damage[0].what
     assert reader.counts == {}
@@ -414,10 +396,3 @@ def test_a_large_segment_is_read_through_a_window_alike(tmp_path: Path, monkeypa
             assert recover_session(tmp_path / name) == whole
             assert list(SessionReader(tmp_path / name).messages()) == messages
         assert whole.damaged == damaged
-
-
-def test_an_empty_segment_is_no_reason_to_fail(tmp_path: Path) -> None:
-    (tmp_path / SEGMENT).touch()
-    survey = recover_session(tmp_path)
-    assert survey.unfinished == (SEGMENT,)
-    assert not survey.damaged

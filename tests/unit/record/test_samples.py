@@ -196,7 +196,7 @@ def same_samples(one: Samples, other: Samples) -> None:
     assert (one.counter.tolist(), one.scales) == (other.counter.tolist(), other.scales)
 
 
-def test_large_samples_are_read_when_they_are_asked_for() -> None:
+def test_large_samples_are_read_when_they_are_asked_for_and_small_ones_packed() -> None:
     rows, given = PackedRows(), {k: stored_row(k, samples=sampled(k), beside={"egi": sampled(k + 10)}) for k in (1, 2)}
     rows.update(given)
     for number, kept in rows.items():
@@ -208,10 +208,6 @@ def test_large_samples_are_read_when_they_are_asked_for() -> None:
         same_samples(kept.samples.until(10), sampled(number).until(10))
     del rows[1]
     assert list(rows) == [2]
-
-
-def test_small_samples_are_packed() -> None:
-    rows = PackedRows()
     rows[1] = stored_row(1, samples=sampled(1, 2000))
     samples = rows[1].samples
     assert isinstance(samples.columns, dict)
@@ -271,15 +267,8 @@ def test_cuts_change_no_byte(tmp_path: Path) -> None:
     written(tmp_path / "a", rows)
     written(tmp_path / "b", rows, cuts=(1, 2, 9, 10, 11, 400))
     files = sorted(path.name for path in (tmp_path / "a" / FOLDER).iterdir())
-    assert files == [
-        "bench.001s",
-        "bench.010s",
-        "bench.100s",
-        "port_b.001s",
-        "port_b.010s",
-        "port_b.100s",
-        "trend.json",
-    ]
+    levels = [f"{source}.{step}s" for source in ("bench", "port_b") for step in ("001", "010", "100")]
+    assert files == [*levels, "trend.json"]
     for name in files:
         assert (tmp_path / "a" / FOLDER / name).read_bytes() == (tmp_path / "b" / FOLDER / name).read_bytes()
 

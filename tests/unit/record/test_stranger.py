@@ -75,13 +75,10 @@ def test_the_hash_of_a_session_without_a_chain_covers_its_data(tmp_path: Path) -
     assert one == same != other
 
 
-def test_zstd_is_refused_with_the_reason(tmp_path: Path) -> None:
+def test_zstd_is_refused_with_the_reason_and_foreign_topics_are_left_alone(tmp_path: Path) -> None:
     edits = {"compression=CompressionType.LZ4": "compression=CompressionType.ZSTD"}
     documented_writer(**edits)(tmp_path, *sample(10))
     assert "zstd" in SessionReader(tmp_path).damage[0].what
-
-
-def test_foreign_topics_are_left_alone(tmp_path: Path) -> None:
     extra = 'writer.register_channel("/camera", "jpeg", schema_id=0)'
     edits = {"        writer.finish()": f"        writer.add_message({extra}, 1, b'any', 1)\n        writer.finish()"}
     documented_writer(**edits)(tmp_path, *sample(10))

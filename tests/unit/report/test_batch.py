@@ -5,7 +5,6 @@ import json
 import re
 import sys
 import zlib
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
@@ -80,9 +79,6 @@ def test_a_unit_of_which_something_is_missing_does_not_pass() -> None:
     found.add(results("s1", "BATCH", several), "s1", ["unit A: GPS was not tested", "unit C: GPS was not tested"])
     found.add(results("s2", "D", [coupling(GOOD)]), "s2", ["stability: no record"])
     assert outcomes(found) == {"A": "no_result", "A1": "pass", "C": "fail", "D": "no_result"}
-
-
-def test_a_pass_does_not_outweigh_a_session_without_a_result() -> None:
     found = batch_of(results("s1", "A", [coupling(GOOD)]))
     found.without_result({"campaign": {"uut": {"model": "GNC", "serial": "A"}, "analysis": "imu_bias"}}, "s2")
     assert outcomes(found) == {"A": "no_result"}
@@ -100,16 +96,13 @@ def test_a_conditional_fail_is_no_pass_and_an_estimate_without_a_limit_is_not_ju
     assert (found.yield_of().passed, found.yield_of().failed, found.yield_of().without) == (1, 1, 2)
 
 
-def test_units_of_one_session_are_told_apart() -> None:
+def test_units_of_one_session_and_equal_numbers_of_two_models_are_told_apart() -> None:
     tested = [coupling(GOOD, unit="GNC-1"), coupling(BAD, unit="GNC-2"), coupling(GOOD, unit="GNC-3")]
     found = batch_of(results("s1", "BATCH-1", tested, campaign="gnc_unit_test"))
     assert outcomes(found) == {"GNC-1": "pass", "GNC-2": "fail", "GNC-3": "pass"}
     ((spread),) = found.spreads
     assert len(spread.members) == 3
     assert "unit" not in spread.quantity.where
-
-
-def test_equal_serial_numbers_of_two_models_are_two_units() -> None:
     other = results("s2", "A", [coupling(BAD)])
     other["uut"]["model"] = "IMU"
     found = batch_of(results("s1", "A", [coupling(GOOD)]), other)
@@ -141,22 +134,19 @@ def test_statistics_are_those_of_the_values() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "worst"),
+    ("values", "u", "worst"),
     [
-        ((GOOD, -BAD, 0.9 * LIMIT), -BAD),  # the size counts, not the value
-        ((0.2 * LIMIT, -0.4 * LIMIT, 0.3 * LIMIT), -0.4 * LIMIT),  # all certain to be inside: the greatest use
+        ((GOOD, -BAD, 0.9 * LIMIT), (1e-9,) * 3, -BAD),  # the size counts, not the value
+        ((0.2 * LIMIT, -0.4 * LIMIT, 0.3 * LIMIT), (1e-9,) * 3, -0.4 * LIMIT),  # all inside: the greatest use
+        ((0.9 * LIMIT, 0.8 * LIMIT), (1e-6, 2e-4), 0.8 * LIMIT),  # the other one is certain to be inside
     ],
 )
-def test_the_worst_is_the_one_most_likely_outside(values: tuple[float, ...], worst: float) -> None:
-    documents = [results(f"s{n}", f"U{n}", [coupling(value, u=1e-9)]) for n, value in enumerate(values)]
-    (found,) = batch_of(*documents).spreads
-    assert found.worst.value == worst
-
-
-def test_an_uncertain_value_inside_is_worse_than_a_certain_one_nearer_to_the_limit() -> None:
-    sure, unsure = coupling(0.9 * LIMIT, u=1e-6), coupling(0.8 * LIMIT, u=2e-4)
-    found = batch_of(results("s1", "A", [sure]), results("s2", "B", [unsure]))
-    assert [one.unit.serial for _, one in found.worst] == ["B", "A"]
+def test_the_worst_is_the_one_most_likely_outside(
+    values: tuple[float, ...], u: tuple[float, ...], worst: float
+) -> None:
+    parts = [coupling(value, u=each) for value, each in zip(values, u, strict=True)]
+    found = batch_of(*(results(f"s{n}", f"U{n}", [part]) for n, part in enumerate(parts)))
+    assert found.spreads[0].worst.value == found.worst[0][1].value == worst
 
 
 def test_a_count_that_must_be_zero() -> None:
@@ -179,7 +169,7 @@ def test_the_file_says_what_was_added_and_is_the_same_again() -> None:
     assert low < (20 - failed) / 20 <= high
 
 
-def test_the_page_is_whole_and_watermarked_only_if_simulated() -> None:
+def test_the_page_is_whole_and_watermarked_if_any_session_is_simulated() -> None:
     simulated = batch_html(batch_of(*calibrations(30)), "test 0")
     assert simulated == batch_html(batch_of(*calibrations(30)), "test 0")
     assert "SIMULATED" in simulated
@@ -188,9 +178,6 @@ def test_the_page_is_whole_and_watermarked_only_if_simulated() -> None:
     assert not re.search(r"(?:src|href)=\"(?!#)", simulated)
     for figure in re.findall(r"<svg.*?</svg>", simulated, re.DOTALL):
         ElementTree.fromstring(figure)
-
-
-def test_a_simulated_session_among_real_ones_is_named() -> None:
     page = batch_html(
         batch_of(results("real", "A", [coupling(GOOD)], simulated=False), results("toy", "B", [coupling(GOOD)])), "t"
     )
@@ -241,28 +228,22 @@ def pdf(report: Report) -> bytes:
     return report.pdf()
 
 
-def unpacked(pdf: bytes) -> Iterator[bytes]:
-    """Every stream of the file that is packed."""
-    for found in STREAM.finditer(pdf):
-        with suppress(zlib.error):
-            yield zlib.decompress(found[1])
-
-
 def opened(pdf: bytes) -> bytes:
     """The file with every stream that is packed laid open behind it."""
-    return pdf + b"\n".join(unpacked(pdf))
+    for found in STREAM.finditer(pdf):
+        with suppress(zlib.error):
+            pdf += b"\n" + zlib.decompress(found[1])
+    return pdf
 
 
-def test_same_numbers_same_bytes_and_no_date(report: Report, pdf: bytes) -> None:
+def test_same_numbers_same_bytes_and_every_font_and_page_is_inside(
+    report: Report, pdf: bytes, marked_pages: list[bytes]
+) -> None:
     assert pdf.startswith(b"%PDF-")
     assert report.pdf() == pdf
     inside = opened(pdf)
     assert b"CreationDate" not in inside
     assert b"CreateDate" not in inside
-
-
-def test_every_font_and_page_is_inside(pdf: bytes, marked_pages: list[bytes]) -> None:
-    inside = opened(pdf)
     names = set(re.findall(rb"/FontName\s*/[A-Z]{6}\+([A-Za-z-]+)", inside))
     assert names == {b"DejaVuSans", b"DejaVuSans-Bold"}
     assert len(re.findall(rb"/FontFile[23]?\b", inside)) >= len(names)

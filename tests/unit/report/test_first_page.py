@@ -119,7 +119,7 @@ def test_the_value_nearest_to_its_limit_and_the_risk_of_the_rule(model: ReportMo
     assert "Largest risk among the 1 refused here: <\u00a00.01\u00a0%." in said["Decision rule"]
 
 
-def test_what_the_laboratory_states_is_on_it(page: FirstPage) -> None:
+def test_what_the_laboratory_states_is_on_it(model: ReportModel, page: FirstPage) -> None:
     said = on(page)
     assert (page.title, page.number) == ("Calibration report", "EX-2026-0002")
     assert page.end == "End of the report EX-2026-0002"
@@ -138,6 +138,10 @@ def test_what_the_laboratory_states_is_on_it(page: FirstPage) -> None:
     assert "as left" in said["Adjustment"]
     assert said["Next calibration"] == "2001-01-09, as agreed with the customer."
     assert page.signatures == (("head of the laboratory", "A. Example"),)
+    colder = first_page(model, laboratory(surroundings={"temperature": ["22 degC", "23 degC"]}), WORDS)
+    assert "not within what the laboratory states" in on(colder)["Environment"]
+    assert [str(day) for day in days_of(model) or ()] == ["2000-01-01", "2000-01-02"]  # of the name of the session
+    assert days_of(replace(model, started_utc="")) is None
 
 
 def test_the_mark_stands_for_real_results_only(model: ReportModel, page: FirstPage) -> None:
@@ -168,16 +172,6 @@ def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None
     assert shown.doubt[0].startswith("DOUBTFUL, 1 estimate: It is odd.")
     assert shown.results[0].rows[0][1] == "41 †"
     assert shown.notes == (WORDS("first.results.unsound"),)
-
-
-def test_what_is_measured_outside_of_what_the_laboratory_states_is_told(model: ReportModel) -> None:
-    own = laboratory(surroundings={"temperature": ["22 degC", "23 degC"]})
-    assert "not within what the laboratory states" in on(first_page(model, own, WORDS))["Environment"]
-
-
-def test_the_days_are_of_the_name_of_the_session(model: ReportModel) -> None:
-    assert [str(day) for day in days_of(model) or ()] == ["2000-01-01", "2000-01-02"]
-    assert days_of(replace(model, started_utc="")) is None
 
 
 @pytest.mark.parametrize(

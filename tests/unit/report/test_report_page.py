@@ -159,6 +159,8 @@ def test_every_estimate_has_its_place(model: ReportModel, outline: Outline) -> N
 def test_flags_are_counted_and_provenance_is_named(model: ReportModel, outline: Outline) -> None:
     assert model.counts.by_flag == {"lost": 1, "retaken": 1}
     assert (model.counts.records, model.counts.flagged) == (765, 1)
+    assert len(model.residuals) == 10 * 5 * 12
+    assert all(one.current_A for one in model.residuals)  # at zero current there is none in ppm
     due = [["flag lost", "1"], ["frames lost", "2"], ["SHA-256 of the plan", "ab" * 32]]
     due += [["software.packages.numpy", "2.4"], ["calibrator", "FLUKE", "5720A"]]
     assert [row for row in due if row not in outline.rows] == []
@@ -217,11 +219,6 @@ def test_what_comes_from_a_file_is_escaped(plain: ReportModel) -> None:
     assert "&lt;b&gt;x&lt;/b&gt;" in text
 
 
-def test_zero_current_has_no_residual_in_ppm(model: ReportModel) -> None:
-    assert len(model.residuals) == 10 * 5 * 12
-    assert all(one.current_A for one in model.residuals)
-
-
 @pytest.mark.parametrize("method", ["gls", "ols"])
 def test_a_level_with_fewer_pulses_has_more_current_per_pulse(method: str) -> None:
     """All pulses of one level are made fewer by 1000 ppm: that level alone must say about 1000 ppm more than others."""
@@ -243,12 +240,17 @@ def test_a_level_with_fewer_pulses_has_more_current_per_pulse(method: str) -> No
         assert errors[sign * LEVEL_A] - np.mean(others) == pytest.approx(1e6 * FEWER, rel=0.1)
 
 
-def test_figures_and_tables_of_an_analysis_are_in_the_page() -> None:
+def test_figures_tables_and_odd_notes_of_an_analysis_are_in_the_report() -> None:
     table = Table("Budget", "Channel 1.", ["component", "u / ppm"], [["gain", 10.0], ["E_n", -0.0151768]])
     drawn = Figure("Bias of channel 1", "", "T / °C", "bias / nA", [series("up", [0.0, 1.0], [1.0, 2.0])])
     page = Report(replace(small_model(), figures=(drawn,), tables=(table,))).html()
     for text in ("Bias of channel 1", "Budget. Channel 1.", ">gain</th><td>10.00</td>", ">E_n</th><td>−0.01518</td>"):
         assert text in page
+    seen = analysis.Evidence("odd", "It is odd.", 1.0, 1e-9, move=0.0)
+    found = analysis.Analysis("scale_factor", "gls", {}, [], evidence=[seen], notes=["A note."])
+    manifest = {"session": "s", "planned": {"prepare_s": 0.0}, "campaign": {"analysis": "scale_factor"}}
+    made = model_of(SessionView(manifest, [], {}, ""), PLAIN, found)
+    assert list(made.notes[:2]) == ["It is odd.", "A note."]
 
 
 @pytest.mark.parametrize("probability", [0.99999, 1.0])
@@ -422,14 +424,6 @@ def test_what_no_data_can_show_is_a_chapter_of_its_own() -> None:
     assert section.tables[0].rows == (("The gain is right.", "Any size.", "One to one.", "A check standard."),)
 
 
-def test_what_is_odd_and_moves_nothing_is_a_note_of_the_report_as_of_the_results() -> None:
-    seen = analysis.Evidence("odd", "It is odd.", 1.0, 1e-9, move=0.0)
-    found = analysis.Analysis("scale_factor", "gls", {}, [], evidence=[seen], notes=["A note."])
-    manifest = {"session": "s", "planned": {"prepare_s": 0.0}, "campaign": {"analysis": "scale_factor"}}
-    made = model_of(SessionView(manifest, [], {}, ""), PLAIN, found)
-    assert list(made.notes[:2]) == ["It is odd.", "A note."]
-
-
 def stated(quantity: str, U: float | None, channel: int, sensor: float = 0.0, unit: str = "ppm") -> dict[str, Any]:
     common = {"common": {"standards": {}, "campaign": {SENSOR: sensor}}} if sensor else {}
     found = estimate_entry(quantity, unit, 1.0, U or 0.0, channel=channel)
@@ -448,7 +442,7 @@ ACHIEVED = (
 )  # fmt: skip
 
 
-def test_what_is_not_as_predicted_is_named_with_the_error_that_explains_it() -> None:
+def test_what_is_not_as_predicted_is_named_with_what_explains_it_and_nothing_without_a_prediction() -> None:
     said, table = agreement_parts(modelled(*ACHIEVED, predicted=tuple(PREDICTED)), ENGLISH)
     assert table.rows[0] == ("Scale-factor error N", "ppm", "2 of 3", "20 to 22", "20 to 22", "1.00 to 1.01")
     assert table.rows[2] == ("Bias", "nA", "1", "8.0", "12", "1.50")
@@ -456,9 +450,6 @@ def test_what_is_not_as_predicted_is_named_with_the_error_that_explains_it() -> 
     assert all(words in by_sensor for words in (SENSOR, "Scale-factor asymmetry (1 of 1, up to 1.67 times)"))
     assert "Bias (1 of 1, up to 1.50 times)" in by_nothing
     assert "coefficient of first order (1 of 1, down to 0.80 times)" in below
-
-
-def test_without_a_prediction_there_is_no_such_chapter() -> None:
     assert agreement_parts(modelled(*ACHIEVED), ENGLISH) == ((), None)
     assert "agreement" not in {section.name for section in sections_of(modelled(*ACHIEVED), ENGLISH)}
     chapters = sections_of(modelled(*ACHIEVED, predicted=tuple(PREDICTED)), ENGLISH)

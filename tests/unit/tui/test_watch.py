@@ -290,18 +290,6 @@ def test_what_goes_on_is_on_the_screen(size: str) -> None:
     show(Bench(state="holding", holds={"operator": "door opened"}, alarms=[ALARM]), act, size)
 
 
-def test_a_run_that_falls_silent_is_lost_and_comes_back() -> None:
-    async def act(pilot: Pilot[None], bench: Bench) -> None:
-        bench.feed.silent, bench.clock.s = True, 75.0
-        found = await until(pilot, bench, "LOST")
-        assert "NO ANSWER for 1:15" in "\n".join(found)
-        assert not any(word in line for line in found for word in ("RUNNING", "live"))
-        bench.feed.silent = False
-        assert "LOST" not in "\n".join(await until(pilot, bench, "RUNNING"))
-
-    show(Bench(), act)
-
-
 def test_the_end_of_a_run_stays_on_the_screen() -> None:
     async def act(pilot: Pilot[None], bench: Bench) -> None:
         bench.feed.silent, bench.end = True, {"outcome": {"error": "B-RUN-010", "text": "asked to stop"}}

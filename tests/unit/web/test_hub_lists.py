@@ -68,16 +68,13 @@ def test_history_over_http_says_what_is_wrong(page: Page) -> None:
         assert (answer.status, answer.json["error"]) == (400, code)
 
 
-def test_a_session_without_a_report_says_so(page: Page) -> None:
+def test_a_session_without_a_report_says_so_and_one_that_leads_elsewhere_is_not_read(page: Page) -> None:
     answer = page.ask("GET", f"/api/v1/runs/{RUN}/report", page.cookie("viewer"))
     assert (answer.status, answer.json["error"]) == (404, "B-WEB-021")
     (page.serving.out / RUN / "report.html").write_text("<p>report")
     answer = page.ask("GET", f"/api/v1/runs/{RUN}/report", page.cookie("viewer"))
     assert (answer.status, answer.body) == (200, b"<p>report")
     assert "sandbox" in answer.headers["content-security-policy"]
-
-
-def test_a_report_that_leads_elsewhere_is_not_read(page: Page) -> None:
     secret = page.serving.out.parent / "secret"
     secret.write_text("secret")
     (page.serving.out / SAMPLE / "report.html").symlink_to(secret)
@@ -102,17 +99,14 @@ def test_a_pipe_or_a_link_in_a_session_holds_nobody_up(tmp_path: Path) -> None:
             assert page.ask("GET", f"/api/v1/runs/{path}", page.cookie("viewer")).status == 404
 
 
-def test_a_session_that_cannot_be_read_has_a_document_that_says_so(page: Page) -> None:
-    state = page.ask("GET", f"/api/v1/runs/{RUN}", page.cookie("viewer")).json
-    assert (state["state"], state["outcome"]["error"]) == ("stopped", "B-REC-012")
-
-
-def test_runs_are_listed_newest_first(page: Page) -> None:
+def test_runs_are_listed_newest_first_and_one_that_cannot_be_read_says_so(page: Page) -> None:
     rows = page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"]
     assert [row["run"] for row in rows] == [SAMPLE, RUN]
     assert rows[0]["started_utc_s"] == 1_767_323_045
     assert (rows[0]["state"], rows[0]["verdict"], rows[0].get("live")) == ("ended", None, None)
     assert rows[1]["title"] is None, "its segment is empty"
+    state = page.ask("GET", f"/api/v1/runs/{RUN}", page.cookie("viewer")).json
+    assert (state["state"], state["outcome"]["error"]) == ("stopped", "B-REC-012")
 
 
 def test_a_session_is_read_once_until_its_folder_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -314,25 +308,19 @@ def in_metrics(met: Met) -> str:
     return f"{'OUTPUTS OFF' if off == [1] else ''} {'NOT confirmed' if left != [0] else ''}"
 
 
-def in_message(met: Met) -> str:
-    return bench_in_words(met.state["bench"])
-
-
 def for_who_looks_next(met: Met) -> str:
     """``bench resume``, ``bench top`` and the terminal of a run that its guard ended."""
     (line,) = guard_lines(met.folder)
     return line.replace("Confirmed: every instrument is off, or on hold", "OUTPUTS OFF")
 
 
-def at_its_terminal(met: Met) -> str:
-    return f"{doing(met.state)} OUTPUTS OFF" if not met.state["bench"]["unconfirmed"] else doing(met.state)
-
-
 VIEWS = {"card": on_card, "list": in_list, "top": in_top, "metrics": in_metrics}
 MORE_VIEWS = {
-    **{(situation, "message"): in_message for situation in ("in a hold", "ended")},
+    **{(situation, "message"): lambda met: bench_in_words(met.state["bench"]) for situation in ("in a hold", "ended")},
     **{(situation, "next"): for_who_looks_next for situation in list(SITUATIONS)[2:]},
-    ("in a hold", "progress"): at_its_terminal,
+    ("in a hold", "progress"): lambda met: (
+        doing(met.state) + ("" if met.state["bench"]["unconfirmed"] else " OUTPUTS OFF")
+    ),
 }
 CASES = {(situation, name): view for situation in SITUATIONS for name, view in VIEWS.items()} | MORE_VIEWS
 

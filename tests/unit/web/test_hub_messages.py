@@ -204,7 +204,7 @@ def state_of(recorded: Recording) -> RecordedState:
     return RecordedState(recorded, scenery_of(recorded))
 
 
-def test_the_state_is_that_of_the_moment_forward_and_back(recorded: Recording) -> None:
+def test_the_state_is_that_of_the_moment_forward_and_back(recorded: Recording, tmp_path: Path) -> None:
     state = state_of(recorded)
     ended = state.at(recorded.last_utc_s)
     assert (ended["state"], ended["outcome"]["error"], ended["records"]["done"]) == ("ended", None, 10)
@@ -215,13 +215,9 @@ def test_the_state_is_that_of_the_moment_forward_and_back(recorded: Recording) -
     assert middle["instruments"]["dmm"]["answer_ms"] == pytest.approx(10.0, abs=0.01)
     assert state.at(recorded.last_utc_s) == ended
     assert state_of(recorded).at(UTC_S + 455.0) == middle
-
-
-def test_a_recording_without_an_end_was_stopped(tmp_path: Path) -> None:
     write_session(tmp_path / "s", ends=False)
     state = state_of(read_recording(tmp_path / "s"))
-    assert state.at(UTC_S + 455.0)["state"] != "stopped"
-    assert state.at(UTC_S + 2000.0)["state"] == "stopped"
+    assert [state.at(UTC_S + later_s)["state"] == "stopped" for later_s in (455.0, 2000.0)] == [False, True]
 
 
 class Stage:
@@ -431,8 +427,7 @@ def test_a_guard_that_acted_behind_the_end_has_the_last_word(tmp_path: Path) -> 
 
 def test_the_last_look_of_a_run_finds_everything_off(short: tuple[Path, Any]) -> None:
     bench = Past().final(short[0])["bench"]
-    assert bench["state"] == "off"
-    assert {part["state"] for part in bench["parts"]} == {"off"}
+    assert (bench["state"], {part["state"] for part in bench["parts"]}) == ("off", {"off"})
     assert bench["ended_utc_s"] - bench["confirmed_utc_s"] < 5.0
 
 
@@ -449,16 +444,15 @@ def past(tmp_path_factory: pytest.TempPathFactory) -> Past:
     return Past(tmp_path_factory.mktemp("cache"))
 
 
-def test_the_outline_of_a_recording_agrees_with_its_state(past: Past, golden: Path) -> None:
+def test_the_outline_of_a_recording_agrees_with_its_state_and_without_a_trend_there_is_none(
+    past: Past, golden: Path, tmp_path: Path
+) -> None:
     outline, final = past.outline(golden), past.final(golden)
     assert outline["graphs"] == final["graphs"]
     assert outline["signals"] == final["signals"]
     span = outline["replay"]
     assert abs(span["first_utc_s"] - final["started_utc_s"]) <= 1.0
     assert abs(span["last_utc_s"] - final["t_utc_s"]) <= 1.5  # the trend ends with a whole second
-
-
-def test_a_recording_without_a_trend_has_none(past: Past, golden: Path, tmp_path: Path) -> None:
     shutil.copy(golden / "session.0001.mcap", tmp_path)
     assert past.outline(tmp_path) is None
 
@@ -467,7 +461,6 @@ def test_the_end_that_is_known_is_the_end_that_would_be_made(past: Past, golden:
     known = past.state(golden)
     recording = known.recording
     made = RecordedState(recording, known.scenery)
-    assert known.at(recording.last_utc_s) == made.at(recording.last_utc_s)
-    middle_s = (recording.first_utc_s + recording.last_utc_s) / 2
-    assert known.at(middle_s) == made.at(middle_s)
-    assert known.at(recording.last_utc_s) == made.at(recording.last_utc_s)
+    last_s, middle_s = recording.last_utc_s, (recording.first_utc_s + recording.last_utc_s) / 2
+    for moment_s in (last_s, middle_s, last_s):
+        assert known.at(moment_s) == made.at(moment_s)

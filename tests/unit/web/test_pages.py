@@ -70,14 +70,11 @@ def test_every_script_is_part_of_a_page() -> None:
     assert set(SCRIPTS) == used
 
 
-def test_the_name_of_a_run_is_never_markup(client: Client) -> None:
-    assert "<b>" not in client.get("/runs/%3Cb%3E").text
-
-
-def test_the_language_is_the_chosen_one_or_english(client: Client) -> None:
+def test_the_language_is_the_chosen_one_or_english_and_the_name_of_a_run_never_markup(client: Client) -> None:
     assert client.get("/texts", accept_language="xx-YY, de;q=0.5").json() == ENGLISH
     assert client.get("/texts", accept_language="ko-KR,ko;q=0.9,en;q=0.8").json()["state.running"] == "실행 중"
     assert '<html lang="ko">' in client.get("/", accept_language="ko-KR").text
+    assert "<b>" not in client.get("/runs/%3Cb%3E").text
 
 
 def test_figures_have_no_code_and_leave_no_reading_out(client: Client) -> None:

@@ -118,7 +118,7 @@ def telling(top: Path, port: int) -> Iterator[Page]:
     assert broker.start() == f"broker 127.0.0.1 port {port} is told of every run below lab/one"
     try:
         with served(top, tell=broker.tell) as page:
-            page.app.state.hub.fit = fit_nothing
+            page.app.state.hub.fit = lambda folder: asyncio.sleep(0)
             yield page
     finally:
         broker.stop()
@@ -127,10 +127,6 @@ def telling(top: Path, port: int) -> Iterator[Page]:
 def is_running(text: str) -> bool:
     """Return whether a message is one of a run that answers; the first look may come before its socket is there."""
     return bool(json.loads(text)["state"] == "running")
-
-
-async def fit_nothing(folder: Path) -> None:
-    del folder
 
 
 def test_a_broker_is_told_of_a_run_and_of_the_end_of_the_server(tmp_path: Path, broker: MqttBroker) -> None:
