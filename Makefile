@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure figures ways validate public bench lint wheel lock
+.PHONY: demo test manuals mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site figures ways validate public bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -99,10 +99,6 @@ site: $(VENV)/.docs
 # What the notebooks show, again; 'make site' executes them without keeping it.
 notebooks: $(VENV)/.docs
 	$(PY) docs/site/notebooks.py
-
-# Files, imports, circles and the largest folders; TREE=FOLDER for another tree.
-structure:
-	$(PYTHON) tests/house/structure.py $(TREE)
 
 # Figures of weight, beside the last row of benchmarks/record.md; tests/house/test_ratchets.py holds them down.
 figures: $(VENV)/.run

@@ -1,23 +1,18 @@
 """A campaign of a few minutes that several units share, made of the shipped one, and its values beside single ones; one
 of a channel and a few levels whose points may end early."""
 
-import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from plan_sample import reworded
-from rehearsal import compiled, rehearsed
+from rehearsal import compiled
 
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.record import SessionReader
-from bench.session.service import read_view
-from bench.session.view import analyse_view
 
 ROOT = Path(__file__).resolve().parents[3]
 SERIALS = "SIM-1,SIM-2,SIM-3"
 NAME = "20000101T000000Z_units_tiny_LOT-1"
-Errors = dict[str, tuple[float, float]]  # by quantity: error and standard uncertainty, ppm
 
 CUTS = [  # of the shipped campaign: one gyro channel, two levels, one temperature, short slots
     ("{numbers: 1-6, kind: gyro", "{numbers: 2, kind: gyro"),
@@ -84,35 +79,6 @@ def ramp_plan(folder: Path) -> Plan:
 def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
     """Return the fields of all events of a kind."""
     return [fields for _, _, fields in SessionReader(folder).events(kind)]
-
-
-def compared(found: Mapping[str, Any], truth: list[dict[str, Any]], serial: str | None) -> Errors:
-    """Error and standard uncertainty of each scale-factor value, without what no calibrator of these worlds has.
-
-    Without the errors of standards, that is, and without the bound of a drift that the closing repeat leaves.
-    """
-    true = {e["quantity"]: e["value"] for e in truth if e["conditions"].get("unit") == serial}
-    values = {}
-    for entry in found["estimates"]:
-        if entry["quantity"] in ("dsf_n", "dsf_p", "dsf_asymmetry"):
-            absent = sum(part**2 for parts in entry.get("common", {}).values() for part in parts.values())
-            own = math.sqrt(entry["std_uncertainty"] ** 2 - absent)
-            values[entry["quantity"]] = entry["value"] - true[entry["quantity"]], own
-    return values
-
-
-def normalised(several: Errors, single: Errors) -> list[float]:
-    """E_n of ISO 13528 for each quantity, coverage factor 2."""
-    return [
-        (error - single[name][0]) / (2.0 * math.hypot(own, single[name][1])) for name, (error, own) in several.items()
-    ]
-
-
-def single_values(folder: Path, seed: int) -> Errors:
-    """The campaign of one unit alone, by its own seed."""
-    run = rehearsed(folder, single_plan(folder), seed=seed).run
-    results, _ = analyse_view(read_view(run.folder))
-    return compared(results, run.truth, None)
 
 
 BY_NOISE = "{random: 20 nA, most: 20}"

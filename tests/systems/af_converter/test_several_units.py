@@ -2,8 +2,6 @@
 
 import itertools
 import json
-import math
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +9,7 @@ from typing import Any
 
 import pytest
 from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
-from scipy.stats import binom
-from units_campaign import compared, events_of, normalised, ramp_plan, single_values, units_plan
+from units_campaign import events_of, ramp_plan, units_plan
 
 from bench.archive.refit import RefitTask, refit
 from bench.model.clock import VirtualClock
@@ -24,11 +21,10 @@ from bench.run.besides import besides
 from bench.run.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import conduct
-from bench.session.one_unit import extract, serials_of, session_of_unit
+from bench.session.one_unit import extract
 from bench.session.service import read_view
 from bench.session.units import UnitFinished, finish_units, in_each_unit
 from bench.session.view import analyse_view
-from sim_instruments.worlds.af_converter.world import SEED_STEP
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world
 
@@ -325,26 +321,3 @@ def test_the_gradient_of_the_slot_is_in_u_once(short: tuple[Path, Any]) -> None:
         assert after["value"] == before["value"]
     names = [str(component["component"]) for component in analysis.components]
     assert names.count("chamber's gradient and heat of neighbours") == 2  # a kind of channel each
-
-
-@pytest.mark.sweep
-def test_units_agree_with_single_campaigns_as_often_as_chance_says(tmp_path: Path) -> None:
-    """100 seeds: |E_n| <= 1 of each quantity as often as chance says of normal errors at k = 2, to 99.9 %."""
-    inside: list[list[bool]] = []
-    for seed in range(1, 101):
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        run = rehearsed(folder, units_plan(folder), seed=seed).run
-        for number, serial in enumerate(serials_of(SessionReader(run.folder).manifest)):
-            with session_of_unit(run.folder, serial) as home:
-                results, _ = analyse_view(read_view(home))
-            alone = folder / serial
-            alone.mkdir()
-            several = compared(results, run.truth, serial)
-            found = normalised(several, single_values(alone, seed + number * SEED_STEP))
-            inside.append([abs(value) <= 1.0 for value in found])
-        shutil.rmtree(folder)
-    least, most = (int(binom.ppf(tail, len(inside), math.erf(math.sqrt(2.0)))) for tail in (0.0005, 0.9995))
-    counts = [sum(column) for column in zip(*inside, strict=True)]
-    print(f"within 1 of {len(inside)}: {counts}; by chance {least} to {most}")
-    assert all(least <= count <= most for count in counts)
