@@ -1,4 +1,4 @@
-"""Every module of the product, read once: size, one clock, no chance, processes, error codes.
+"""Every module of the product, read once: size, seeds, processes, error codes.
 
 Only files whose text holds what is looked for are parsed; the pattern lets none through that could break the rule.
 """
@@ -16,7 +16,6 @@ from tree import (
     TOP,
     docstrings,
     files_that_say,
-    imported,
     name_of,
     nodes_of,
     python_files,
@@ -28,15 +27,6 @@ from bench.model.errors import ExitStatus
 
 MOST_LINES_FILE = 500
 EVERY_FILE = python_files(*PACKAGES, "tests")
-CLOCK = TOP / "bench" / "model" / "clock.py"
-WATCHES = {"time", "sched"}
-ASKS = {f"time.{name}" for name in ("sleep", "time", "monotonic", "perf_counter")}
-ASKS |= {f"{name}_ns" for name in ASKS} | {"datetime.now", "datetime.utcnow", "datetime.today", "date.today"}
-ASKS |= {"asyncio.sleep", "trio.sleep"}
-CHANCE = {"random", "secrets", "uuid"}
-SEEDED = {"", "default_rng", "Generator", "SeedSequence", "PCG64", "Philox", "SFC64"}
-MAY_ASK = r"\btime\s*\.\s*(time|mono|perf|sleep)|\b(from|import) .*\btime\b|\b(sched|datetime|date|asyncio|trio)\b"
-MAY_DRAW = r"\b(random|secrets|uuid|urandom)\b|default_rng"
 CODE = re.compile(r"B-[A-Z]+-\d{3}")
 ROW = re.compile(r"\| (B-[A-Z]+-\d{3}) \| (\d+) \| (.+?) \| (.+?) \|")
 ERRORS = TOP / "docs" / "errors.md"
@@ -57,47 +47,9 @@ def test_files_are_small() -> None:
     assert {name: count for name, count in lines.items() if count > MOST_LINES_FILE} == {}
 
 
-def asks(nodes: list[ast.AST]) -> set[str]:
-    """Return names of calls that ask the time or sleep, wherever they are called from."""
-    found = set()
-    for node in nodes:
-        if isinstance(node, ast.Call):
-            name = ".".join(ast.unparse(node.func).rsplit(".", 2)[-2:])
-            found |= {name} & ASKS
-    return found
-
-
-def test_product_has_one_clock() -> None:
-    wrong = {}
-    for path in files_that_say(MAY_ASK, *PRODUCT):
-        modules = {name.split(".")[0] for name in imported(tree_of(path))}
-        if path != CLOCK and (found := (modules & WATCHES) | asks(nodes_of(path))):
-            wrong[name_of(path)] = found
-    assert wrong == {}, "ask the Clock that is handed in"
-
-
-def chances(tree: ast.Module) -> set[str]:
-    """Return imports and calls that bring chance without a seed."""
-    found = {name.split(".")[0] for name in imported(tree)} & CHANCE
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call):
-            call = ast.unparse(node.func)
-            drawn = call.split("random.")[-1] if ".random." in f".{call}" else ""
-            if drawn not in SEEDED or call == "os.urandom" or (call.endswith("default_rng") and not node.args):
-                found.add(f"{call} in line {node.lineno}")
-    return found
-
-
-def test_no_chance_without_a_seed() -> None:
-    drawn = {name_of(path): found for path in files_that_say(MAY_DRAW, *PACKAGES) if (found := chances(tree_of(path)))}
-    assert drawn == {"bench/web/security/tokens.py": {"secrets"}}, "nobody may guess a token; everything else is seeded"
-
-
-def test_the_search_finds_what_it_forbids() -> None:
-    tree = ast.parse("import time, datetime\nx = time.sleep(1)\ny = datetime.datetime.now()\nz = task.sleep(2)")
-    assert asks(list(ast.walk(tree))) == {"time.sleep", "datetime.now"}
-    unseeded = ast.parse("import random\na = np.random.default_rng()\nb = np.random.normal()\nc = rng.normal()")
-    assert chances(unseeded) == {"random", "np.random.default_rng in line 2", "np.random.normal in line 3"}
+def test_no_generator_without_a_seed() -> None:
+    """Other clocks and other chance are banned in pyproject.toml."""
+    assert files_that_say(r"default_rng\(\)", *PACKAGES) == []
 
 
 def commands(tree: ast.Module) -> list[list[str]]:
