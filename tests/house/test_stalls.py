@@ -22,12 +22,14 @@ def stop_the_meter(seconds):
     time.sleep(seconds)
     os.kill(int(meter), signal.SIGCONT)
 
-@pytest.fixture
-def place(tmp_path):
-    return tmp_path
+@pytest.fixture(scope="module")
+def bench():
+    return []
 
 @pytest.mark.limit(1.0)
-def test_of_a_limit(place):
+def test_of_a_limit(bench):
+    assert bench == [], "what the run before has left"
+    bench.append("disturbed")
     runs = Path("runs.txt")
     first = not runs.exists()
     with runs.open("a") as file:
@@ -35,6 +37,8 @@ def test_of_a_limit(place):
     if first:
         stop_the_meter(SECONDS)
     assert not first
+
+def test_on_the_same_bench(): ...
 """
 
 

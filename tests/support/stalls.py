@@ -79,7 +79,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
             if stall_s <= limit_s:
                 break
             stalls_s.append(stall_s)
-            item._initrequest()  # type: ignore[attr-defined]  # fixtures of the next run are its own
+            item.session._setupstate.teardown_exact(None)  # a bench that was disturbed is not the next one's
+            item._initrequest()  # type: ignore[attr-defined]
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
     for report in reports:
         report.user_properties += [(STALLED, stall_s) for stall_s in stalls_s if report.when == "call"]
