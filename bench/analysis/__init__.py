@@ -29,7 +29,7 @@ from bench.analysis.coefficients import (
     of_session,
     sound_compensation,
 )
-from bench.analysis.departures import Departure, Residuals, powers, search
+from bench.analysis.departures import Departure, Residuals, operators_of, powers, search
 from bench.analysis.doubt import (
     DOUBTFUL,
     FALSE_DOUBT,
@@ -214,6 +214,7 @@ __all__ = [
     "of_check_standard",
     "of_serial",
     "of_session",
+    "operators_of",
     "outlived",
     "outlived_text",
     "picture",

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.doubt import FALSE_DOUBT, LEAST_MOVE
+from bench.analysis.estimates import Estimate, Estimates
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.tests import f_tail
 
@@ -100,6 +101,17 @@ class Residuals:
     noise_dof: float = math.inf
     rest: tuple[float, int] = (0.0, 0)
     shift: Callable[[Floats], Floats] | None = None
+
+
+def operators_of(
+    entries: Estimates, operator: Callable[[Estimate], Floats | None], readings: int
+) -> tuple[Floats, list[Estimate]]:
+    """Return what estimates gain per unit of each reading, (k, r), and those of them that follow from the readings.
+
+    Args: operator: gives the row of an estimate, (r,), None of one that does not follow.   readings: how many.
+    """
+    found = [(row, entry) for entry in entries if (row := operator(entry)) is not None]
+    return np.reshape([row for row, _ in found], (-1, readings)), [entry for _, entry in found]
 
 
 @dataclass(frozen=True)
@@ -309,13 +321,9 @@ class _Left:
         self.axes, self.variance = axes[:, kept], sigma[kept] ** 2
         self.of_scatter = self.axes.T @ self.columns  # (s, c)
 
-    def of(self, at: int) -> list[int]:
-        """Return the columns of a departure."""
-        return list(range(self.first[at], self.first[at] + self.count[at]))
-
     def take_out(self, at: int) -> None:
         """Leave a departure free."""
-        self._project(self.columns[:, self.of(at)], _SAME)
+        self._project(self.columns[:, self.first[at] : self.first[at] + self.count[at]], _SAME)
 
     def fitted(self) -> tuple[Floats, Floats]:
         """Return what each departure takes off twice the log-likelihood, (d,), and its sizes, (d, 2).

@@ -187,6 +187,7 @@ def heat_off_after_s(served: Served) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.limit(HEAT_OFF_S)
 @pytest.mark.parametrize(("act", "degC", "limit_s"), [("none", "20", HEAT_OFF_S), ("blind", "6", math.inf)])
 def test_a_chamber_that_runs_away_loses_its_heat(
     served: Served, start: Start, cool_station: Path, act: str, degC: str, limit_s: float

@@ -1,8 +1,9 @@
 """Repeat a test of a safety limit only if the machine, not the bench, was late: ``@pytest.mark.limit(seconds)``.
 
-The limit counts physical time and stays as it is. Beside such a test a process of its own sleeps and works by turns and
-adds up how late it is: a test that fails while that comes to more than the limit has said nothing of the bench. It is
-run again, at most ``REPEATS`` times, and the summary names it. On a machine that is not late a failure is a failure.
+The limit counts physical time and stays as it is. Beside such a test a process of its own sleeps and works by turns, as
+much as a simulated bench does (one that works little is never made to wait), and adds up how late it is: a test that
+fails while that comes to more than the limit has said nothing of the bench. It is run again, at most ``REPEATS`` times,
+and the summary names it. On a machine that is not late a failure is a failure.
 """
 
 import contextlib
@@ -17,7 +18,7 @@ REPEATS = 3
 STALLED = "stalled_s"
 METER = """
 import select, sys, time
-REST_S, WORK_S, USUAL_S = 0.02, 0.001, 0.002
+REST_S, WORK_S, USUAL_S = 0.02, 0.02, 0.002
 late_s, asked, begun_s = 0.0, False, time.monotonic()
 while not asked or sys.stdin.readline():
     if asked:

@@ -26,6 +26,7 @@ from bench.analysis import (
     Residuals,
     Searched,
     departures_of,
+    operators_of,
     search,
 )
 from bench.maths.arrays import Floats
@@ -208,9 +209,7 @@ class Rows:
         design[len(root), STATES] = 1.0 / std_s
         white[len(root) + 1 :] = self.priors[0] / self.priors[1]
         design[len(root) + 1 :, STATES - 6 : STATES + 1] = np.diag(1.0 / self.priors[1])
-        known = [(self._operator(entry, by_stamps), entry) for entry in entries]
-        stated = [entry for row, entry in known if row is not None]
-        operator = np.array([row for row, _ in known if row is not None])
+        operator, stated = operators_of(entries, lambda entry: self._operator(entry, by_stamps), len(root))
         of_blocks = operator[:, : seen.y.size]
         return Residuals(
             readings=np.full(len(root), np.inf),  # nothing is in proportion to a difference

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.analysis import Departure, Labels, Residuals, departures_of, search
+from bench.analysis import Departure, Labels, Residuals, departures_of, operators_of, search
 from bench.maths.arrays import Floats
 
 VISITS, RECORDS = 8, 6
@@ -128,6 +128,10 @@ def test_what_an_item_may_be_doubts_nothing_up_to_its_size() -> None:
         (finding,) = (found := search(rows_of(white, ONE[:, None]), [column(HOURS, own=own)])).findings
         assert finding.size == pytest.approx(10.0, rel=0.02)
         assert (finding.moves[0] > 1.0, bool(found.doubted[0])) == (True, doubted)
+
+
+def test_what_follows_from_no_reading_has_no_row() -> None:
+    assert operators_of([], lambda entry: None, 60)[0].shape == (0, 60)
 
 
 def test_a_part_of_a_reading_moves_it_by_its_square_too() -> None:

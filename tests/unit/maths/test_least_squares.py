@@ -113,7 +113,6 @@ def test_at_least_nine_digits(record_property: Callable[[str, object], None], pr
         "deviations": digits(residual_deviation * np.sqrt(fit.covariance.diagonal()), problem.deviations),
         "residual": digits(residual_deviation, problem.residual_deviation),
     }
-    print(problem.name, found)
     record_property("obtained", f"{problem.name} {min(found.values()):.1f}")
     assert min(found.values()) >= DIGITS
 

@@ -120,7 +120,6 @@ def test_after_the_first_temperature_the_end_is_nearer_than_what_is_known_so_far
         if not 0.999 < ratios[name] < CLOSE:
             assert told_at_the_end[name] in (SENSOR, DRIFT, STEADY), "nothing else could not be known"
     near = [ratio for ratio in ratios.values() if ratio < CLOSE]
-    print(f"within {CLOSE}: {len(near)} of {len(found)}; the others up to {max(ratios.values()):.2f}")
     assert len(near) > 20
     dsf_n = next(name for name in so_far if name[0] == "dsf_n")
     assert found[dsf_n].at_end_U > 1.05 * so_far[dsf_n].expanded_uncertainty, (

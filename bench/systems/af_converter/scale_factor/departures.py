@@ -27,6 +27,7 @@ from bench.analysis import (
     Searched,
     Words,
     departures_of,
+    operators_of,
     search,
 )
 from bench.maths.arrays import Flags, Floats, Integers
@@ -435,9 +436,8 @@ class _Rows(LevelRows):
         of_visit = {
             visit.group.place: alone[visit.group.place] - self._referred(visit, alone) for visit in self.fitted.groups
         }
-        known = [(self._operator(entry, of_visit), entry) for entry in entries if entry.expanded_uncertainty]
-        found = [(row, entry) for row, entry in known if row is not None]
-        return np.array([row for row, _ in found]).reshape(-1, self.visit.size), [entry for _, entry in found]
+        known = [entry for entry in entries if entry.expanded_uncertainty]
+        return operators_of(known, lambda entry: self._operator(entry, of_visit), self.visit.size)
 
     def _referred(self, visit: GroupFit, alone: Mapping[Place, Floats]) -> Floats:
         """Return what a row changes in a visit, (2, r), by the slopes that refer its rows to one temperature."""

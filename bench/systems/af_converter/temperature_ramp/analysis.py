@@ -33,6 +33,7 @@ from bench.analysis import (
     estimate,
     evidence_of,
     no_result,
+    operators_of,
     search,
     series,
     unseen_tables,
@@ -126,8 +127,8 @@ class _Rows:
         noise, t_s = (self.joint or self.fit.drift).noise, self.blocks.middle_s
         free, residual, std = self._free(noise.whitening(t_s).of)
         operators = self._operators(free, noise.whitening(t_s).of, std)
-        stated = [entry for entry in entries if entry.quantity in operators and entry.expanded_uncertainty]
-        operator = np.array([operators[entry.quantity] for entry in stated])
+        known = [entry for entry in entries if entry.expanded_uncertainty]
+        operator, stated = operators_of(known, lambda entry: operators.get(entry.quantity), t_s.size)
         alike = np.exp(-np.abs(t_s[:, None] - t_s) / noise.time_s) + _TINY * np.eye(t_s.size)
 
         def whiten(columns: Floats) -> Floats:

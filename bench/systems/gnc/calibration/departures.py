@@ -26,6 +26,7 @@ from bench.analysis import (
     Residuals,
     Searched,
     departures_of,
+    operators_of,
     search,
 )
 from bench.maths.arrays import Integers
@@ -93,8 +94,8 @@ class Triad:
         factor = np.linalg.inv(np.linalg.cholesky(noise + _NOTHING * np.eye(len(noise))))
         free = np.column_stack([self.input, *(self.set == number for number in np.unique(self.set))])
         visits = np.array([row.number for row in self.records])
-        stated = [one for one in estimates if one.expanded_uncertainty and one.quantity.startswith(self.prefix)]
-        operator = np.array([self._operator(entry) for entry in stated]).reshape(-1, len(noise))
+        known = [one for one in estimates if one.expanded_uncertainty and one.quantity.startswith(self.prefix)]
+        operator, stated = operators_of(known, self._operator, len(noise))
         widened = [math.sqrt(fit.chi2 / fit.residual_dof) if fit.inflated else 1.0 for fit in self.fits]
         rows = Residuals(
             readings=outputs.ravel(),

@@ -287,7 +287,6 @@ def test_interpolation_is_close_and_its_uncertainty_covers_the_error(campaign: s
         if not hole.context and row.window.number in known
     ]
     errors = [abs(one.value_degC - true_degC) for one, true_degC in pairs]
-    print(f"{len(errors)} interpolated, worst {max(errors):.4f} degC")
     assert len(errors) > 80
     assert all(error < one.std_degC and one.std_degC >= 0.05 for error, (one, _) in zip(errors, pairs, strict=True))
 
@@ -389,7 +388,6 @@ def test_sensor_of_the_unit_is_in_the_uncertainty(trials: int, margin: float) ->
         for name in quantities:
             scores[name] += scores_of(known, campaign, name)
     rms = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in scores.items()}
-    print(rms)
     assert all(1.0 - margin < value < 1.0 + margin for value in rms.values())
 
 

@@ -154,7 +154,6 @@ def test_the_random_walk_falls_with_the_path_to_the_power_of_two_and_a_half():
     for path_m in PATHS_M:
         laser = RingLaser(path_m, math.pi / 2, rate_deg_h=9.05)
         walks.append(random_walk_deg_rt_h(laser, simulated(laser, 20.0, seed=7), (0.05, 0.1, 0.2, 0.5, 1.0)))
-        print(path_m, walks[-1], laser.lock_in_walk_deg_rt_h)
         assert walks[-1] == pytest.approx(laser.lock_in_walk_deg_rt_h, rel=0.08)
     assert np.polyfit(np.log(PATHS_M), np.log(walks), 1)[0] == pytest.approx(-2.5, abs=0.15)
 
@@ -272,6 +271,5 @@ def test_noise_of_the_comparator_moves_edges_by_its_phase_and_loses_grazing_pair
         assert np.array_equal(counted(edges, 0.0), edges.count[own])
         plain = simulated(RingLaser(0.28, 0.7), 0.0125, seed)
         found.add(len(plain.t_s) - len(edges.t_s))
-    print(f"edges lost in 10 half cycles: {sorted(found)}")
     assert found <= {0, 2, 4}
     assert 2 in found

@@ -99,7 +99,6 @@ def test_the_filter_believes_what_is_true(name: str, sensor: EgiClass) -> None:
         scale = np.sqrt(np.diag(inner.covariance))
         errors = inner.errors / scale
         nees = np.einsum("ri,ri->r", errors, np.linalg.solve(inner.covariance / np.outer(scale, scale), errors.T).T)
-        print(name, until_s, nees.mean())
         assert low < nees.mean() < high
         assert errors.std(0) == pytest.approx(np.ones(15), abs=0.25)
     assert np.all((scale[:3] > 0.1) & (scale[:3] < (0.4 if sensor is not _NOISY else 1.0)))
@@ -128,7 +127,6 @@ def test_size_of_the_errors() -> None:
     for seed in range(3):
         errors = egi_error_runs(MANOEUVRES["linear"], 60.0, 50, seed)
         rms[seed] = [np.sqrt(np.mean(kind[250:] ** 2, (0, 1))) for kind in (errors.dp, errors.dv, errors.dphi)]
-        print(seed, rms[seed])
         assert np.all((rms[seed][0] > 0.2) & (rms[seed][0] < 0.45))
         assert np.all(rms[seed][1] < 0.02)
         assert np.degrees(rms[seed][2][2]) == pytest.approx(0.0144, abs=4.5 * 0.0144 / np.sqrt(100))
