@@ -8,7 +8,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 976_144,
+    "tokens": 976_139,
     "tokens a line": 10.57,
     "files": 733,
     "dict[str, Any]": 482,
