@@ -1,8 +1,7 @@
 """Repeat a test of a safety limit only if the machine, not the bench, was late: ``@pytest.mark.limit(seconds)``.
 
-The limit counts physical time and stays as it is. Beside such a test a process of its own sleeps and works by turns, as
-much as a simulated bench does (one that works little is never made to wait), and adds up how late it is: a test that
-fails while that comes to more than the limit has said nothing of the bench. It is run again, at most ``REPEATS`` times,
+The limit counts physical time and stays as it is. Beside such a test a process of its own sleeps and works by turns, half
+of the time (one that works little is hardly made to wait), and adds up how late it is: a test that fails while that comes to more than the limit has said nothing of the bench. It is run again, at most ``REPEATS`` times,
 and the summary names it. On a machine that is not late a failure is a failure.
 """
 
@@ -14,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 from _pytest.runner import runtestprotocol
 
-REPEATS = 8  # of a machine that stays busy some are in time
+REPEATS = 8  # three were too few for the kill drill at a load of 12 to 20
 STALLED = "stalled_s"
 METER = """
 import select, sys, time
