@@ -1,8 +1,9 @@
 """Repeat a test of a safety limit only if the machine, not the bench, was late: ``@pytest.mark.limit(seconds)``.
 
-The limit counts physical time and stays as it is. Beside such a test a process of its own sleeps and works by turns, half
-of the time (one that works little is hardly made to wait), and adds up how late it is: a test that fails while that comes to more than the limit has said nothing of the bench. It is run again, at most ``REPEATS`` times,
-and the summary names it. On a machine that is not late a failure is a failure.
+The limit counts physical time and stays as it is. Beside such a test a process of its own sleeps and works by turns,
+half of the time (one that works little is hardly made to wait), and adds up how late it is: a test that fails while
+that comes to more than the limit has said nothing of the bench. It is run again, at most ``REPEATS`` times, and the
+summary names it. On a machine that is not late a failure is a failure.
 """
 
 import contextlib
