@@ -101,7 +101,7 @@ def tell_results(view: SessionView, folder: Path, url: str, as_json: bool, bench
     out = console(stderr=as_json)
     told: Callable[[], int | None]
     if not view.has_analysis:
-        told = partial(out.print, f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
+        told = partial(out.print, f"its records are in {folder}; the sequence asks for no analysis")
     elif serials_of(view.manifest):
         told = partial(print_units, finish_units(folder, url), out)
         if as_json:

@@ -42,7 +42,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     except InputError as error:
         if error.code != ENDED or all((folder / name).is_file() for name in RESULTS):
             raise
-        return tell_results(read_view(folder), folder, url, as_json)
+        return tell_results(read_view(folder, of_several=True), folder, url, as_json)
     for line in guard_lines(folder):
         out.print(line)
     plan = stopped.plan if sequence is None else _given(stopped, sequence)
@@ -55,7 +55,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed, uncommissioned=BEGUN)
     left = f"{done.folder} can be gone on with: bench resume {done.folder}"
     # memory knows its last part only
-    return ended(done, lambda: read_view(done.folder), left, url, as_json)
+    return ended(done, lambda: read_view(done.folder, of_several=True), left, url, as_json)
 
 
 def _given(stopped: Stopped, sequence: str) -> Plan:

@@ -54,20 +54,23 @@ class Replayed:
         return sum(self.counts.values(), LinkCounts()).totals
 
 
-def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
+def replay_rows(folder: Path, *, strict: bool = False, of_several: bool = False) -> Replayed:
     """Decode a session again.
 
-    Args:   folder: the session. strict: refuse a damaged one instead of using what is whole.
+    Args:   folder: the session. strict: refuse a damaged one instead of using what is whole. of_several: read one that
+            several units share, too: its events, without a record.
     Raises: InputError B-REC-010 (no session), B-RPL-001 (a record on a link without a frame definition),
-            B-RPL-007 (several units share it);
+            B-RPL-007 (several units share it, and ``of_several`` is false);
             SessionDamaged B-REC-011 (strict and damaged), B-REC-012 (no manifest), B-RPL-002 (frame text missing),
             B-RPL-003 (incomplete record event).
     """
     reader = SessionReader(folder, strict=strict)
     manifest, texts = reader.manifest, reader.texts
-    refuse_several(manifest, folder)
-    definitions = _definitions(folder, manifest, texts)
-    windows = recorded_windows(reader.select(frozenset({"/event"})))
+    events_alone = of_several and bool(manifest.get("units"))
+    if not events_alone:
+        refuse_several(manifest, folder)
+    definitions = {} if events_alone else _definitions(folder, manifest, texts)
+    windows = [] if events_alone else recorded_windows(reader.select(frozenset({"/event"})))
     for item in windows:
         if item.window.link and item.window.link not in definitions:
             raise InputError(

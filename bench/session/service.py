@@ -168,12 +168,14 @@ def analysed(
     return results, analysis, view
 
 
-def read_view(folder: Path, strict: bool = False) -> SessionView:
+def read_view(folder: Path, strict: bool = False, *, of_several: bool = False) -> SessionView:
     """Return a session as its folder holds it; damage is listed, unless ``strict`` (then SessionDamaged).
 
-    Raises: InstallationError B-LAB-007 if its analysis is of a lab folder, and not here.
+    ``of_several``: read one that several units share, too: what happened, without records.
+    Raises: InputError B-RPL-007 as of ``replay_rows``, InstallationError B-LAB-007 if its analysis is of a lab folder,
+            and not here.
     """
-    replayed = replay_rows(folder, strict=strict)
+    replayed = replay_rows(folder, strict=strict, of_several=of_several)
     notes = [*replayed.notes]
     notes += [say("segment.no_end", name=name) for name in replayed.unfinished]
     acceptances, not_of_it = known_acceptances(folder, replayed.session_sha256)

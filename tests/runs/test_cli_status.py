@@ -44,7 +44,7 @@ def only_session(out: Path) -> Path:
 def test_0_a_sequence_without_analysis_and_2_whoever_asks_for_one(tmp_path: Path, inside: Inside) -> None:
     done = inside("run", "timeline_example", "--out", str(tmp_path))
     assert done.returncode == 0
-    assert "1 records in" in done.stdout
+    assert "its records are in" in done.stdout
     for command in ("fit", "replay", "report"):
         refused(inside(command, str(only_session(tmp_path))), 2, "B-CLI-008")
 

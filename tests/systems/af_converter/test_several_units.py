@@ -8,19 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
+from rehearsal import Rehearsal, main_of, rehearsed
 from units_campaign import events_of, ramp_plan, units_plan
 
 from bench.archive.refit import RefitTask, refit
+from bench.commands.resume import resume
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError, InstrumentError, OperatorStop
 from bench.model.ports import RecordWindow
 from bench.plan import UNIT, Step
 from bench.record import SessionReader
 from bench.run.besides import besides
-from bench.run.operator import SimulatedOperator
-from bench.run.resume import read_stopped, resumption
-from bench.run.session import conduct
+from bench.run.resume import read_stopped
 from bench.session.one_unit import extract
 from bench.session.service import read_view
 from bench.session.units import UnitFinished, finish_units, in_each_unit
@@ -227,19 +226,19 @@ def test_a_run_that_is_gone_on_with_keeps_who_was_left_out(tmp_path: Path) -> No
     first = rehearsed(tmp_path, units_plan(tmp_path), act=pull_then_stop).run
     assert first.outcome.error is not None
     stopped = read_stopped(first.folder)
-    clock = VirtualClock()
-    clock.sleep_until_ns(stopped.last_ns)
-    run = conduct(
-        stopped.plan, clock=clock, seed=SEED, out=tmp_path, operator=SimulatedOperator(),
-        listener=Watched(lambda world, step: None, [None]), resumed=resumption(stopped, clock.utc_ns()),
-    )  # fmt: skip
-    assert run.outcome.error is None
-    said = SessionReader(run.folder).select(frozenset({"/instrument/supply_c", "/link/c_port_b/tx"}))
+    resume(first.folder, None, None, as_json=False)
+    of_each = {path.parent.name: path.read_bytes() for path in first.folder.glob("units/*/results.json")}
+    assert of_each.keys() >= {"SIM-1", "SIM-2"}
+    (first.folder / "results.json").unlink()
+    resume(first.folder, None, None, as_json=False)  # only the results are missing
+    assert json.loads((first.folder / "results.json").read_text())["estimates"]
+    assert of_each == {path.parent.name: path.read_bytes() for path in first.folder.glob("units/*/results.json")}
+    said = SessionReader(first.folder).select(frozenset({"/instrument/supply_c", "/link/c_port_b/tx"}))
     after = [message for message in said if message.t_ns > stopped.last_ns]
     assert not any(m.topic.startswith("/link/") for m in after)
     assert [m.document()["text"] for m in after if m.document()["text"] == "OUTP ON"] == []
     for serial, records in (("SIM-1", 14), ("SIM-3", 0)):
-        extract(run.folder, serial, tmp_path / serial)
+        extract(first.folder, serial, tmp_path / serial)
         view = read_view(tmp_path / serial)
         assert (len(view.rows), len(view.splices), view.incomplete) == (records, 1, serial == "SIM-3")
 
