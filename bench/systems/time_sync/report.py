@@ -28,6 +28,7 @@ from bench.analysis import (
 )
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
+from bench.systems.time_sync.estimators.kalman.innovation import NIS_DOF
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, ratio_of
@@ -219,7 +220,7 @@ def _seen(result: SyncResult) -> list[Figure]:
 def _innovations(result: SyncResult) -> list[Figure]:
     run, parts = result.found.run, []
     for group, name in enumerate(GROUPS):
-        ratio = run.nis[:, group, 0] / run.nis_dof[0]
+        ratio = run.nis[:, group, 0] / NIS_DOF[0]
         use = np.isfinite(ratio) & (ratio > 0.0)
         if use.any():
             t_s, value = _thin(run.t_s[use], ratio[use])

@@ -26,7 +26,7 @@ _MOVED_m = 1e-3  # between two solutions: a vehicle that does so is not where it
 
 @dataclass(frozen=True)
 class EgiSamples:
-    """Solutions of the EGI in the tangent frame at the first of them; an ``EgiSource`` of ``groups`` equal groups.
+    """Solutions of the EGI in the tangent frame at the first of them; an ``EgiSource`` that is the same for all.
 
     ``t_s``: (m,) time tags.   ``p`` (m, 3) m, ``v`` (m, 3) m/s, ``C`` (m, 3, 3) body to tangent frame.
     ``position_std_m``: as the unit states it, the median.
@@ -38,18 +38,11 @@ class EgiSamples:
     C: Floats
     frame: TangentFrame
     position_std_m: float
-    groups: int = 1
 
     def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
-        """Return samples k0 to k1 - 1, the same for every group."""
-        count = min(k1, self.t_s.size) - k0
-        p, v, C = self.p[k0:k1], self.v[k0:k1], self.C[k0:k1]
-        vector = (count, self.groups, 1, 3)
-        return (
-            np.ascontiguousarray(np.broadcast_to(p[:, None, None], vector)),
-            np.ascontiguousarray(np.broadcast_to(v[:, None, None], vector)),
-            np.ascontiguousarray(np.broadcast_to(C[:, None, None], (*vector, 3))),
-        )
+        """Return samples k0 to k1 - 1, as one group of one lane."""
+        part = slice(k0, k1), None, None
+        return self.p[part], self.v[part], self.C[part]
 
 
 @dataclass(frozen=True)
