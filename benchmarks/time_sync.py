@@ -62,7 +62,7 @@ def _memory_MB() -> float:
 
 def target() -> str:
     """Both cuts and their figures of one target, with a navigation solution off by a metre."""
-    scene = scene_of(simulated("flight.path").MANOEUVRES["sar"], OPENS_s)
+    scene = scene_of(simulated("flight.path").manoeuvre("sar"), OPENS_s)
     track_m = scene.true_m + 1.0
     impulse_response(scene.one, track_m, scene.target_m)  # everything is imported
     began_s = process_time()

@@ -83,7 +83,7 @@ def fly(task: Task) -> Flown:
 
     The errors of a run are the same for all offsets and filters, and in every task; they differ between runs.
     """
-    path = simulated("flight.path").MANOEUVRES[task.manoeuvre]
+    path = simulated("flight.path").manoeuvre(task.manoeuvre)
     units = simulated("flight.egi")
     errors = units.egi_error_runs(path, task.duration_s, task.runs, task.seed)
     noise_s = units.clock_noise(task.seed, len(errors.t_s), task.runs)
@@ -187,18 +187,14 @@ class Scene:
 def scene_of(path: Any, opens_s: float) -> Scene:
     """Echoes of an aperture that opens at ``opens_s``, from the true positions of the antenna."""
     sar = simulated("radar")
-    radar = sar.Radar(aperture_s=APERTURE_s)
+    radar = sar.Radar()
     pulse_s = opens_s + np.arange(round(APERTURE_s * radar.prf_Hz)) / radar.prf_Hz
     true_m, first = path.state(pulse_s).p, path.state(np.array([opens_s]))
     targets_m = sar.scene(radar, first.p[0], first.v[0])
-    single, several = (
-        _pulses(radar, sar.echoes(radar, true_m, some, np.ones(len(some)))) for some in (targets_m[:1], targets_m)
-    )
-    return Scene(pulse_s, true_m, single, several, targets_m)
-
-
-def _pulses(radar: Any, echoes: Any) -> Pulses:
-    return Pulses(echoes.gates, echoes.near_range_m, echoes.spacing_m, radar.wavelength_m, radar.bandwidth_Hz)
+    echoes = [sar.echoes(radar, true_m, some, np.ones(len(some))) for some in (targets_m[:1], targets_m)]
+    about = radar.near_range_m, radar.spacing_m, radar.wavelength_m, radar.bandwidth_Hz
+    one, several = (Pulses(gates, *about) for gates in echoes)
+    return Scene(pulse_s, true_m, one, several, targets_m)
 
 
 def image_result(task: Task, flown: Flown) -> ImageResult:
@@ -273,9 +269,9 @@ def _chip(scene: Scene, track_m: Floats, group: Group) -> Chip:
 
 def ideal_result(task: Task) -> IdealResult:
     """Exact increments of the 60-second manoeuvres navigated, and a target focused with true positions."""
-    paths = simulated("flight.path").MANOEUVRES
-    off = [_distances(paths[name], task.duration_s) for name in FLOWN]
-    scene = scene_of(paths["sar"], LONG_s - APERTURE_s)
+    manoeuvre = simulated("flight.path").manoeuvre
+    off = [_distances(manoeuvre(name), task.duration_s) for name in FLOWN]
+    scene = scene_of(manoeuvre("sar"), LONG_s - APERTURE_s)
     response = impulse_response(scene.one, scene.true_m, scene.target_m)
     cuts = (("azimuth", response.azimuth_cut), ("range", response.range_cut))
     return IdealResult(

@@ -22,7 +22,7 @@ SPEED_m_s = 250.0
 RADAR = Radar()
 PULSE_s: Array = (np.arange(10_000) - 4999.5) / 1000.0
 TRACK_m: Array = np.stack([SPEED_m_s * PULSE_s, np.zeros(10_000), np.full(10_000, -3000.0)], axis=1)
-TARGETS_m: Array = scene(RADAR, TRACK_m[0], np.array([SPEED_m_s, 0.0, 0.0]), ahead_s=-PULSE_s[0])
+TARGETS_m: Array = scene(Radar(aperture_s=-2.0 * PULSE_s[0]), TRACK_m[0], np.array([SPEED_m_s, 0.0, 0.0]))
 MIDDLE_m: Array = TARGETS_m[0]
 ALONG: Array = np.array([1.0, 0.0, 0.0])
 SIGHT: Array = (MIDDLE_m - [0.0, 0.0, -3000.0]) / 45_000.0  # antenna to target at the middle
@@ -40,8 +40,8 @@ CUBIC = np.array([[3.0, -1.0, 2.0], [250.0, 4.0, -6.0], [2.0, 5.0, -9.0], [70.0,
 @cache
 def pulses(count: int = 1) -> Pulses:
     """Echoes of the scene's first targets, of amplitude 1."""
-    found = echoes(RADAR, TRACK_m, TARGETS_m[:count], np.ones(count))
-    return Pulses(found.gates, found.near_range_m, found.spacing_m, RADAR.wavelength_m)
+    gates = echoes(RADAR, TRACK_m, TARGETS_m[:count], np.ones(count))
+    return Pulses(gates, RADAR.near_range_m, RADAR.spacing_m, RADAR.wavelength_m)
 
 
 def spoilt(phase_rad: Array, weight: Array | float = 1.0) -> Response:
@@ -78,9 +78,9 @@ def test_targets_are_found_to_a_few_cells(heading_deg: float) -> None:
     positions_m = along_m[:, None] * ahead + [500.0, -200.0, -height_m]
     middle_m = np.array([500.0, -200.0, 0.0]) + np.sqrt(range_m**2 - height_m**2) * right
     targets_m = np.stack([middle_m, middle_m + 40.0 * ahead + 15.0 * right, middle_m - 30.0 * ahead - 12.0 * right])
-    echo = echoes(radar, positions_m, targets_m, np.array([1.0, 0.8, 0.6]))
+    gates = echoes(radar, positions_m, targets_m, np.array([1.0, 0.8, 0.6]))
     wavelength_m = 299_792_458.0 / radar.carrier_Hz
-    found_m = point_targets(Pulses(echo.gates, echo.near_range_m, echo.spacing_m, wavelength_m), positions_m)
+    found_m = point_targets(Pulses(gates, radar.near_range_m, radar.spacing_m, wavelength_m), positions_m)
     assert found_m.shape == (3, 3)
     assert np.abs((found_m - targets_m) @ ahead).max() < 1.0
     assert np.abs((found_m - targets_m) @ right).max() < 4.0

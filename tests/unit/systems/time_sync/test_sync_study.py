@@ -165,7 +165,7 @@ def test_the_image_shows_what_navigation_is_off_by() -> None:
 
 def test_an_image_far_behind_is_found_and_not_its_neighbour() -> None:
     """24 m behind the target, as at 150 ms and 160 m/s; the next target is 100 m away."""
-    scene = scene_of(import_module("sim_instruments.worlds.time_sync.flight.path").MANOEUVRES["linear"], 1.0)
+    scene = scene_of(import_module("sim_instruments.worlds.time_sync.flight.path").manoeuvre("linear"), 1.0)
     behind_m, search_m = scene.true_m - [24.0, 0.0, 0.0], scene.search_m(0.15)
     assert scene.search_m(0.03) == SEARCH_m
     with pytest.raises(FitError):
