@@ -40,7 +40,7 @@ class Image:
     def shifts_m(self) -> Floats:
         """Of each target along the track, not compensated against compensated; positive = ahead."""
         return np.array([
-            plain.azimuth_shift_m - compensated.azimuth_shift_m
+            plain.azimuth.shift_m - compensated.azimuth.shift_m
             for plain, compensated in zip(self.plain, self.compensated, strict=True)
         ])  # fmt: skip
 

@@ -152,8 +152,8 @@ def _image(image: Image, result: SyncResult) -> Table:
             (filter_name(NONE), plain, number(float(image.shifts_m[target - 1]), 3)),
         ):  # fmt: skip
             rows.append([
-                target, name, shift, number(response.azimuth_resolution_m, 4), number(response.pslr_dB, 2),
-                number(response.islr_dB, 2), number(response.peak / compensated.peak, 3),
+                target, name, shift, number(response.azimuth.resolution_m, 4), number(response.azimuth.pslr_dB, 2),
+                number(response.azimuth.islr_dB, 2), number(response.peak / compensated.peak, 3),
             ])  # fmt: skip
     left_s = result.found.offsets[COMPENSATED].offset_s - result.found.shift_s  # the rest is out of the tags of both
     due_m = -image.speed_m_s * left_s
@@ -254,15 +254,13 @@ def _responses(image: Image) -> list[Figure]:
     """Cuts through the strongest target, each about its own peak; the shift stands in the label of the second."""
     drawn = []
     compensated, plain = image.compensated[0], image.plain[0]
-    for name, cut, second, shift_m in (
-        ("azimuth", compensated.azimuth_cut, plain.azimuth_cut, float(image.shifts_m[0])),
-        ("range", compensated.range_cut, plain.range_cut, plain.range_shift_m - compensated.range_shift_m),
-    ):  # fmt: skip
+    for name, cut in compensated.cuts.items():
         top = float(np.max(np.abs(cut.value)))
         parts = [
-            series(filter_name(COMPENSATED), cut.offset_m, levels_dB(cut.value, top, _FLOOR_dB), "line"),
-            series(filter_name(NONE), second.offset_m + shift_m, levels_dB(second.value, top, _FLOOR_dB), "line"),
-        ]
+            series(filter_name(navigation), one.offset_m + (one.shift_m - cut.shift_m),
+                   levels_dB(one.value, top, _FLOOR_dB), "line")
+            for navigation, one in ((COMPENSATED, cut), (NONE, plain.cuts[name]))
+        ]  # fmt: skip
         labels = say(f"cut.{name}"), say("cut.caption"), say(f"cut.{name}.x"), say("cut.y")
         drawn.append(Figure(*labels, parts, group=say("cut.group")))
     return drawn

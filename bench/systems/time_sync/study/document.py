@@ -16,6 +16,7 @@ import numpy as np
 from bench.analysis import Chapter, Document, Estimate, Figure, Series, Table, documents, estimates_of, picture, series
 from bench.maths.arrays import rms
 from bench.systems.time_sync.estimators.sar.image import levels_dB
+from bench.systems.time_sync.estimators.sar.response import Response
 from bench.systems.time_sync.study.errors import augmented, error_estimates, recovery_estimates, unaugmented
 from bench.systems.time_sync.study.images import figures_of, image_estimates, image_group
 from bench.systems.time_sync.study.study import (
@@ -25,7 +26,6 @@ from bench.systems.time_sync.study.study import (
     NAME,
     SIGMA_R,
     TIGHT,
-    Cut,
     FlightResult,
     RECOVERED_ms,
     Results,
@@ -180,11 +180,9 @@ def _which(augmented: bool) -> str:
 def _cuts(results: Results, offsets_ms: Sequence[float], augmented: bool) -> list[Figure]:
     number, parts = _NUMBERS[augmented][0], []
     for offset_ms in offsets_ms:
-        group = image_group(offset_ms, augmented=augmented)
-        for cut in results.image(group)[0].cuts:
-            if (cut.direction, cut.offset_ms, cut.solution) == ("azimuth", group.offset_ms, group.solution):
-                level_dB = levels_dB(cut.amplitude, 1.0, _FLOOR_dB)
-                parts.append(series(f"{offset_ms:g} ms", cut.at_m, level_dB))
+        result, at = results.image(image_group(offset_ms, augmented=augmented))
+        cut = result.responses[at].azimuth
+        parts.append(series(f"{offset_ms:g} ms", cut.shift_m + cut.offset_m, levels_dB(cut.value, 1.0, _FLOOR_dB)))
     caption = (
         f"Figure {number}. Impulse response along the track, {_which(augmented)}, run 1; 0 m is where the target truly "
         "is, 0 dB the peak of a perfectly known track. The paper's axis: amplitude over azimuth."
@@ -199,10 +197,9 @@ def _chips(results: Results, offsets_ms: Sequence[float], augmented: bool) -> li
         f"Figure {number}. The target's image, {_which(augmented)}, run 1; level from -40 dB (white) to 0 dB (black)."
     )
     for letter, offset_ms in zip("ab", offsets_ms, strict=True):
-        group = image_group(offset_ms, augmented=augmented)
-        result, at = results.image(group)
+        result, at = results.image(image_group(offset_ms, augmented=augmented))
         chip = result.chips[at]
-        level_dB = np.minimum(levels_dB(chip.size, 1.0, _FLOOR_dB), 0.0)
+        level_dB = np.minimum(levels_dB(chip.value, 1.0, _FLOOR_dB), 0.0)
         title = f"Fig. {number} ({letter}) {offset_ms:g} ms"
         parts = [picture(chip.azimuth_m, chip.range_m, np.round(level_dB.T, 1))]
         drawings.append(Figure(title, caption, "along track / m", "range / m", parts, f"figure {number}"))
@@ -346,7 +343,13 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
         "noise": {name: dict(zip(("m", "m/s", "deg"), sigmas, strict=True)) for name, sigmas in SIGMA_R.items()},
         "estimates": documents(estimates),
         "cuts": [
-            _cut(cut) for cut in [*results.ideal().cuts, *(cut for image in results.images() for cut in image.cuts)]
+            *_raw(results.ideal().response, 0.0, ERRORLESS),
+            *(
+                cut
+                for image in results.images()
+                for group, response in zip(image.groups, image.responses, strict=True)
+                for cut in _raw(response, group.offset_ms, group.solution)
+            ),
         ],
         "notes": [*([] if options.judged else [QUICK]), *NOTES],
         "provenance": {"simulated": True, "software": software},
@@ -358,17 +361,23 @@ def study_json(document: Document) -> str:
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
 
-def _cut(cut: Cut) -> dict[str, Any]:
-    """Raw complex amplitude along a line through the image; the ideal one has no filter."""
-    return {
-        "direction": cut.direction,
-        "offset_ms": cut.offset_ms,
-        "filter": cut.solution,
-        "run": 1,
-        "at_m": cut.at_m.tolist(),
-        "real": cut.amplitude.real.tolist(),
-        "imaginary": cut.amplitude.imag.tolist(),
-    }
+def _raw(response: Response, offset_ms: float, solution: str) -> list[dict[str, Any]]:
+    """Return raw complex amplitudes along lines through the image, metres from where the target truly is.
+
+    ``solution``: whose positions it was focused with; with the true ones metres count from the peak.
+    """
+    return [
+        {
+            "direction": name,
+            "offset_ms": offset_ms,
+            "filter": solution,
+            "run": 1,
+            "at_m": (cut.offset_m if solution == ERRORLESS else cut.shift_m + cut.offset_m).tolist(),
+            "real": cut.value.real.tolist(),
+            "imaginary": cut.value.imag.tolist(),
+        }
+        for name, cut in response.cuts.items()
+    ]
 
 
 def study_chapters(options: StudyOptions, document: Document, results: Results) -> list[Chapter]:

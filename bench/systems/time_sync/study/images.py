@@ -56,16 +56,17 @@ def image_estimates(results: Results, offsets_ms: tuple[float, ...]) -> Estimate
 def _ideal(results: Results) -> Estimates:
     """Return nothing but the radar and the mechanisation."""
     ideal, conditions = results.ideal(), {"filter": ERRORLESS}
+    along, across = ideal.response.azimuth, ideal.response.range
 
     def within(quantity: str, unit: str, value: float, due: float, by: float) -> Estimate:
         return measured(quantity, unit, value, 0.0, conditions, n=1, at_least=due - by, at_most=due + by)
 
     return [
         measured("navigation_error", "m", ideal.position_m, 0.0, conditions, n=1, at_most=NAVIGATED_m),
-        within("ideal_resolution", "m", ideal.resolution_m, IDEAL_RESOLUTION_m, 0.01 * IDEAL_RESOLUTION_m),
-        within("ideal_range_resolution", "m", ideal.range_resolution_m, IDEAL_RANGE_m, 0.01 * IDEAL_RANGE_m),
-        within("ideal_pslr", "dB", ideal.pslr_dB, IDEAL_PSLR_dB, 0.15),
-        within("ideal_islr", "dB", ideal.islr_dB, IDEAL_ISLR_dB, 0.3),
+        within("ideal_resolution", "m", along.resolution_m, IDEAL_RESOLUTION_m, 0.01 * IDEAL_RESOLUTION_m),
+        within("ideal_range_resolution", "m", across.resolution_m, IDEAL_RANGE_m, 0.01 * IDEAL_RANGE_m),
+        within("ideal_pslr", "dB", along.pslr_dB, IDEAL_PSLR_dB, 0.15),
+        within("ideal_islr", "dB", along.islr_dB, IDEAL_ISLR_dB, 0.3),
     ]
 
 

@@ -19,12 +19,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bench.analysis import Document, Estimate, Floats, estimate
 from bench.maths.arrays import Flags
 from bench.model.errors import InputError
+from bench.systems.time_sync.estimators.sar.image import Chip
+from bench.systems.time_sync.estimators.sar.response import Response
 
 NAME = "time_sync"
 RUNS, FEWEST_RUNS, MOST_RUNS = 50, 2, 1000
@@ -207,36 +206,12 @@ class FlightResult:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """The focused target along one direction, of one run: metres from where it truly is, and the raw amplitude.
-
-    ``solution``: whose positions it was focused with, "unaugmented", "augmented" or "none" (the true ones).
-    """
-
-    direction: str
-    offset_ms: float
-    solution: str
-    at_m: Floats
-    amplitude: NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class Chip:
-    """Size of the image about the target's true place, of one run; (azimuth, range)."""
-
-    offset_ms: float
-    solution: str
-    azimuth_m: Floats
-    range_m: Floats
-    size: Floats
-
-
-@dataclass(frozen=True)
 class ImageResult:
     """Focused targets of a flight, by group and run, (groups, runs), metres and decibels; shift = image - target.
 
     ``predicted_m``: the shift along the track that the errors of navigation at the aperture explain.   ``several_m``
-    (groups, 3): of three targets in one scene, of one run.
+    (groups, 3): of three targets in one scene, ``responses`` and ``chips`` (about its true place) of the middle one,
+    (groups,): of one run.
     """
 
     flight: FlightResult
@@ -250,7 +225,7 @@ class ImageResult:
     pslr_dB: Floats
     islr_dB: Floats
     peak: Floats
-    cuts: tuple[Cut, ...]
+    responses: tuple[Response, ...]
     chips: tuple[Chip, ...]
 
 
@@ -260,11 +235,7 @@ class IdealResult:
 
     position_m: float
     velocity_m_s: float
-    resolution_m: float
-    range_resolution_m: float
-    pslr_dB: float
-    islr_dB: float
-    cuts: tuple[Cut, ...] = ()
+    response: Response
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ an estimate, and is used for nothing else: the filter gets the samples alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -35,19 +36,15 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSamples,
     STANDARD_GRAVITY_m_s2,
 )
-from bench.systems.time_sync.estimators.sar.image import image_chip
+from bench.systems.time_sync.estimators.sar.image import Chip, image_chip
 from bench.systems.time_sync.estimators.sar.pulses import Pulses, positions_at
 from bench.systems.time_sync.estimators.sar.response import Response, SEARCH_m, impulse_response
 from bench.systems.time_sync.study.study import (
-    ERRORLESS,
     ERRORS,
     SIGMA_R,
     TIGHT,
     APERTURE_s,
-    Chip,
-    Cut,
     FlightResult,
-    Group,
     IdealResult,
     ImageResult,
     LONG_s,
@@ -153,10 +150,11 @@ def headings(yaw: Floats) -> Floats:
 _CHIP_m = 16.0  # half length: 30 ms at 250 m/s move the target by 8 m
 IMAGED = TIGHT  # noise of the filters whose solutions are focused
 SHOWN_RUN = 0
-FIGURES = (
-    *("azimuth_shift_m", "range_shift_m", "azimuth_resolution_m", "range_resolution_m"),
-    *("pslr_dB", "islr_dB", "peak"),
-)
+FIGURES = {  # of a response, by names of ``ImageResult``
+    "azimuth_shift_m": "azimuth.shift_m", "range_shift_m": "range.shift_m",
+    "azimuth_resolution_m": "azimuth.resolution_m", "range_resolution_m": "range.resolution_m",
+    "pslr_dB": "azimuth.pslr_dB", "islr_dB": "azimuth.islr_dB", "peak": "peak",
+}  # fmt: skip
 _LAG, _BEYOND_LAG_m = 1.2, 8.0  # an image lags by some 9 % more than the offset does, and scatters by 0.8 m
 _IMU_Hz = 200
 FLOWN = ("linear", "acceleration", "turn")
@@ -204,27 +202,25 @@ def image_result(task: Task, flown: Flown) -> ImageResult:
     assert fine is not None
     groups = tuple(group for group in task.groups if group.noise == IMAGED)
     responses: list[list[tuple[Response, float]]] = []
-    several_m, chips = [], []
+    several_m, chips = [], list[Chip]()
     for group in groups:
         at = task.groups.index(group)
         search_m = scene.search_m(group.offset_s)
         responses.append([_focused(scene, _track(scene, fine, at, run), search_m) for run in range(task.runs)])
         track_m = _track(scene, fine, at, SHOWN_RUN)
         several = [impulse_response(scene.several, track_m, target_m, search_m) for target_m in scene.targets_m]
-        several_m.append([response.azimuth_shift_m for response in several])
-        chips.append(_chip(scene, track_m, group))
+        several_m.append([response.azimuth.shift_m for response in several])
+        chips.append(image_chip(scene.one, track_m, scene.target_m, half_azimuth_m=_CHIP_m))
     return ImageResult(
         flight=flight_result(task, flown),
         groups=groups,
         predicted_m=np.array([[predicted_m for _, predicted_m in row] for row in responses]),
         several_m=np.array(several_m),
-        cuts=tuple(
-            cut for group, row in zip(groups, responses, strict=True) for cut in _cuts(group, row[SHOWN_RUN][0])
-        ),
+        responses=tuple(row[SHOWN_RUN][0] for row in responses),
         chips=tuple(chips),
         **{
-            name: np.array([[getattr(response, name) for response, _ in row] for row in responses], np.float64)
-            for name in FIGURES
+            name: np.array([[attrgetter(path)(response) for response, _ in row] for row in responses], np.float64)
+            for name, path in FIGURES.items()
         },
     )
 
@@ -253,35 +249,15 @@ def predicted_shift_m(pulse_s: Floats, track_m: Floats, true_m: Floats, target_m
     return float(middle @ along - np.linalg.norm(sight_m) / speed_m_s * (slope @ sight))
 
 
-def _cuts(group: Group, response: Response) -> list[Cut]:
-    named = {"azimuth": response.azimuth_cut, "range": response.range_cut}
-    shift_m = {"azimuth": response.azimuth_shift_m, "range": response.range_shift_m}
-    return [
-        Cut(name, group.offset_ms, group.solution, shift_m[name] + cut.offset_m, cut.value)
-        for name, cut in named.items()
-    ]
-
-
-def _chip(scene: Scene, track_m: Floats, group: Group) -> Chip:
-    chip = image_chip(scene.one, track_m, scene.target_m, half_azimuth_m=_CHIP_m)
-    return Chip(group.offset_ms, group.solution, chip.azimuth_m, chip.range_m, np.abs(chip.value))
-
-
 def ideal_result(task: Task) -> IdealResult:
     """Exact increments of the 60-second manoeuvres navigated, and a target focused with true positions."""
     manoeuvre = simulated("flight.path").manoeuvre
     off = [_distances(manoeuvre(name), task.duration_s) for name in FLOWN]
     scene = scene_of(manoeuvre("sar"), LONG_s - APERTURE_s)
-    response = impulse_response(scene.one, scene.true_m, scene.target_m)
-    cuts = (("azimuth", response.azimuth_cut), ("range", response.range_cut))
     return IdealResult(
         position_m=max(position_m for position_m, _ in off),
         velocity_m_s=max(velocity_m_s for _, velocity_m_s in off),
-        resolution_m=response.azimuth_resolution_m,
-        range_resolution_m=response.range_resolution_m,
-        pslr_dB=response.pslr_dB,
-        islr_dB=response.islr_dB,
-        cuts=tuple(Cut(name, 0.0, ERRORLESS, cut.offset_m, cut.value) for name, cut in cuts),
+        response=impulse_response(scene.one, scene.true_m, scene.target_m),
     )
 
 
