@@ -41,6 +41,7 @@ from bench.systems.time_sync.estimators.sar.pulses import Pulses, positions_at
 from bench.systems.time_sync.estimators.sar.response import Response, SEARCH_m, impulse_response
 from bench.systems.time_sync.study.study import (
     ERRORS,
+    FLOWN,
     SIGMA_R,
     TIGHT,
     APERTURE_s,
@@ -157,7 +158,6 @@ FIGURES = {  # of a response, by names of ``ImageResult``
 }  # fmt: skip
 _LAG, _BEYOND_LAG_m = 1.2, 8.0  # an image lags by some 9 % more than the offset does, and scatters by 0.8 m
 _IMU_Hz = 200
-FLOWN = ("linear", "acceleration", "turn")
 LATITUDE_deg = 37.5
 
 
