@@ -25,6 +25,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     LOOSE,
     OFFSET,
     TIGHT,
+    EgiSamples,
     EgiSpread,
     FilterRun,
     FilterSetup,
@@ -32,7 +33,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSamples,
 )
 from bench.systems.time_sync.records import Clocks, Stream
-from bench.systems.time_sync.samples import EgiSamples, Prepared
+from bench.systems.time_sync.samples import Prepared
 from bench.systems.time_sync.wording import say
 
 AUGMENTED_LOOSE, AUGMENTED_TIGHT = "augmented_loose", "augmented_tight"
@@ -165,8 +166,7 @@ def _in_step(ready: Prepared, clocks: Clocks, middle_s: float) -> EgiSamples:
             f"{int(inside.sum())} solutions of the EGI lie within the {ready.span_s:.1f} s of the inertial unit",
             next_step="record both links over the whole motion; look at the lost frames of the EGI",
         )
-    egi = ready.egi
-    return replace(egi, t_s=tags_s[inside], p=egi.p[inside], v=egi.v[inside], C=egi.C[inside])
+    return replace(ready.egi.part(inside), t_s=tags_s[inside])
 
 
 def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle_s: float) -> Offset:

@@ -20,16 +20,15 @@ from bench.analysis import (
     Material,
     Table,
     estimate,
-    picture,
     series,
 )
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import Complex128, levels_dB
 from bench.systems.time_sync.estimators.sar.response import Response, Scene, compressed, scene_of
+from bench.systems.time_sync.image import drawn
 from bench.systems.time_sync.wording import say
 
 METHODS: tuple[str, ...] = ("backprojection",)
-_FLOOR_dB = -40.0
 _WIDE = 1.2  # of the ideal width
 _IN_dB = 20.0 / math.log(10.0)
 # Standard deviations per background over peak, by the slopes of sin(pi x) / (pi x): of the -3 dB width and of the place
@@ -148,8 +147,7 @@ def _table(scene: Scene) -> Table:
 
 
 def _image(scene: Scene) -> Figure:
-    level_dB = np.round(levels_dB(scene.chip.value, np.abs(scene.chip.value).max(), _FLOOR_dB).T, 1)
-    parts = [picture(scene.chip.azimuth_m, scene.chip.range_m, level_dB)]
+    parts = [drawn(scene.chip, np.abs(scene.chip.value).max())]
     return Figure(say("image.title"), say("ground.caption"), say("ground.x"), say("ground.y"), parts)
 
 
@@ -160,7 +158,7 @@ def _cuts(target: Response) -> list[Figure]:
             say("cut.strongest"),
             say(f"cut.{name}.x"),
             say("cut.y"),
-            [series(say("places.head.target"), cut.offset_m, levels_dB(cut.value, target.peak, _FLOOR_dB), "line")],
+            [series(say("places.head.target"), cut.offset_m, levels_dB(cut.value, target.peak), "line")],
             group=say("cut.group"),
         )
         for name, cut in target.cuts.items()

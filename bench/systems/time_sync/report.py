@@ -19,7 +19,6 @@ from bench.analysis import (
     band,
     decimals_for,
     number,
-    picture,
     series,
     significant,
     with_uncertainty,
@@ -32,12 +31,11 @@ from bench.systems.time_sync.estimators.kalman.innovation import NIS_DOF
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, ratio_of
-from bench.systems.time_sync.image import Image
+from bench.systems.time_sync.image import Image, drawn
 from bench.systems.time_sync.wording import filter_name, manoeuvre_name, say
 
 _MS = 1e3
 _MOST_POINTS = 1200
-_FLOOR_dB = -40.0
 _LEAST = 1e-9
 _MOST_RATIO = 1.5
 
@@ -241,13 +239,12 @@ def _stamps(result: SyncResult) -> list[Figure]:
 
 def _chips(image: Image) -> list[Figure]:
     """Return both images about the place of the strongest target, as it was found with the compensated solution."""
-    drawn = []
+    figures = []
     for name, chip in zip((COMPENSATED, NONE), image.chips, strict=True):
-        level_dB = np.round(levels_dB(chip.value, np.abs(chip.value).max(), _FLOOR_dB).T, 1)
-        parts = [picture(chip.azimuth_m, chip.range_m, level_dB)]
+        parts = [drawn(chip, np.abs(chip.value).max())]
         labels = say(f"chip.{name}"), say("chip.caption"), say("cut.azimuth.x"), say("cut.range.x")
-        drawn.append(Figure(*labels, parts, group=say("path.image")))
-    return drawn
+        figures.append(Figure(*labels, parts, group=say("path.image")))
+    return figures
 
 
 def _responses(image: Image) -> list[Figure]:
@@ -258,7 +255,7 @@ def _responses(image: Image) -> list[Figure]:
         top = float(np.max(np.abs(cut.value)))
         parts = [
             series(filter_name(navigation), one.offset_m + (one.shift_m - cut.shift_m),
-                   levels_dB(one.value, top, _FLOOR_dB), "line")
+                   levels_dB(one.value, top), "line")
             for navigation, one in ((COMPENSATED, cut), (NONE, plain.cuts[name]))
         ]  # fmt: skip
         labels = say(f"cut.{name}"), say("cut.caption"), say(f"cut.{name}.x"), say("cut.y")

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Chapter, Document, Estimate, Figure, Series, Table, documents, estimates_of, picture, series
+from bench.analysis import Chapter, Document, Estimate, Figure, Series, Table, documents, estimates_of, series
 from bench.maths.arrays import rms
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.estimators.sar.response import Response
+from bench.systems.time_sync.image import drawn
 from bench.systems.time_sync.study.errors import BODY, error_estimates, recovery_estimates
 from bench.systems.time_sync.study.images import figures_of, image_estimates
 from bench.systems.time_sync.study.study import (
@@ -53,7 +54,6 @@ from bench.systems.time_sync.study.tasks import IMAGED
 _TIME = "time / s"
 _RMS = "Ours: RMS over the runs. The paper's axis: error over time, its scale not in the text."
 _NUMBERS = {False: ("8", "9", "10"), True: ("12", "13", "14")}
-_FLOOR_dB = -40.0
 _INDICES = (
     ("azimuth_shift_m", "shift", "m"),
     ("azimuth_resolution_m", "resolution", "m"),
@@ -183,7 +183,7 @@ def _cuts(results: Results, offsets_ms: Sequence[float], augmented: bool) -> lis
     for offset_ms in offsets_ms:
         result, at = results.image(Group(offset_ms, augmented, IMAGED))
         cut = result.responses[at].azimuth
-        parts.append(series(f"{offset_ms:g} ms", cut.shift_m + cut.offset_m, levels_dB(cut.value, 1.0, _FLOOR_dB)))
+        parts.append(series(f"{offset_ms:g} ms", cut.shift_m + cut.offset_m, levels_dB(cut.value, 1.0)))
     caption = (
         f"Figure {number}. Impulse response along the track, {_which(augmented)}, run 1; 0 m is where the target truly "
         "is, 0 dB the peak of a perfectly known track. The paper's axis: amplitude over azimuth."
@@ -199,10 +199,7 @@ def _chips(results: Results, offsets_ms: Sequence[float], augmented: bool) -> li
     )
     for letter, offset_ms in zip("ab", offsets_ms, strict=True):
         result, at = results.image(Group(offset_ms, augmented, IMAGED))
-        chip = result.chips[at]
-        level_dB = np.minimum(levels_dB(chip.value, 1.0, _FLOOR_dB), 0.0)
-        title = f"Fig. {number} ({letter}) {offset_ms:g} ms"
-        parts = [picture(chip.azimuth_m, chip.range_m, np.round(level_dB.T, 1))]
+        title, parts = f"Fig. {number} ({letter}) {offset_ms:g} ms", [drawn(result.chips[at], 1.0)]
         drawings.append(Figure(title, caption, "along track / m", "range / m", parts, f"figure {number}"))
     return drawings
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Floats
+from bench.maths.geodesy import heading_matrices
 from bench.maths.strapdown import Track, navigate
 from bench.model.installed import load, offer_of
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
@@ -110,7 +111,7 @@ def flight_result(task: Task, flown: Flown) -> FlightResult:
     run, imu = flown.run, flown.imu
     true = flown.path.state(run.t_s)
     offset_s = np.array([group.offset_s for group in task.groups])
-    off = state_errors(run, true.p, true.v, headings(true.yaw), imu.accel_bias, imu.gyro_bias, offset_s)
+    off = state_errors(run, true.p, true.v, heading_matrices(true.yaw), imu.accel_bias, imu.gyro_bias, offset_s)
     scales = (1.0, 1.0, float(np.rad2deg(1.0)), _TO_ug, _TO_deg_h)
     errors = {
         name: off[..., 3 * k : 3 * k + 3] * scale for k, (name, scale) in enumerate(zip(ERRORS, scales, strict=True))
@@ -138,14 +139,6 @@ def flight_result(task: Task, flown: Flown) -> FlightResult:
 def _rms(error: Floats) -> Floats:
     """Over the runs, axis 2."""
     return np.asarray(np.sqrt(np.mean(error**2, axis=2)))
-
-
-def headings(yaw: Floats) -> Floats:
-    """Attitudes (m, 3, 3), body to t, of level vehicles with headings (m,), rad."""
-    out = np.zeros((len(yaw), 3, 3))
-    out[:, 0, 0] = out[:, 1, 1] = np.cos(yaw)
-    out[:, 1, 0], out[:, 0, 1], out[:, 2, 2] = np.sin(yaw), -np.sin(yaw), 1.0
-    return out
 
 
 _CHIP_m = 16.0  # half length: 30 ms at 250 m/s move the target by 8 m

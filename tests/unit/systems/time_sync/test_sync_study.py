@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench.maths.geodesy import heading_matrices
 from bench.model.errors import FitError, InputError
 from bench.report.document import study_html
 from bench.systems.time_sync.estimators.sar.image import Chip
@@ -109,7 +110,7 @@ def test_predicted_shift_has_both_terms_with_their_signs() -> None:
 
 def test_headings_against_scipy_and_the_uncertainty_of_an_rms_against_draws() -> None:
     yaw = np.random.default_rng(3).uniform(-3.0, 3.0, 7)
-    assert tasks.headings(yaw) == pytest.approx(Rotation.from_euler("z", yaw[:, None]).as_matrix(), abs=1e-15)
+    assert heading_matrices(yaw) == pytest.approx(Rotation.from_euler("z", yaw[:, None]).as_matrix(), abs=1e-15)
     draws = np.random.default_rng(5).standard_normal((20_000, 50))
     assert np.sqrt(np.mean(draws**2, axis=1)).std() == pytest.approx(published.rms_std(1.0, 50), rel=0.02)
 
@@ -256,15 +257,15 @@ def _image(task: Task) -> published.ImageResult:
 
 def _response(shift_m: float) -> Response:
     at_m = np.arange(-3.0, 3.0, 0.02)
-    value = np.sinc(at_m / 0.28).astype(np.complex128)
-    along, across = (Cut(shift_m, at_m, value, width_m, -13.26, -10.12) for width_m in (0.249, 2.65))
+    along, across = (
+        Cut(shift_m, at_m, np.sinc(at_m / 0.28) + 0j, width_m, -13.26, -10.12) for width_m in (0.249, 2.65)
+    )
     return Response(along, across, peak=1.0)
 
 
 def _chip(shift_m: float) -> Chip:
     along_m, range_m = np.arange(-12.0, 12.0, 0.2), np.arange(-20.0, 20.0, 1.0)
-    value = np.outer(np.sinc((along_m - shift_m) / 0.28), np.sinc(range_m / 3.0))
-    return Chip(along_m, range_m, value.astype(np.complex128))
+    return Chip(along_m, range_m, np.outer(np.sinc((along_m - shift_m) / 0.28), np.sinc(range_m / 3.0)) + 0j)
 
 
 def changed(found: Results, kind: str, manoeuvre: str, **new: Any) -> Results:

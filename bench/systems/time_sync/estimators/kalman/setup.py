@@ -8,12 +8,13 @@ Source: Lee et al., JKSAS 48(4), 2020, equations (4)-(13), with the signs of err
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
 from bench.maths.arrays import Flags, Floats
+from bench.maths.geodesy import TangentFrame
 
 STATES = 16  # position, velocity, attitude, accelerometer bias, gyro bias (3 each), time offset
 OFFSET = 15  # index of the time offset
@@ -36,6 +37,31 @@ class EgiSource(Protocol):
         k1 - 1, or up to the last; NaN = missing or not usable. G and R may be 1: the same for all.
         """
         ...
+
+
+@dataclass(frozen=True)
+class EgiSamples:
+    """Solutions of the EGI in the tangent frame at the first of them; an ``EgiSource`` that is the same for all.
+
+    ``t_s``: (m,) time tags.   ``p`` (m, 3) m, ``v`` (m, 3) m/s, ``C`` (m, 3, 3) body to tangent frame.
+    ``position_std_m``: as the unit states it, the median.
+    """
+
+    t_s: Floats
+    p: Floats
+    v: Floats
+    C: Floats
+    frame: TangentFrame
+    position_std_m: float
+
+    def part(self, which: Flags) -> EgiSamples:
+        """Return some of them, ``which`` (m,)."""
+        return replace(self, t_s=self.t_s[which], p=self.p[which], v=self.v[which], C=self.C[which])
+
+    def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
+        """Return samples k0 to k1 - 1, as one group of one lane."""
+        part = slice(k0, k1), None, None
+        return self.p[part], self.v[part], self.C[part]
 
 
 @dataclass(frozen=True)
