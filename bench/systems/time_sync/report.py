@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import (
+    Estimates,
     Figure,
     Floats,
     Series,
@@ -21,17 +22,18 @@ from bench.analysis import (
     number,
     series,
     significant,
-    with_uncertainty,
+    stated_value,
     worded_figure,
     worded_table,
 )
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.kalman.innovation import NIS_DOF
-from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, ratio_of
 from bench.systems.time_sync.image import Image, drawn
+from bench.systems.time_sync.limits import DIFFERENCE
 from bench.systems.time_sync.wording import filter_name, manoeuvre_name, say
 
 _MS = 1e3
@@ -40,30 +42,36 @@ _LEAST = 1e-9
 _MOST_RATIO = 1.5
 
 
-def tables(result: SyncResult) -> list[Table]:
-    """Return all, the result in front."""
-    first = [_result(result), _filters(result), _clocks(result), _consistency(result), _biases(result)]
+def tables(result: SyncResult, entries: Estimates) -> list[Table]:
+    """Return all, the result in front; what is an estimate is printed as ``entries`` have it."""
+    values = _result(result, entries), _filters(result), _clocks(result, entries)
+    first = [*values, _consistency(result), _biases(result, entries)]
     return [*first, *([_image(result.image, result)] if result.image else []), _received(result)]
 
 
-def _result(result: SyncResult) -> Table:
+def _stated(entries: Estimates, quantity: str, scale: float = 1.0, **where: Any) -> str:
+    """Return what the first estimate of a quantity states, times ``scale``."""
+    return next(
+        stated_value(entry, scale)
+        for entry in entries
+        if entry.quantity == quantity and where.items() <= entry.conditions.items()
+    )
+
+
+def _result(result: SyncResult, entries: Estimates) -> Table:
     """Return what is read first."""
-    factor = coverage_factor()
     rows: list[list[Any]] = []
     for name in METHODS:
-        offset = result.found.offsets[name]
-        told = with_uncertainty(_MS * offset.offset_s, _MS * factor * offset.std_s) if offset.seen else say("unseen")
+        seen = result.found.offsets[name].seen
+        told = _stated(entries, "time_offset", _MS, method=name) if seen else say("unseen")
         rows.append([say("result.filter", name=filter_name(name)), told, _role(result, name)])
-    clocks = result.clocks
-    if clocks.offset_s is None:
+    if result.clocks.offset_s is None:
         rows.append([say("result.stamps"), say("result.no_latencies"), "–"])
     else:
-        stamps = with_uncertainty(_MS * clocks.offset_s, factor * _MS * clocks.difference.std_s)
+        stamps = _stated(entries, "time_offset_from_stamps", _MS)
         rows.append([say("result.stamps_and_latencies"), stamps, say("role.independent")])
     if result.difference_s is not None:
-        apart_s, std_s = result.difference_s
-        apart = with_uncertainty(_MS * apart_s, factor * _MS * std_s)
-        rows.append([say("result.filter_minus_stamps"), apart, say("role.judged")])
+        rows.append([say("result.filter_minus_stamps"), _stated(entries, DIFFERENCE, _MS), say("role.judged")])
     limits = {"interval": _MS * result.demands.uncertainty_s, "difference": _MS * result.demands.difference_s}
     caption = say("result.caption" if result.chosen.seen else "result.caption_unseen", **limits)
     return Table(say("result.title"), caption, say.heads("result", "by", "offset", "role"), rows, lead=True)
@@ -103,17 +111,16 @@ def _noise(sigma: tuple[float, float, float]) -> str:
     return f"{sigma[0]:g} m, {sigma[1]:g} m/s, {sigma[2]:g} deg"
 
 
-def _clocks(result: SyncResult) -> Table:
-    clocks, factor = result.clocks, coverage_factor()
+def _clocks(result: SyncResult, entries: Estimates) -> Table:
+    clocks = result.clocks
     rows: list[list[Any]] = [
         [
-            name, port.above_s.size, with_uncertainty(-1e6 * port.rate, factor * 1e6 * port.rate_std),
+            name, port.above_s.size, _stated(entries, "clock_rate", link=link),
             number(_MS * port.jitter_s, 3), number(1e6 * port.tag_noise_s, 1), number(_MS * port.grid_s, 3),
         ]
-        for name, port in ((say("imu"), clocks.imu), ("EGI", clocks.egi))
+        for name, link, port in ((say("imu"), "imu", clocks.imu), ("EGI", "egi", clocks.egi))
     ]  # fmt: skip
-    drift = with_uncertainty(1e6 * clocks.difference.drift, factor * 1e6 * clocks.difference.drift_std)
-    rows.append([say("clocks.egi_against_imu"), "–", drift, "–", "–", "–"])
+    rows.append([say("clocks.egi_against_imu"), "–", _stated(entries, "time_offset_drift"), "–", "–", "–"])
     stated = say("clocks.no_latencies")
     if clocks.latency is not None:
         latency = clocks.latency
@@ -131,13 +138,9 @@ def _consistency(result: SyncResult) -> Table:
     return worded_table(say, "consistency", headers, rows)
 
 
-def _biases(result: SyncResult) -> Table:
-    run, group, factor = result.found.run, GROUPS.index(result.method), coverage_factor()
-    std, rows = result.found.bias_std(result.method), list[list[Any]]()
-    for axis, letter in enumerate("xyz"):
-        accel = 1e6 / STANDARD_GRAVITY_m_s2 * np.array([run.accel_bias[-1, group, 0, axis], std[axis]])
-        gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], std[3 + axis]])
-        rows.append([letter, *(with_uncertainty(float(bias[0]), factor * float(bias[1])) for bias in (accel, gyro))])
+def _biases(result: SyncResult, entries: Estimates) -> Table:
+    kinds = ("accel_bias", "gyro_bias")
+    rows = [[axis, *(_stated(entries, quantity, axis=axis) for quantity in kinds)] for axis in "xyz"]
     headers = say.heads("biases", "axis", "accelerometer", "gyro")
     return worded_table(say, "biases", headers, rows, name=filter_name(result.method))
 

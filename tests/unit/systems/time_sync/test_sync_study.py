@@ -257,9 +257,7 @@ def _image(task: Task) -> published.ImageResult:
 
 def _response(shift_m: float) -> Response:
     at_m = np.arange(-3.0, 3.0, 0.02)
-    along, across = (
-        Cut(shift_m, at_m, np.sinc(at_m / 0.28) + 0j, width_m, -13.26, -10.12) for width_m in (0.249, 2.65)
-    )
+    along, across = (Cut(shift_m, at_m, np.sinc(at_m / 0.28) + 0j, wide_m, -13.26, -10.12) for wide_m in (0.249, 2.65))
     return Response(along, across, peak=1.0)
 
 
@@ -362,8 +360,7 @@ SPOILT = {
     "sign of the estimate": ("flight", "turn", {"offset_mean_s": times(10.0)}, {"offset_error_mean"}),
     "over-confident": ("image", "sar", {"flight.offset_nees": times(8.0)}, {"offset_nees"}),
     "shift of another sign": (
-        "image", "sar",
-        {"azimuth_shift_m": times(-1.0), "predicted_m": times(-1.0)}, {"shift_over_lag"},
+        "image", "sar", {"azimuth_shift_m": times(-1.0), "predicted_m": times(-1.0)}, {"shift_over_lag"},
     ),
     "shift said, not seen": ("image", "sar", {"azimuth_shift_m": by_offset(20.0, False)}, {"shift_unexplained_rms"}),
     "compensation fails": (
