@@ -26,7 +26,6 @@ import numpy as np
 from bench.commands.cluster import THREADS, run_on_cluster
 from bench.systems.time_sync.estimators.sar.response import impulse_response
 from bench.systems.time_sync.study.study import (
-    BASE,
     Group,
     LONG_s,
     QUICK_LONG_s,
@@ -39,7 +38,7 @@ from bench.systems.time_sync.study.tasks import run_task, scene_of, simulated
 
 HERE = "--here"
 RUNS = 50
-OFFSETS_s = (0.0, 0.010, 0.020, 0.030)
+OFFSETS_ms = (0.0, 10.0, 20.0, 30.0)
 TARGETS = 5
 OPENS_s = 490.0
 REPEATS = 3
@@ -48,7 +47,7 @@ TIMES = ("wall_s", "user_s", "system_s")
 
 def lanes(manoeuvre: str, duration_s: float) -> str:
     """One flight with all its lanes."""
-    groups = tuple(Group(offset_s, state, BASE) for offset_s in OFFSETS_s for state in (False, True))
+    groups = tuple(Group(offset_ms, state) for offset_ms in OFFSETS_ms for state in (False, True))
     began_s = process_time()
     run_task(Task("flight", manoeuvre, duration_s, groups, RUNS, 1))
     cpu_s = process_time() - began_s
@@ -62,7 +61,7 @@ def _memory_MB() -> float:
 
 def target() -> str:
     """Both cuts and their figures of one target, with a navigation solution off by a metre."""
-    scene = scene_of(simulated("flight.path").MANOEUVRES["sar"], OPENS_s)
+    scene = scene_of(simulated("flight.path").manoeuvre("sar"), OPENS_s)
     track_m = scene.true_m + 1.0
     impulse_response(scene.one, track_m, scene.target_m)  # everything is imported
     began_s = process_time()

@@ -71,6 +71,18 @@ def body_to_level(roll_deg: Floats, pitch_deg: Floats, heading_deg: Floats) -> F
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def heading_matrices(heading_rad: Floats) -> Floats:
+    """Return what takes a vector from the body (forward, right, down) of level vehicles to north, east, down.
+
+    Args:    heading_rad: (n,).
+    Returns: (n, 3, 3).
+    """
+    turn = np.zeros((heading_rad.size, 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(heading_rad)
+    turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = np.sin(heading_rad), -np.sin(heading_rad), 1.0
+    return turn
+
+
 @dataclass(frozen=True)
 class TangentFrame:
     """North, east, down at a point of the ellipsoid (height zero), which is its origin."""

@@ -51,22 +51,14 @@ def earth_rate(latitude_deg: float) -> Floats:
     return EARTH_RATE_rad_s * np.array([np.cos(angle), 0.0, -np.sin(angle)])
 
 
-def vectors(lanes: tuple[int, ...]) -> Floats:
-    """Return room for vectors as ``cross`` wants them: (5, *lanes), rows 3 and 4 repeat rows 0 and 1."""
-    return np.zeros((5, *lanes))
+def _around(vector: Floats) -> Floats:
+    """Return a vector (3, ...) as ``_cross`` wants it: (5, ...), rows 3 and 4 repeat rows 0 and 1."""
+    return np.concatenate((vector, vector[:2]))
 
 
-def repeat_rows(vector: Floats) -> Floats:
-    """Fill rows 3 and 4 of a (5, ...) vector from rows 0 and 1."""
-    vector[3:] = vector[:2]
-    return vector
-
-
-def cross(a: Floats, b: Floats, out: Floats, spare: Floats) -> Floats:
-    """Return a x b of (5, ...) vectors into ``out`` (3, ...)."""
-    np.multiply(a[1:4], b[2:5], out)
-    np.multiply(a[2:5], b[1:4], spare)
-    return np.subtract(out, spare, out)
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return a x b, (3, ...), of (5, ...) vectors, in a tenth of the time of np.cross."""
+    return a[1:4] * b[2:5] - a[2:5] * b[1:4]
 
 
 def small_rotation(vector: Floats) -> Floats:
@@ -111,105 +103,42 @@ class Strapdown:
         self._gravity = np.array([0.0, 0.0, normal_gravity(latitude_deg)]).reshape(3, *ones)
         self._earth = small_rotation(-self._rate * interval_s).reshape(3, 3, 1, *ones)
         self._coriolis = np.cross(self._rate, np.eye(3)).reshape(3, 3, *ones)  # rows: minus [rate x]
-        self._theta, self._dv, self._theta_before, self._dv_before = (vectors(lanes) for _ in range(4))
-        self._phi, self._bent = vectors(lanes), vectors(lanes)
-        self._a, self._b, self._c, self._spare = (np.zeros((3, *lanes)) for _ in range(4))
-        self._first = True
-        self._matrix, self._cube = np.zeros((3, 3, *lanes)), np.zeros((3, 3, 3, *lanes))
-        self._rows, self._rows_spare = np.zeros((3, 5, *lanes)), np.zeros((3, 3, *lanes))
+        self._before: tuple[Floats, Floats] | None = None  # increments of angle and velocity
 
     def step(self, dv: Floats, dtheta: Floats, dt: float) -> None:
         """Go on by one interval.
 
         Args: dv m/s, dtheta rad: (3, *lanes) or what broadcasts to it, body.   dt: s.
         """
-        self._compensate(dv, dtheta, dt)
-        self._rotation_vector()
-        self._move(self._velocity_increment(), dt)
-        self._turn()
-        self._theta, self._theta_before = self._theta_before, self._theta
-        self._dv, self._dv_before = self._dv_before, self._dv
-
-    def _compensate(self, dv: Floats, dtheta: Floats, dt: float) -> None:
-        for raw, bias, out in ((dtheta, self.bias_theta, self._theta), (dv, self.bias_v, self._dv)):
-            np.multiply(bias, dt, self._spare)
-            np.subtract(raw, self._spare, out[:3])
-            repeat_rows(out)
-        if self._first:  # no increment before: as if it had been the same, no coning
-            self._theta_before[:], self._dv_before[:] = self._theta, self._dv
-            self._first = False
-
-    def _rotation_vector(self) -> None:
-        cross(self._theta_before, self._theta, self._a, self._spare)
-        self._a *= 1.0 / 12.0
-        np.add(self._theta[:3], self._a, self._phi[:3])
-        repeat_rows(self._phi)
-
-    def _velocity_increment(self) -> Floats:
-        """Return sculling and rotation: velocity increment in the body as it was at the begin of the interval."""
-        cross(self._theta_before, self._dv, self._a, self._spare)
-        cross(self._dv_before, self._theta, self._b, self._spare)
-        self._a += self._b
-        self._a *= 1.0 / 12.0
-        self._a += self._dv[:3]
-        cross(self._phi, self._dv, self._bent[:3], self._spare)
-        cross(self._phi, repeat_rows(self._bent), self._b, self._spare)
-        np.multiply(self._bent[:3], 0.5, self._c)
-        self._a += self._c
-        self._b *= 1.0 / 6.0
-        self._a += self._b
-        return self._a
+        theta, dv = _around(dtheta - self.bias_theta * dt), _around(dv - self.bias_v * dt)
+        theta_before, dv_before = self._before or (theta, dv)  # none before: as if it had been the same, no coning
+        self._before = theta, dv
+        phi = _around(theta[:3] + _cross(theta_before, theta) * (1.0 / 12.0))
+        sculling = (_cross(theta_before, dv) + _cross(dv_before, theta)) * (1.0 / 12.0)
+        bent = _cross(phi, dv)
+        self._move(sculling + dv[:3] + bent * 0.5 + _cross(phi, _around(bent)) * (1.0 / 6.0), dt)
+        self._turn(phi)
 
     def _move(self, dv: Floats, dt: float) -> None:
-        np.multiply(self.C, dv, self._matrix)
-        increment = np.add.reduce(self._matrix, axis=1, out=self._b)
+        """Take in a velocity increment in the body as it was at the begin of the interval."""
+        increment = np.add.reduce(self.C * dv, axis=1)
         self.specific += increment
-        np.multiply(self.v, 0.5 * dt, self._c)
-        self._c += self.p
-        self._c *= self._gradient  # gravity in the middle of the interval
-        self._c += self._gravity
-        self._c *= dt
+        gravity = ((self.v * (0.5 * dt) + self.p) * self._gradient + self._gravity) * dt  # in the middle
         # Coriolis of the velocity in the middle, 2 rate x (v + (increment + gravity)/2), and half of the turn of t
         # within the interval on the increment: rate x (2 v + 1.5 increment + gravity)
-        np.multiply(self.v, 2.0, self._spare)
-        self._spare += self._c
-        self._c += increment
-        increment *= 1.5
-        self._spare += increment
-        np.multiply(self._coriolis, self._spare, self._matrix)
-        np.add.reduce(self._matrix, axis=1, out=self._b)
-        self._b *= dt
-        self._c += self._b
-        np.multiply(self._c, 0.5, self._b)
-        self._b += self.v
-        self._b *= dt
-        self.p += self._b
-        self.v += self._c
+        turning = self.v * 2.0 + gravity + increment * 1.5
+        change = gravity + increment + np.add.reduce(self._coriolis * turning, axis=1) * dt
+        self.p += (change * 0.5 + self.v) * dt
+        self.v += change
 
-    def _turn(self) -> None:
+    def _turn(self, phi: Floats) -> None:
         """C exp([phi x]) by the products of the rows with phi, then the turn of the Earth."""
-        phi, rows = self._phi, self._rows
-        square = phi[0] * phi[0]
-        square += phi[1] * phi[1]
-        square += phi[2] * phi[2]
-        sine, versine = _series(square)
-        first = self._across(self.C, self._matrix)
-        np.multiply(first, sine, rows[:, :3])
-        self.C += rows[:, :3]
-        second = self._across(first, self._matrix)
-        second *= versine
-        self.C += second
-        np.multiply(self._earth, self.C, self._cube)
-        np.add.reduce(self._cube, axis=1, out=self.C)
-
-    def _across(self, matrix: Floats, out: Floats) -> Floats:
-        """Return rows of ``matrix`` times the rotation vector."""
-        rows, phi = self._rows, self._phi
-        rows[:, :3] = matrix
-        rows[:, 3:] = matrix[:, :2]
-        np.multiply(rows[:, 1:4], phi[2:5], out)
-        np.multiply(rows[:, 2:5], phi[1:4], self._rows_spare)
-        return np.subtract(out, self._rows_spare, out)
+        sine, versine = _series(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
+        rows, phi = self.C.swapaxes(0, 1), phi[:, None]  # the rows of C as vectors side by side
+        first = _cross(_around(rows), phi)
+        rows += first * sine
+        rows += _cross(_around(first), phi) * versine
+        np.add.reduce(self._earth * self.C, axis=1, out=self.C)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
         notes=[*no_result(missing), *notes(result)],
         missing=missing,
         figures=[*trajectory_figures(ready.egi, taken.radar), *figures(result)],
-        tables=[*tables(result), *unseen_tables([searched])],
+        tables=[*tables(result, entries), *unseen_tables([searched])],
     )
 
 

@@ -33,7 +33,7 @@ from bench.maths.arrays import Floats
 from bench.maths.samples import MOST
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
-from bench.systems.time_sync.estimators.differences import STATES, Differences, Guess, Noise, Solved, differences
+from bench.systems.time_sync.estimators.differences import STATES, Differences, Guess, Noise, differences
 from bench.systems.time_sync.estimators.kalman.setup import (
     OFFSET,
     EgiSpread,
@@ -279,8 +279,8 @@ def rows_of(result: SyncResult, densities: ImuDensities, spread: EgiSpread, take
     found, clocks = result.found, result.clocks
     run, group, egi = found.run, GROUPS.index(result.method), found.egi
     guess = Guess(float(run.offset_s[-1, group, 0]), run.accel_bias[-1, group, 0], run.gyro_bias[-1, group, 0])
-    solved = Solved(egi.t_s, egi.p, egi.v, egi.C, egi.frame.latitude_deg, found.at_s)
-    seen = differences(result.ready.imu, solved, guess, Noise(densities, spread, clocks.egi.tag_noise_s))
+    noise = Noise(densities, spread, clocks.egi.tag_noise_s)
+    seen = differences(result.ready.imu, egi, guess, noise, found.at_s)
     expected = np.concatenate((guess.accel_bias, guess.gyro_bias, [-guess.offset_s]))
     priors = np.stack([expected, [*np.repeat(densities.bias_sigmas, 3), OFFSET_STD_s]])
     imu, egi_delays = (

@@ -158,9 +158,9 @@ def _image(result: SyncResult) -> Estimates:
     for name, responses in ((COMPENSATED, image.compensated), (NONE, image.plain)):
         about = {"navigation": name}
         for quantity, unit, values in (
-            ("resolution", "m", [response.azimuth_resolution_m for response in responses]),
-            ("pslr", "dB", [response.pslr_dB for response in responses]),
-            ("islr", "dB", [response.islr_dB for response in responses]),
+            ("resolution", "m", [response.azimuth.resolution_m for response in responses]),
+            ("pslr", "dB", [response.azimuth.pslr_dB for response in responses]),
+            ("islr", "dB", [response.azimuth.islr_dB for response in responses]),
             (
                 "image_peak",
                 "1",

@@ -20,10 +20,12 @@ from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.differences import block_edges_s
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
+from bench.systems.time_sync.estimators.kalman.innovation import NIS_DOF
 from bench.systems.time_sync.estimators.kalman.setup import (
     LOOSE,
     OFFSET,
     TIGHT,
+    EgiSamples,
     EgiSpread,
     FilterRun,
     FilterSetup,
@@ -31,7 +33,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSamples,
 )
 from bench.systems.time_sync.records import Clocks, Stream
-from bench.systems.time_sync.samples import EgiSamples, Prepared
+from bench.systems.time_sync.samples import Prepared
 from bench.systems.time_sync.wording import say
 
 AUGMENTED_LOOSE, AUGMENTED_TIGHT = "augmented_loose", "augmented_tight"
@@ -164,8 +166,7 @@ def _in_step(ready: Prepared, clocks: Clocks, middle_s: float) -> EgiSamples:
             f"{int(inside.sum())} solutions of the EGI lie within the {ready.span_s:.1f} s of the inertial unit",
             next_step="record both links over the whole motion; look at the lost frames of the EGI",
         )
-    egi = ready.egi
-    return replace(egi, t_s=tags_s[inside], p=egi.p[inside], v=egi.v[inside], C=egi.C[inside], groups=len(GROUPS))
+    return replace(ready.egi.part(inside), t_s=tags_s[inside])
 
 
 def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle_s: float) -> Offset:
@@ -209,7 +210,7 @@ def ratio_of(run: FilterRun, group: int, block: int = 0) -> float:
     use = (count > 0) & np.isfinite(run.nis[:, group, block])
     if not use.any():
         return math.nan
-    return float(np.average(run.nis[use, group, block], weights=count[use]) / run.nis_dof[block])
+    return float(np.average(run.nis[use, group, block], weights=count[use]) / NIS_DOF[block])
 
 
 def _learnt_s(t_s: Floats, std_s: Floats, first_std_s: float) -> float:

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.analysis import Series, picture
 from bench.maths.arrays import Floats
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.sar.image import Chip, image_chip, point_targets
+from bench.systems.time_sync.estimators.sar.image import Chip, image_chip, levels_dB, point_targets
 from bench.systems.time_sync.estimators.sar.pulses import Pulses, positions_at
 from bench.systems.time_sync.estimators.sar.response import Response, impulse_response
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, NONE, Filtered
@@ -40,9 +41,14 @@ class Image:
     def shifts_m(self) -> Floats:
         """Of each target along the track, not compensated against compensated; positive = ahead."""
         return np.array([
-            plain.azimuth_shift_m - compensated.azimuth_shift_m
+            plain.azimuth.shift_m - compensated.azimuth.shift_m
             for plain, compensated in zip(self.plain, self.compensated, strict=True)
         ])  # fmt: skip
+
+
+def drawn(chip: Chip, reference: float) -> Series:
+    """Return levels of a piece of an image against a magnitude, 0 dB and less, as a picture."""
+    return picture(chip.azimuth_m, chip.range_m, np.round(np.minimum(levels_dB(chip.value, reference), 0.0).T, 1))
 
 
 def first_pulse_s(radar: Stream | None) -> float:

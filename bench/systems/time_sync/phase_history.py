@@ -20,16 +20,15 @@ from bench.analysis import (
     Material,
     Table,
     estimate,
-    picture,
     series,
 )
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import Complex128, levels_dB
 from bench.systems.time_sync.estimators.sar.response import Response, Scene, compressed, scene_of
+from bench.systems.time_sync.image import drawn
 from bench.systems.time_sync.wording import say
 
 METHODS: tuple[str, ...] = ("backprojection",)
-_FLOOR_dB = -40.0
 _WIDE = 1.2  # of the ideal width
 _IN_dB = 20.0 / math.log(10.0)
 # Standard deviations per background over peak, by the slopes of sin(pi x) / (pi x): of the -3 dB width and of the place
@@ -95,25 +94,22 @@ def _estimates(scene: Scene, target: Response, n: int, dropped: int) -> Estimate
     place_m = _place_m(scene, scene.targets_m[0], target)
     for axis, value_m, std_m in zip("xy", place_m, _place_std_m(scene, noise), strict=True):
         entries.append(estimate(f"place_{axis}", "m", value_m, std_m, {}, **counted))
-    for axis, cell_m, width_m, pslr_dB, islr_dB in (
-        ("azimuth", scene.cells_m[0], target.azimuth_resolution_m, target.pslr_dB, target.islr_dB),
-        ("range", scene.cells_m[1], target.range_resolution_m, target.range_pslr_dB, target.range_islr_dB),
-    ):
-        lobe, energy = 10.0 ** (-pslr_dB / 20.0), 10.0 ** (islr_dB / 10.0)
+    for cell_m, (axis, cut) in zip(scene.cells_m, target.cuts.items(), strict=True):
+        lobe, energy = 10.0 ** (-cut.pslr_dB / 20.0), 10.0 ** (cut.islr_dB / 10.0)
         about = {"axis": axis}
         entries += [
-            estimate("resolution", "m", width_m, _WIDTH * noise * cell_m, about, **counted),
-            estimate("resolution_over_ideal", "1", width_m / cell_m, _WIDTH * noise, about, **counted),
-            estimate("pslr", "dB", pslr_dB, _IN_dB * noise * math.sqrt((1.0 + lobe**2) / 2.0), about, **counted),
-            estimate("islr", "dB", islr_dB, 0.5 * _IN_dB * noise * math.sqrt(2.0 / energy), about, **counted),
+            estimate("resolution", "m", cut.resolution_m, _WIDTH * noise * cell_m, about, **counted),
+            estimate("resolution_over_ideal", "1", cut.resolution_m / cell_m, _WIDTH * noise, about, **counted),
+            estimate("pslr", "dB", cut.pslr_dB, _IN_dB * noise * math.sqrt((1.0 + lobe**2) / 2.0), about, **counted),
+            estimate("islr", "dB", cut.islr_dB, 0.5 * _IN_dB * noise * math.sqrt(2.0 / energy), about, **counted),
         ]
     return entries
 
 
 def _place_m(scene: Scene, place_m: Floats, target: Response) -> Floats:
     """Return where the image of a target, looked for about ``place_m``, stands on level ground, x and y."""
-    out_m = target.range_shift_m / scene.cosine
-    return (place_m + target.azimuth_shift_m * scene.axes.azimuth + out_m * scene.axes.sight)[:2]
+    out_m = target.range.shift_m / scene.cosine
+    return (place_m + target.azimuth.shift_m * scene.axes.azimuth + out_m * scene.axes.sight)[:2]
 
 
 def _place_std_m(scene: Scene, noise: float) -> Floats:
@@ -123,7 +119,7 @@ def _place_std_m(scene: Scene, noise: float) -> Floats:
 
 def _evidence(scene: Scene, target: Response) -> list[Evidence]:
     """Return what says that the place of the target means little: its image is not one of a point in focus."""
-    ratio = target.azimuth_resolution_m / scene.cells_m[0]
+    ratio = target.azimuth.resolution_m / scene.cells_m[0]
     if ratio < _WIDE:
         return []
     return [
@@ -139,11 +135,9 @@ def _table(scene: Scene) -> Table:
         if response is None:
             rows.append([len(rows) + 1, *at, *[say("places.no_point")] * 6])
             continue
-        figures = [
-            (response.azimuth_resolution_m, 4), (response.range_resolution_m, 4), (response.pslr_dB, 2),
-            (response.range_pslr_dB, 2), (response.islr_dB, 2), (response.range_islr_dB, 2),
-        ]  # fmt: skip
-        rows.append([len(rows) + 1, *at, *(f"{value:.{digits}f}" for value, digits in figures)])
+        cuts = response.azimuth, response.range
+        figures = *(f"{cut.resolution_m:.4f}" for cut in cuts), *(f"{cut.pslr_dB:.2f}" for cut in cuts)
+        rows.append([len(rows) + 1, *at, *figures, *(f"{cut.islr_dB:.2f}" for cut in cuts)])
     headers = say.heads(
         "places", "target", "x", "y", "azimuth_width", "range_width", "azimuth_pslr", "range_pslr", "azimuth_islr",
         "range_islr",
@@ -153,8 +147,7 @@ def _table(scene: Scene) -> Table:
 
 
 def _image(scene: Scene) -> Figure:
-    level_dB = np.round(levels_dB(scene.chip.value, np.abs(scene.chip.value).max(), _FLOOR_dB).T, 1)
-    parts = [picture(scene.chip.azimuth_m, scene.chip.range_m, level_dB)]
+    parts = [drawn(scene.chip, np.abs(scene.chip.value).max())]
     return Figure(say("image.title"), say("ground.caption"), say("ground.x"), say("ground.y"), parts)
 
 
@@ -165,8 +158,8 @@ def _cuts(target: Response) -> list[Figure]:
             say("cut.strongest"),
             say(f"cut.{name}.x"),
             say("cut.y"),
-            [series(say("places.head.target"), cut.offset_m, levels_dB(cut.value, target.peak, _FLOOR_dB), "line")],
+            [series(say("places.head.target"), cut.offset_m, levels_dB(cut.value, target.peak), "line")],
             group=say("cut.group"),
         )
-        for name, cut in (("azimuth", target.azimuth_cut), ("range", target.range_cut))
+        for name, cut in target.cuts.items()
     ]

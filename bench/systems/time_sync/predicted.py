@@ -12,18 +12,18 @@ import numpy as np
 
 from bench.analysis import PROMPT, Planned, Prediction
 from bench.maths.arrays import Floats
-from bench.maths.geodesy import TangentFrame
+from bench.maths.geodesy import TangentFrame, heading_matrices
 from bench.maths.strapdown import earth_rate, gradient, normal_gravity
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
 from bench.systems.time_sync.estimators.kalman.innovation import observability
-from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import EgiSamples, FilterSetup, ImuSamples
 from bench.systems.time_sync.estimators.port_clocks import PortClock, StampNoise, clock_difference, expected_clock
 from bench.systems.time_sync.filtering import METHODS, SEEN, filtered
 from bench.systems.time_sync.limits import demands_of, densities_of, latency_of, spread_of
 from bench.systems.time_sync.records import EGI, ITEM, RADAR, Clocks
-from bench.systems.time_sync.samples import EgiSamples, Prepared
+from bench.systems.time_sync.samples import Prepared
 from bench.systems.time_sync.wording import filter_name, say
 
 _LINK, _TURN = "imu", ("turntable", "turn")
@@ -111,7 +111,7 @@ def planned_samples(planned: Planned) -> Prepared:
     gravity = np.array([0.0, 0.0, normal_gravity(latitude_deg)]) + gradient(latitude_deg) * p[1:]
     turn = earth_rate(latitude_deg)
     force = a - gravity + 2.0 * np.cross(turn, 0.5 * (v[1:] + v[:-1]))
-    C = _level(middle_yaw)
+    C = heading_matrices(middle_yaw)
     rate = turn @ C
     rate[:, 2] += yaw_rate
     imu = ImuSamples(
@@ -122,7 +122,7 @@ def planned_samples(planned: Planned) -> Prepared:
     )
     at_s = np.arange(t_s[1], t_s[-1], 1.0 / planned.rates_Hz[EGI])
     place, speed = (np.stack([np.interp(at_s, t_s, axis) for axis in values.T], axis=1) for values in (p, v))
-    egi = EgiSamples(at_s, place, speed, _level(np.interp(at_s, t_s, yaw)), TangentFrame(latitude_deg, 0.0),
+    egi = EgiSamples(at_s, place, speed, heading_matrices(np.interp(at_s, t_s, yaw)), TangentFrame(latitude_deg, 0.0),
                      float(planned.campaign[EGI]["position_m"]))  # fmt: skip
     return Prepared(imu, egi, 0, 0, 0, 0)
 
@@ -153,11 +153,3 @@ def _integral(values: Floats, step_s: float) -> Floats:
 def _along(yaw: Floats, size: Floats) -> Floats:
     """Return level vectors of these sizes in the direction of a yaw, (n, 3)."""
     return np.asarray(size[:, None] * np.stack((np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)), axis=1))
-
-
-def _level(yaw: Floats) -> Floats:
-    """Return body to tangent frame of level vehicles, (n, 3, 3)."""
-    turn = np.zeros((yaw.size, 3, 3))
-    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(yaw)
-    turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = np.sin(yaw), -np.sin(yaw), 1.0
-    return turn

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import (
+    Estimates,
     Figure,
     Floats,
     Series,
@@ -19,52 +20,58 @@ from bench.analysis import (
     band,
     decimals_for,
     number,
-    picture,
     series,
     significant,
-    with_uncertainty,
+    stated_value,
     worded_figure,
     worded_table,
 )
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
-from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
+from bench.systems.time_sync.estimators.kalman.innovation import NIS_DOF
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, ratio_of
-from bench.systems.time_sync.image import Image
+from bench.systems.time_sync.image import Image, drawn
+from bench.systems.time_sync.limits import DIFFERENCE
 from bench.systems.time_sync.wording import filter_name, manoeuvre_name, say
 
 _MS = 1e3
 _MOST_POINTS = 1200
-_FLOOR_dB = -40.0
 _LEAST = 1e-9
 _MOST_RATIO = 1.5
 
 
-def tables(result: SyncResult) -> list[Table]:
-    """Return all, the result in front."""
-    first = [_result(result), _filters(result), _clocks(result), _consistency(result), _biases(result)]
+def tables(result: SyncResult, entries: Estimates) -> list[Table]:
+    """Return all, the result in front; what is an estimate is printed as ``entries`` have it."""
+    values = _result(result, entries), _filters(result), _clocks(result, entries)
+    first = [*values, _consistency(result), _biases(result, entries)]
     return [*first, *([_image(result.image, result)] if result.image else []), _received(result)]
 
 
-def _result(result: SyncResult) -> Table:
+def _stated(entries: Estimates, quantity: str, scale: float = 1.0, **where: Any) -> str:
+    """Return what the first estimate of a quantity states, times ``scale``."""
+    return next(
+        stated_value(entry, scale)
+        for entry in entries
+        if entry.quantity == quantity and where.items() <= entry.conditions.items()
+    )
+
+
+def _result(result: SyncResult, entries: Estimates) -> Table:
     """Return what is read first."""
-    factor = coverage_factor()
     rows: list[list[Any]] = []
     for name in METHODS:
-        offset = result.found.offsets[name]
-        told = with_uncertainty(_MS * offset.offset_s, _MS * factor * offset.std_s) if offset.seen else say("unseen")
+        seen = result.found.offsets[name].seen
+        told = _stated(entries, "time_offset", _MS, method=name) if seen else say("unseen")
         rows.append([say("result.filter", name=filter_name(name)), told, _role(result, name)])
-    clocks = result.clocks
-    if clocks.offset_s is None:
+    if result.clocks.offset_s is None:
         rows.append([say("result.stamps"), say("result.no_latencies"), "–"])
     else:
-        stamps = with_uncertainty(_MS * clocks.offset_s, factor * _MS * clocks.difference.std_s)
+        stamps = _stated(entries, "time_offset_from_stamps", _MS)
         rows.append([say("result.stamps_and_latencies"), stamps, say("role.independent")])
     if result.difference_s is not None:
-        apart_s, std_s = result.difference_s
-        apart = with_uncertainty(_MS * apart_s, factor * _MS * std_s)
-        rows.append([say("result.filter_minus_stamps"), apart, say("role.judged")])
+        rows.append([say("result.filter_minus_stamps"), _stated(entries, DIFFERENCE, _MS), say("role.judged")])
     limits = {"interval": _MS * result.demands.uncertainty_s, "difference": _MS * result.demands.difference_s}
     caption = say("result.caption" if result.chosen.seen else "result.caption_unseen", **limits)
     return Table(say("result.title"), caption, say.heads("result", "by", "offset", "role"), rows, lead=True)
@@ -104,17 +111,16 @@ def _noise(sigma: tuple[float, float, float]) -> str:
     return f"{sigma[0]:g} m, {sigma[1]:g} m/s, {sigma[2]:g} deg"
 
 
-def _clocks(result: SyncResult) -> Table:
-    clocks, factor = result.clocks, coverage_factor()
+def _clocks(result: SyncResult, entries: Estimates) -> Table:
+    clocks = result.clocks
     rows: list[list[Any]] = [
         [
-            name, port.above_s.size, with_uncertainty(-1e6 * port.rate, factor * 1e6 * port.rate_std),
+            name, port.above_s.size, _stated(entries, "clock_rate", link=link),
             number(_MS * port.jitter_s, 3), number(1e6 * port.tag_noise_s, 1), number(_MS * port.grid_s, 3),
         ]
-        for name, port in ((say("imu"), clocks.imu), ("EGI", clocks.egi))
+        for name, link, port in ((say("imu"), "imu", clocks.imu), ("EGI", "egi", clocks.egi))
     ]  # fmt: skip
-    drift = with_uncertainty(1e6 * clocks.difference.drift, factor * 1e6 * clocks.difference.drift_std)
-    rows.append([say("clocks.egi_against_imu"), "–", drift, "–", "–", "–"])
+    rows.append([say("clocks.egi_against_imu"), "–", _stated(entries, "time_offset_drift"), "–", "–", "–"])
     stated = say("clocks.no_latencies")
     if clocks.latency is not None:
         latency = clocks.latency
@@ -132,13 +138,9 @@ def _consistency(result: SyncResult) -> Table:
     return worded_table(say, "consistency", headers, rows)
 
 
-def _biases(result: SyncResult) -> Table:
-    run, group, factor = result.found.run, GROUPS.index(result.method), coverage_factor()
-    std, rows = result.found.bias_std(result.method), list[list[Any]]()
-    for axis, letter in enumerate("xyz"):
-        accel = 1e6 / STANDARD_GRAVITY_m_s2 * np.array([run.accel_bias[-1, group, 0, axis], std[axis]])
-        gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], std[3 + axis]])
-        rows.append([letter, *(with_uncertainty(float(bias[0]), factor * float(bias[1])) for bias in (accel, gyro))])
+def _biases(result: SyncResult, entries: Estimates) -> Table:
+    kinds = ("accel_bias", "gyro_bias")
+    rows = [[axis, *(_stated(entries, quantity, axis=axis) for quantity in kinds)] for axis in "xyz"]
     headers = say.heads("biases", "axis", "accelerometer", "gyro")
     return worded_table(say, "biases", headers, rows, name=filter_name(result.method))
 
@@ -151,8 +153,8 @@ def _image(image: Image, result: SyncResult) -> Table:
             (filter_name(NONE), plain, number(float(image.shifts_m[target - 1]), 3)),
         ):  # fmt: skip
             rows.append([
-                target, name, shift, number(response.azimuth_resolution_m, 4), number(response.pslr_dB, 2),
-                number(response.islr_dB, 2), number(response.peak / compensated.peak, 3),
+                target, name, shift, number(response.azimuth.resolution_m, 4), number(response.azimuth.pslr_dB, 2),
+                number(response.azimuth.islr_dB, 2), number(response.peak / compensated.peak, 3),
             ])  # fmt: skip
     left_s = result.found.offsets[COMPENSATED].offset_s - result.found.shift_s  # the rest is out of the tags of both
     due_m = -image.speed_m_s * left_s
@@ -219,7 +221,7 @@ def _seen(result: SyncResult) -> list[Figure]:
 def _innovations(result: SyncResult) -> list[Figure]:
     run, parts = result.found.run, []
     for group, name in enumerate(GROUPS):
-        ratio = run.nis[:, group, 0] / run.nis_dof[0]
+        ratio = run.nis[:, group, 0] / NIS_DOF[0]
         use = np.isfinite(ratio) & (ratio > 0.0)
         if use.any():
             t_s, value = _thin(run.t_s[use], ratio[use])
@@ -240,28 +242,25 @@ def _stamps(result: SyncResult) -> list[Figure]:
 
 def _chips(image: Image) -> list[Figure]:
     """Return both images about the place of the strongest target, as it was found with the compensated solution."""
-    drawn = []
+    figures = []
     for name, chip in zip((COMPENSATED, NONE), image.chips, strict=True):
-        level_dB = np.round(levels_dB(chip.value, np.abs(chip.value).max(), _FLOOR_dB).T, 1)
-        parts = [picture(chip.azimuth_m, chip.range_m, level_dB)]
+        parts = [drawn(chip, np.abs(chip.value).max())]
         labels = say(f"chip.{name}"), say("chip.caption"), say("cut.azimuth.x"), say("cut.range.x")
-        drawn.append(Figure(*labels, parts, group=say("path.image")))
-    return drawn
+        figures.append(Figure(*labels, parts, group=say("path.image")))
+    return figures
 
 
 def _responses(image: Image) -> list[Figure]:
     """Cuts through the strongest target, each about its own peak; the shift stands in the label of the second."""
     drawn = []
     compensated, plain = image.compensated[0], image.plain[0]
-    for name, cut, second, shift_m in (
-        ("azimuth", compensated.azimuth_cut, plain.azimuth_cut, float(image.shifts_m[0])),
-        ("range", compensated.range_cut, plain.range_cut, plain.range_shift_m - compensated.range_shift_m),
-    ):  # fmt: skip
+    for name, cut in compensated.cuts.items():
         top = float(np.max(np.abs(cut.value)))
         parts = [
-            series(filter_name(COMPENSATED), cut.offset_m, levels_dB(cut.value, top, _FLOOR_dB), "line"),
-            series(filter_name(NONE), second.offset_m + shift_m, levels_dB(second.value, top, _FLOOR_dB), "line"),
-        ]
+            series(filter_name(navigation), one.offset_m + (one.shift_m - cut.shift_m),
+                   levels_dB(one.value, top), "line")
+            for navigation, one in ((COMPENSATED, cut), (NONE, plain.cuts[name]))
+        ]  # fmt: skip
         labels = say(f"cut.{name}"), say("cut.caption"), say(f"cut.{name}.x"), say("cut.y")
         drawn.append(Figure(*labels, parts, group=say("cut.group")))
     return drawn

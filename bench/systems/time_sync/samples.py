@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +11,7 @@ from bench.maths.arrays import Flags, Floats
 from bench.maths.geodesy import TangentFrame, body_to_level
 from bench.maths.samples import off_course, repeats
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import EgiSamples, ImuSamples
 from bench.systems.time_sync.estimators.port_clocks import even_tags_s
 from bench.systems.time_sync.records import Recording, Stream
 from bench.systems.time_sync.wording import say
@@ -22,34 +22,6 @@ _LEAST_SHARE = 0.5  # of the recording that must be in one piece
 _LEAST_EGI = 200
 _NAVIGATING = 3  # mode of the EGI: GPS and inertial
 _MOVED_m = 1e-3  # between two solutions: a vehicle that does so is not where it was
-
-
-@dataclass(frozen=True)
-class EgiSamples:
-    """Solutions of the EGI in the tangent frame at the first of them; an ``EgiSource`` of ``groups`` equal groups.
-
-    ``t_s``: (m,) time tags.   ``p`` (m, 3) m, ``v`` (m, 3) m/s, ``C`` (m, 3, 3) body to tangent frame.
-    ``position_std_m``: as the unit states it, the median.
-    """
-
-    t_s: Floats
-    p: Floats
-    v: Floats
-    C: Floats
-    frame: TangentFrame
-    position_std_m: float
-    groups: int = 1
-
-    def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
-        """Return samples k0 to k1 - 1, the same for every group."""
-        count = min(k1, self.t_s.size) - k0
-        p, v, C = self.p[k0:k1], self.v[k0:k1], self.C[k0:k1]
-        vector = (count, self.groups, 1, 3)
-        return (
-            np.ascontiguousarray(np.broadcast_to(p[:, None, None], vector)),
-            np.ascontiguousarray(np.broadcast_to(v[:, None, None], vector)),
-            np.ascontiguousarray(np.broadcast_to(C[:, None, None], (*vector, 3))),
-        )
 
 
 @dataclass(frozen=True)
@@ -181,7 +153,7 @@ def _without_odd_solutions(egi: EgiSamples, stream: Stream, notes: list[str]) ->
     notes.append(_left_out("egi", odd.size, float(egi.t_s[odd[0]] - egi.t_s[0])))
     keep = np.ones(egi.t_s.size, bool)
     keep[odd] = False
-    return replace(egi, t_s=egi.t_s[keep], p=egi.p[keep], v=egi.v[keep], C=egi.C[keep]), int(odd.size)
+    return egi.part(keep), int(odd.size)
 
 
 def _left_out(link: str, count: int, after_s: float) -> str:

@@ -59,25 +59,12 @@ class Radar:
         return self.slant_range_m - 0.45 * self.gates * self.spacing_m
 
 
-@dataclass(frozen=True)
-class Echoes:
-    """Range-compressed echoes.
-
-    Attributes:
-        gates: (n, g), of unit amplitude at the peak of a target of amplitude 1.
-        near_range_m: slant range of the first gate, the same for all pulses.   spacing_m: from gate to gate.
-    """
-
-    gates: Complex
-    near_range_m: float
-    spacing_m: float
-
-
-def echoes(radar: Radar, positions_m: Floats, targets_m: Floats, amplitudes: Floats) -> Echoes:
-    """Return echoes of point targets at the pulses' true antenna positions.
+def echoes(radar: Radar, positions_m: Floats, targets_m: Floats, amplitudes: Floats) -> Complex:
+    """Return range-compressed echoes of point targets at the pulses' true antenna positions.
 
     Args:    radar.   positions_m: (n, 3) north, east, down at the pulses.   targets_m: (k, 3).   amplitudes: (k,).
-    Returns: Echoes; of a target beyond the gates only the tail of its pulse response is left.
+    Returns: (n, g), of unit amplitude at the peak of a target of amplitude 1; of a target beyond the gates only the
+             tail of its pulse response is left.
     Source:  Carrara, Goodman, Majewski, Spotlight Synthetic Aperture Radar (1995), chapter 2; conventions above.
     """
     positions_m = np.asarray(positions_m, np.float64)
@@ -87,21 +74,20 @@ def echoes(radar: Radar, positions_m: Floats, targets_m: Floats, amplitudes: Flo
         for target, amplitude in zip(np.asarray(targets_m, np.float64), np.asarray(amplitudes), strict=True):
             range_m = np.sqrt(np.sum((positions_m[some] - target) ** 2, axis=1))
             gates[some] += amplitude * _pulse(radar, range_m)
-    return Echoes(gates, radar.near_range_m, radar.spacing_m)
+    return gates
 
 
-def scene(radar: Radar, position_m: Floats, velocity_m_s: Floats, *, ahead_s: float | None = None) -> Floats:
+def scene(radar: Radar, position_m: Floats, velocity_m_s: Floats) -> Floats:
     """Return three reflectors on the ground, right of the place where the flight will be at the middle of the aperture.
 
     Args:    radar.   position_m, velocity_m_s: (3,) north, east, down at the beginning of the aperture; level flight.
-             ahead_s: from there to the middle of the aperture; half of `radar.aperture_s` if not given.
     Returns: (3, 3) north, east, down; the middle one broadside at `radar.slant_range_m`, down = 0; the others 100 m
              before and behind along the track and 12 m nearer and farther.
     """
     velocity = np.asarray(velocity_m_s, np.float64)
     along = np.array([velocity[0], velocity[1], 0.0]) / np.hypot(velocity[0], velocity[1])
     right = np.array([-along[1], along[0], 0.0])
-    middle = np.asarray(position_m, np.float64) + velocity * (radar.aperture_s / 2 if ahead_s is None else ahead_s)
+    middle = np.asarray(position_m, np.float64) + velocity * (radar.aperture_s / 2)
     ranges_m = radar.slant_range_m + np.array([0.0, -12.0, 12.0])
     ground = middle * [1.0, 1.0, 0.0] + np.sqrt(ranges_m**2 - middle[2] ** 2)[:, None] * right
     return ground + np.array([0.0, 100.0, -100.0])[:, None] * along
@@ -136,14 +122,14 @@ class RadarPulses:
         own_s = number * PERIOD_S
         self._flight.upto(int(self._clock.times_ns(own_s[-1:])[0]))
         flight_s = self._clock.since_on_s(own_s) + self._flight.seconds(self._clock.on_ns)
-        echoed = echoes(self.radar, self._flight.path.state(flight_s).p, self.targets_m, np.ones(len(self.targets_m)))
-        echo = np.stack([echoed.gates.real, echoed.gates.imag], axis=-1).reshape(number.size, -1)
+        gates = echoes(self.radar, self._flight.path.state(flight_s).p, self.targets_m, np.ones(len(self.targets_m)))
+        echo = np.stack([gates.real, gates.imag], axis=-1).reshape(number.size, -1)
         if self._noise_of is not None:
             echo = echo + self._noise_of.upto(int(counter[0]), int(counter[-1]) + 1)
         return {
             "tick": np.rint(own_s / TICK_S).astype(np.int64),
-            "near_range": echoed.near_range_m,
-            "spacing": echoed.spacing_m,
+            "near_range": self.radar.near_range_m,
+            "spacing": self.radar.spacing_m,
             "wavelength": self.radar.wavelength_m,
             "echo": np.rint(PEAK_COUNTS * echo).clip(-_HIGHEST, _HIGHEST).astype(np.int64),
             "status": 0,

@@ -12,14 +12,13 @@ geocentric coordinates to geodetic coordinates", J. Geodesy 76 (2002), 451-454, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bench.model.arrays import Floats, Integers
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.time_sync.flight.egi import EgiErrorStepper
+from sim_instruments.worlds.time_sync.flight.egi import EgiClass, EgiErrorFilter, lane
 from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments
 from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPath, PathState
@@ -80,51 +79,32 @@ def euler_rad(turn: Floats) -> Floats:
     return np.stack([roll, pitch, heading], axis=-1)
 
 
-@dataclass(frozen=True)
-class Told:
-    """Position, velocity and attitude as a navigation unit tells them, n samples.
-
-    ``latitude_deg, longitude_deg, height_m`` (n,); ``velocity_m_s`` (n, 3) north, east, down where the vehicle is;
-    ``attitude_deg`` (n, 3) roll, pitch, heading there.
-    """
-
-    latitude_deg: Floats
-    longitude_deg: Floats
-    height_m: Floats
-    velocity_m_s: Floats
-    attitude_deg: Floats
-
-
-@dataclass(frozen=True)
-class TangentPlane:
-    """The frame t of a flight: its origin, at height 0."""
-
-    latitude_deg: float
-    longitude_deg: float
-
-    def told(self, position_m: Floats, velocity_m_s: Floats, turn: Floats) -> Told:
-        """Return what a unit tells at a position with a velocity (n, 3), in t, its body turned by ``turn`` (n, 3, 3).
-
-        Earth-fixed velocity, so that only its direction of axes changes.
-        """
-        latitude, longitude = np.radians(self.latitude_deg), np.radians(self.longitude_deg)
-        axes = level_axes(latitude, longitude)  # t to e
-        origin_m = to_earth(latitude, longitude, np.zeros(()))
-        latitude, longitude, height_m = to_geodetic(origin_m + position_m @ axes.T)
-        to_level = np.swapaxes(level_axes(latitude, longitude), -1, -2) @ axes  # t to n
-        there = np.einsum("nij,nj->ni", to_level, velocity_m_s)
-        attitude_deg = np.degrees(euler_rad(to_level @ turn))
-        return Told(np.degrees(latitude), np.degrees(longitude), height_m, there, attitude_deg)
-
-
 EGI_PERIOD_S, IMU_PERIOD_S = 0.02, 0.005
 LONGITUDE_DEG = 127.0
-ORIGIN = TangentPlane(LATITUDE_DEG, LONGITUDE_DEG)
 ALIGNING, GPS_AND_INERTIAL = 0, 3  # modes
 _COARSE = (5.0, 0.1, np.radians(0.5))  # m, m/s, rad: errors while it aligns, standard deviations
 ANGLE_LSB_RAD, VELOCITY_LSB_M_S, TEMPERATURE_LSB_DEGC = 1e-9, 1e-8, 0.01
 FIRST_DEGC, WARM_DEGC, WARM_S = 23.0, 6.0, 300.0
 _HIGHEST = 2**31 - 1
+
+
+def solution(position_m: Floats, velocity_m_s: Floats, turn: Floats) -> dict[str, Floats]:
+    """Return what a unit tells at positions with velocities (n, 3), in t, its body turned by ``turn`` (n, 3, 3).
+
+    The origin of t is at height 0. The velocity is fixed to the Earth, so only the direction of its axes changes.
+    """
+    latitude, longitude = np.radians(LATITUDE_DEG), np.radians(LONGITUDE_DEG)
+    axes = level_axes(latitude, longitude)  # t to e
+    origin_m = to_earth(latitude, longitude, np.zeros(()))
+    latitude, longitude, height_m = to_geodetic(origin_m + position_m @ axes.T)
+    to_level = np.swapaxes(level_axes(latitude, longitude), -1, -2) @ axes  # t to n
+    return {
+        "latitude": np.degrees(latitude),
+        "longitude": np.degrees(longitude),
+        "height": height_m,
+        "velocity": np.einsum("nij,nj->ni", to_level, velocity_m_s),
+        "attitude": np.degrees(euler_rad(to_level @ turn)),
+    }
 
 
 class OwnTime:
@@ -138,28 +118,25 @@ class OwnTime:
         return self._path.state(self._same_s + (t_s - self._same_s) / self._rate)
 
 
-@dataclass
 class Solutions:
     """Errors of the EGI on one flight, sample by sample.
 
-    ``first_s``: time of the flight at sample 0.   ``rate``: of the EGI's clock.   ``rows``: position (m), velocity
-    (m/s) and attitude (rad), three each, and what the unit believes of its position (m), standard deviation.
+    Args: first_s: time of the flight at sample 0.   rate: of the EGI's clock.
+    Attributes: rows: position (m), velocity (m/s) and attitude (rad), three each, and what the unit believes of its
+        position (m), standard deviation.
     """
 
-    flight: Flight
-    first_s: float
-    rate: float
-    rows: list[Floats] = field(default_factory=list)
-    _stepper: EgiErrorStepper | None = field(default=None, repr=False)
+    def __init__(self, flight: Flight, first_s: float, rate: float) -> None:
+        self.first_s = first_s
+        self.rows: list[Floats] = []
+        path: Any = OwnTime(flight.path, rate, first_s)
+        self._filter = EgiErrorFilter(path, first_s, [lane(flight.seed, flight.number)], EgiClass())
 
     def upto(self, first: int, stop: int) -> Floats:
         """Return errors of samples ``first`` to ``stop`` - 1, (n, 10); the path must be complete up to the last one."""
-        if self._stepper is None:
-            path: Any = OwnTime(self.flight.path, self.rate, self.first_s)
-            self._stepper = EgiErrorStepper(path, self.flight.seed, self.flight.number, begin_s=self.first_s)
         while len(self.rows) < stop:
-            errors = np.concatenate(self._stepper.step())
-            self.rows.append(np.append(errors, self._stepper.position_sigma_m))
+            errors = self._filter.advance(1)[0, 0]
+            self.rows.append(np.append(errors, self._filter.position_sigma_m))
         return np.array(self.rows[first:stop])
 
 
@@ -207,15 +184,9 @@ class EgiSamples(_Samples):
             errors[part] = self._errors(flight, first, number[part]) if aligned else self._coarse
         if not self._noise:
             errors[:, :9] = 0.0
-        turn = turned(errors[:, 6:9], yaw)
-        told = ORIGIN.told(p + errors[:, :3], v + errors[:, 3:6], turn)
         return {
             "tick": self._ticks(number, counter),
-            "latitude": told.latitude_deg,
-            "longitude": told.longitude_deg,
-            "height": told.height_m,
-            "velocity": told.velocity_m_s,
-            "attitude": told.attitude_deg,
+            **solution(p + errors[:, :3], v + errors[:, 3:6], turned(errors[:, 6:9], yaw)),
             "position_sigma": errors[:, 9],
             "mode": mode,
             "status": 0,

@@ -20,7 +20,7 @@ from bench.systems.time_sync import study as published
 from bench.systems.time_sync.study.study import BASE, NAME, TIGHT, Group, StudyOptions, Task
 from bench.systems.time_sync.study.tasks import run_task
 
-GROUPS = (Group(0.01, augmented=True, noise=BASE), Group(0.0, augmented=False, noise=TIGHT))
+GROUPS = (Group(10.0, augmented=True, noise=BASE), Group(0.0, augmented=False, noise=TIGHT))
 TASKS = [Task("flight", one, 2.0, GROUPS, 2, 4) for one in ("turn", "linear", "acceleration", "stationary")]
 
 

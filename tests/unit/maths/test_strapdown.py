@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from bench.maths.geodesy import FLATTENING, SEMI_MAJOR_m, TangentFrame, body_to_level, geocentric_m, level_axes
 from bench.maths.strapdown import Track, earth_rate, gradient, navigate, normal_gravity, small_rotation
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments
-from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES
+from sim_instruments.worlds.time_sync.flight.path import manoeuvre
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def test_rotation_within_an_interval_bends_the_increment_as_the_closed_form_says
 
 def test_free_of_noise_the_flight_comes_back_within_a_millimetre() -> None:
     t_s = np.arange(60 * int(RATE_HZ) + 1) / RATE_HZ
-    paths = [MANOEUVRES["turn"], MANOEUVRES["acceleration"], MANOEUVRES["stationary"]]
+    paths = [manoeuvre("turn"), manoeuvre("acceleration"), manoeuvre("stationary")]
     increments = [exact_increments(path, t_s) for path in paths]
     dv, dtheta = (np.stack([lane[k] for lane in increments], axis=1) for k in (0, 1))
     begin = [path.state(t_s[:1]) for path in paths]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,13 @@ from bench.maths.arrays import Floats, Integers
 from bench.maths.strapdown import Track, earth_rate, navigate
 from bench.systems.time_sync.estimators.kalman.filter import first_model, refresh_model, skew
 from bench.systems.time_sync.estimators.kalman.innovation import block_of, filled_noise, rotation_between
-from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuDensities, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import (
+    EgiSamples,
+    EgiSpread,
+    FilterSetup,
+    ImuDensities,
+    ImuSamples,
+)
 
 STATES = 15  # errors of position, velocity and attitude at the begin, biases of accelerometers and gyros
 _FIXES = 0.25  # of what errors change by in a block: at a fix of its GPS an EGI corrects all of a solution at once
@@ -31,21 +37,6 @@ _NODE_s = 0.1  # steps of the error model
 _KICKS = 3  # of the walks, in a block
 _DOUBT = 10.0  # a motion counts as seen where its square is above this many times that of its noise
 _FLOOR = np.repeat([1e-3, 1e-4, 1e-6], 3)  # m, m/s, rad: arithmetic and resolution
-
-
-@dataclass(frozen=True)
-class Solved:
-    """Solutions of an EGI in one frame: tags by the clock of the inertial unit (m,), ``p``, ``v`` (m, 3), ``C``.
-
-    ``middle_s``: about which the drift of the tags was taken out.
-    """
-
-    t_s: Floats
-    p: Floats
-    v: Floats
-    C: Floats
-    latitude_deg: float
-    middle_s: float
 
 
 @dataclass(frozen=True)
@@ -85,17 +76,18 @@ class Differences:
     covariance: Floats
 
 
-def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Differences:
+def differences(imu: ImuSamples, egi: EgiSamples, guess: Guess, noise: Noise, middle_s: float) -> Differences:
     """Hold solutions against the integration from the first of them on.
 
-    Args:    imu: one lane.   egi: solutions inside its samples.   guess: offset and biases nearby.   noise: as stated.
+    Args:    imu: one lane.   egi: solutions inside its samples, tags by its clock.   guess: offset and biases nearby.
+             noise: as stated.   middle_s: about which the drift of the tags was taken out.
     Source:  see the head of this file.
     """
     valid_s = egi.t_s - guess.offset_s
     start = max(int(np.searchsorted(imu.t_s, valid_s[0])), 0)
     use = (valid_s >= imu.t_s[start]) & (valid_s <= imu.t_s[-1])
     blocks = _Blocks(valid_s[use], block_of(egi.t_s, block_edges_s(egi.t_s))[use])
-    egi = replace(egi, t_s=egi.t_s[use], p=egi.p[use], v=egi.v[use], C=egi.C[use])
+    egi = egi.part(use)
     path = _Path(imu, egi, guess, noise.imu, start)
     track = path.at(blocks.t_s)
     turned = rotation_between(np.moveaxis(track.C, 0, -1), np.moveaxis(egi.C, 0, -1)).T
@@ -118,7 +110,7 @@ def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Dif
         y=blocks.mean(y),
         states=blocks.mean(transition[:, :_SEEN, :STATES]),
         motion=mean_motion,
-        drifting=blocks.mean(motion * (egi.t_s - egi.middle_s)[:, None]),
+        drifting=blocks.mean(motion * (egi.t_s - middle_s)[:, None]),
         others={name: blocks.mean(column) for name, column in _others(track.C, rate, transition).items()},
         covariance=covariance,
     )
@@ -146,7 +138,7 @@ def _others(C: Floats, rate: Floats, transition: Floats) -> dict[str, Floats]:
 class _Path:
     """Integration of the inertial unit, and the error model along it at nodes."""
 
-    def __init__(self, imu: ImuSamples, egi: Solved, guess: Guess, densities: ImuDensities, start: int) -> None:
+    def __init__(self, imu: ImuSamples, egi: EgiSamples, guess: Guess, densities: ImuDensities, start: int) -> None:
         t_s = imu.t_s[start + 1 :]
         dt = np.diff(imu.t_s[start:])[:, None]
         dv = imu.dv[start + 1 :, 0] - guess.accel_bias * dt
@@ -154,7 +146,8 @@ class _Path:
         changes = [np.diff(x, axis=0, prepend=x[:1], append=x[-1:]) for x in (0.0 * dv, dv, dtheta)]
         self._changes = np.linalg.norm(changes, axis=2).T
         first_p = egi.p[0] + egi.v[0] * (imu.t_s[start] - egi.t_s[0] + guess.offset_s)
-        walked = navigate(t_s, dv, dtheta, first_p, egi.v[0], egi.C[0], egi.latitude_deg, begin_s=float(imu.t_s[start]))
+        latitude_deg, begin_s = egi.frame.latitude_deg, float(imu.t_s[start])
+        walked = navigate(t_s, dv, dtheta, first_p, egi.v[0], egi.C[0], latitude_deg, begin_s)
         begin = [values[None] for values in (first_p, egi.v[0], egi.C[0])]
         p, v, C = (np.concatenate((one, rest)) for one, rest in zip(begin, (walked.p, walked.v, walked.C), strict=True))
         self._track = Track(imu.t_s[start:], p, v, C)
@@ -165,13 +158,13 @@ class _Path:
         middle = 0.5 * (C[1:] + C[:-1])
         self._force = self._over_nodes(np.einsum("nij,nj->ni", middle, dv)) / steps_s
         turning = self._over_nodes(np.einsum("nij,nj->ni", middle, dtheta)) / steps_s
-        rate = turning - earth_rate(egi.latitude_deg)
+        rate = turning - earth_rate(latitude_deg)
         self._turning = rate * _shown(rate, densities.angle_walk**2 / steps_s)
         acceleration = np.diff(v[self._node], axis=0) / steps_s
         acceleration *= _shown(acceleration, densities.velocity_walk**2 / steps_s)
         self._filled = filled_noise(imu)[start:][self._node]
         self.rate, self.acceleration = _at_nodes(self._turning), _at_nodes(acceleration)
-        self.X = self._transitions(C, egi.latitude_deg)
+        self.X = self._transitions(C, latitude_deg)
 
     def _over_nodes(self, increments: Floats) -> Floats:
         return np.add.reduceat(increments, self._node[:-1], axis=0)

@@ -13,21 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Chapter, Document, Estimate, Figure, Series, Table, documents, estimates_of, picture, series
+from bench.analysis import Chapter, Document, Estimate, Figure, Series, Table, documents, estimates_of, series
 from bench.maths.arrays import rms
 from bench.systems.time_sync.estimators.sar.image import levels_dB
-from bench.systems.time_sync.study.errors import augmented, error_estimates, recovery_estimates, unaugmented
-from bench.systems.time_sync.study.images import figures_of, image_estimates, image_group
+from bench.systems.time_sync.estimators.sar.response import Response
+from bench.systems.time_sync.image import drawn
+from bench.systems.time_sync.study.errors import BODY, error_estimates, recovery_estimates
+from bench.systems.time_sync.study.images import figures_of, image_estimates
 from bench.systems.time_sync.study.study import (
     BASE,
     ERRORLESS,
+    FLOWN,
     LOOSE,
     NAME,
     SIGMA_R,
     TIGHT,
-    Cut,
     FlightResult,
-    RECOVERED_ms,
+    Group,
     Results,
     SHOWN_ms,
     StudyOptions,
@@ -47,12 +49,11 @@ from bench.systems.time_sync.study.tables import (
     said,
     several_table,
 )
+from bench.systems.time_sync.study.tasks import IMAGED
 
 _TIME = "time / s"
-_FLOWN = ("linear", "acceleration", "turn")
 _RMS = "Ours: RMS over the runs. The paper's axis: error over time, its scale not in the text."
 _NUMBERS = {False: ("8", "9", "10"), True: ("12", "13", "14")}
-_FLOOR_dB = -40.0
 _INDICES = (
     ("azimuth_shift_m", "shift", "m"),
     ("azimuth_resolution_m", "resolution", "m"),
@@ -76,7 +77,7 @@ def error_figures(results: Results, offsets_ms: Sequence[float]) -> list[Figure]
         ("6", "(b) gyro bias, down", turn, ("gyro_bias_deg_h", 2, TIGHT), "bias / deg/h"),
         *(
             ("7", f"turn, accelerometer bias, {name}", turn, ("accel_bias_ug", axis, TIGHT), "bias / ug")
-            for axis, name in enumerate(("forward", "right", "down"))
+            for axis, name in enumerate(BODY)
         ),
     )
     return [_over_time(*plan, offsets_ms) for plan in plans]
@@ -96,7 +97,7 @@ def _over_time(
 ) -> Figure:
     name, axis, noise = what
     parts = [
-        series(f"{offset_ms:g} ms", flight.t_s, flight.rms[name][:, flight.at(unaugmented(offset_ms, noise)), axis])
+        series(f"{offset_ms:g} ms", flight.t_s, flight.rms[name][:, flight.at(Group(offset_ms, noise=noise)), axis])
         for offset_ms in offsets_ms
     ]
     caption = f"Figure {number}. {_CAPTIONS[number]} {_RMS}"
@@ -109,7 +110,7 @@ def offset_figure(results: Results, offsets_ms: Sequence[float]) -> list[Figure]
     for noise, sentence in ((LOOSE, "loose"), (TIGHT, "tight")):
         parts: list[Series] = []
         for offset_ms in offsets_ms:
-            flight, at = results.long_flight(augmented(offset_ms, noise))
+            flight, at = results.long_flight(Group(offset_ms, augmented=True, noise=noise))
             seen = flight.t_s <= _FIRST_s
             parts.append(series(f"{offset_ms:g} ms", flight.t_s[seen], 1e3 * flight.offset_rms_s[seen, at]))
         parts.append(series("filter's own sigma", flight.t_s[seen], 1e3 * flight.offset_sigma_s[seen, at]))
@@ -129,8 +130,8 @@ _FIRST_s = 120.0
 
 def observability_figures(results: Results) -> list[Figure]:
     """Return figures 15 and 16: what the manoeuvres tell about the offset."""
-    flights = {name: results.flight(name, augmented=True) for name in _FLOWN}
-    at = {name: flight.at(augmented(SHOWN_ms)) for name, flight in flights.items()}
+    flights = {name: results.flight(name, augmented=True) for name in FLOWN}
+    at = {name: flight.at(Group(SHOWN_ms, augmented=True)) for name, flight in flights.items()}
 
     def compared(attribute: str, scale: float = 1.0) -> list[Series]:
         parts: list[tuple[str, FlightResult, Any]] = [
@@ -138,12 +139,12 @@ def observability_figures(results: Results) -> list[Figure]:
         ]
         return [series(name, flight.t_s, values) for name, flight, values in parts]
 
-    whole = [rms(flights[name].eigenvalue[:, at[name]]) for name in _FLOWN]
+    whole = [rms(flights[name].eigenvalue[:, at[name]]) for name in FLOWN]
     errors = f"Figure 15. Offset of {SHOWN_ms:g} ms, base noise; manoeuvres from 20 to 40 s. {_RMS}"
     eigen = (
         "Figure 16. Left: eigenvalue of the normalised covariance that belongs to the offset (position of 10 m at the "
         "begin); right: the offset's own element P'_TdTd. RMS over 60 s, which is the paper's axis: "
-        + ", ".join(f"{name} {value:.3f}" for name, value in zip(_FLOWN, whole, strict=True))
+        + ", ".join(f"{name} {value:.3f}" for name, value in zip(FLOWN, whole, strict=True))
         + "."
     )
     return [
@@ -157,8 +158,8 @@ def recovered_figure(results: Results) -> list[Figure]:
     """The turn for every offset that the augmented filter is asked to find; it has no counterpart in the paper."""
     flight = results.flight("turn", augmented=True)
     parts = [
-        series(f"{offset_ms:g} ms", flight.t_s, 1e3 * flight.offset_mean_s[:, flight.at(augmented(offset_ms))])
-        for offset_ms in RECOVERED_ms
+        series(f"{group.offset_ms:g} ms", flight.t_s, 1e3 * flight.offset_mean_s[:, at])
+        for at, group in enumerate(flight.groups)
     ]
     caption = "Mean error of the estimated offset over the runs, turn from 20 to 40 s; no counterpart in the paper."
     return [Figure("Recovered offsets", caption, _TIME, "mean error / ms", parts, "recovered")]
@@ -180,11 +181,9 @@ def _which(augmented: bool) -> str:
 def _cuts(results: Results, offsets_ms: Sequence[float], augmented: bool) -> list[Figure]:
     number, parts = _NUMBERS[augmented][0], []
     for offset_ms in offsets_ms:
-        group = image_group(offset_ms, augmented=augmented)
-        for cut in results.image(group)[0].cuts:
-            if (cut.direction, cut.offset_ms, cut.solution) == ("azimuth", group.offset_ms, group.solution):
-                level_dB = levels_dB(cut.amplitude, 1.0, _FLOOR_dB)
-                parts.append(series(f"{offset_ms:g} ms", cut.at_m, level_dB))
+        result, at = results.image(Group(offset_ms, augmented, IMAGED))
+        cut = result.responses[at].azimuth
+        parts.append(series(f"{offset_ms:g} ms", cut.shift_m + cut.offset_m, levels_dB(cut.value, 1.0)))
     caption = (
         f"Figure {number}. Impulse response along the track, {_which(augmented)}, run 1; 0 m is where the target truly "
         "is, 0 dB the peak of a perfectly known track. The paper's axis: amplitude over azimuth."
@@ -199,12 +198,8 @@ def _chips(results: Results, offsets_ms: Sequence[float], augmented: bool) -> li
         f"Figure {number}. The target's image, {_which(augmented)}, run 1; level from -40 dB (white) to 0 dB (black)."
     )
     for letter, offset_ms in zip("ab", offsets_ms, strict=True):
-        group = image_group(offset_ms, augmented=augmented)
-        result, at = results.image(group)
-        chip = result.chips[at]
-        level_dB = np.minimum(levels_dB(chip.size, 1.0, _FLOOR_dB), 0.0)
-        title = f"Fig. {number} ({letter}) {offset_ms:g} ms"
-        parts = [picture(chip.azimuth_m, chip.range_m, np.round(level_dB.T, 1))]
+        result, at = results.image(Group(offset_ms, augmented, IMAGED))
+        title, parts = f"Fig. {number} ({letter}) {offset_ms:g} ms", [drawn(result.chips[at], 1.0)]
         drawings.append(Figure(title, caption, "along track / m", "range / m", parts, f"figure {number}"))
     return drawings
 
@@ -217,7 +212,7 @@ def _indices(results: Results, offsets_ms: Sequence[float], augmented: bool) -> 
         "the text."
     )
     for name, title, unit in _INDICES:
-        values = [figures_of(results, name, offset_ms, augmented=augmented) for offset_ms in offsets_ms]
+        values = [figures_of(results, name, Group(offset_ms, augmented, IMAGED)) for offset_ms in offsets_ms]
         mean, std = np.array([of_runs.mean() for of_runs in values]), np.array([of_runs.std() for of_runs in values])
         part = series("mean", offsets_ms, mean, "points", low=mean - std, high=mean + std)
         labels = "offset / ms", f"{title} / {unit}"
@@ -346,7 +341,13 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
         "noise": {name: dict(zip(("m", "m/s", "deg"), sigmas, strict=True)) for name, sigmas in SIGMA_R.items()},
         "estimates": documents(estimates),
         "cuts": [
-            _cut(cut) for cut in [*results.ideal().cuts, *(cut for image in results.images() for cut in image.cuts)]
+            *_raw(results.ideal().response, 0.0, ERRORLESS),
+            *(
+                cut
+                for image in results.images()
+                for group, response in zip(image.groups, image.responses, strict=True)
+                for cut in _raw(response, group.offset_ms, group.solution)
+            ),
         ],
         "notes": [*([] if options.judged else [QUICK]), *NOTES],
         "provenance": {"simulated": True, "software": software},
@@ -358,17 +359,23 @@ def study_json(document: Document) -> str:
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
 
-def _cut(cut: Cut) -> dict[str, Any]:
-    """Raw complex amplitude along a line through the image; the ideal one has no filter."""
-    return {
-        "direction": cut.direction,
-        "offset_ms": cut.offset_ms,
-        "filter": cut.solution,
-        "run": 1,
-        "at_m": cut.at_m.tolist(),
-        "real": cut.amplitude.real.tolist(),
-        "imaginary": cut.amplitude.imag.tolist(),
-    }
+def _raw(response: Response, offset_ms: float, solution: str) -> list[dict[str, Any]]:
+    """Return raw complex amplitudes along lines through the image, metres from where the target truly is.
+
+    ``solution``: whose positions it was focused with; with the true ones metres count from the peak.
+    """
+    return [
+        {
+            "direction": name,
+            "offset_ms": offset_ms,
+            "filter": solution,
+            "run": 1,
+            "at_m": (cut.offset_m if solution == ERRORLESS else cut.shift_m + cut.offset_m).tolist(),
+            "real": cut.value.real.tolist(),
+            "imaginary": cut.value.imag.tolist(),
+        }
+        for name, cut in response.cuts.items()
+    ]
 
 
 def study_chapters(options: StudyOptions, document: Document, results: Results) -> list[Chapter]:

@@ -5,19 +5,21 @@ Offset as the augmented filter finds it, cases where it must not find any, and w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from bench.analysis import Estimate, Estimates
 from bench.maths.arrays import rms
 from bench.systems.time_sync.study.study import (
+    ANY,
     AUGMENTED,
     BASE,
+    FLOWN,
     LOOSE,
     TIGHT,
-    UNAUGMENTED,
     ACCELERATION_m_s2,
     FlightResult,
     Group,
@@ -49,11 +51,6 @@ def error_estimates(results: Results, offsets_ms: Sequence[float]) -> Estimates:
     return [entry for make in makers for offset_ms in offsets_ms for entry in make(results, offset_ms)]
 
 
-def unaugmented(offset_ms: float, noise: str = BASE) -> Group:
-    """Return the filter without a state for the offset."""
-    return Group(offset_ms * 1e-3, augmented=False, noise=noise)
-
-
 def over_time(flight: FlightResult, name: str, group: Group, axis: int, between_s: tuple[float, float]) -> float:
     """RMS of an error over the runs and a stretch of time."""
     rows = flight.rms[name][flight.during(*between_s), flight.at(group), axis]
@@ -75,9 +72,9 @@ def after_s(flight: FlightResult) -> tuple[float, float]:
     return SETTLED_s, float(flight.t_s[-1])
 
 
-def case(manoeuvre: str, offset_ms: float, **more: Any) -> dict[str, Any]:
-    """Return conditions of an estimate."""
-    return {"manoeuvre": manoeuvre, "offset_ms": offset_ms, "filter": UNAUGMENTED, **more}
+def about(due: float, share: float) -> tuple[float, float]:
+    """Return ends of a tolerance on both sides of what is due."""
+    return (1 - share) * due, (1 + share) * due
 
 
 def _position(results: Results, offset_ms: float) -> Estimates:
@@ -86,80 +83,68 @@ def _position(results: Results, offset_ms: float) -> Estimates:
     The 50 runs alone have a mean of some 0.04 m, which an offset of 10 ms turns into 4 % of the RMS: the due value is
     that of the same runs, and the ratio to sqrt(RMS0^2 + (v T_d)^2) stands beside it.
     """
-    flight = results.flight("linear", augmented=False)
-    between_s = after_s(flight)
-    rms_m, rms_0_m = (over_time(flight, "position_m", unaugmented(offset), 0, between_s) for offset in (offset_ms, 0.0))
-    conditions = case("linear", offset_ms, axis="north")
-    std_m = rms_std(rms_0_m, flight.runs)
+    flight, group = results.flight("linear", augmented=False), Group(offset_ms)
+    between_s, n = after_s(flight), flight.runs
+    rms_m, rms_0_m = (over_time(flight, "position_m", one, 0, between_s) for one in (group, Group(0.0)))
+    conditions = group.where("linear", axis="north")
+    std_m = rms_std(rms_0_m, n)
     if offset_ms == 0.0:
-        low_m, high_m = _POSITION_0_m
-        return [measured("position_rms", "m", rms_m, std_m, conditions, n=flight.runs, at_least=low_m, at_most=high_m)]
+        return [measured("position_rms", "m", rms_m, std_m, conditions, n=n, within=_POSITION_0_m)]
     lag_m = SPEED_m_s * offset_ms * 1e-3
-    mean_0_m = mean_error(flight, "position_m", unaugmented(0.0), between_s)
+    mean_0_m = mean_error(flight, "position_m", Group(0.0), between_s)
     due_m = float(np.sqrt(rms_0_m**2 - 2.0 * mean_0_m * lag_m + lag_m**2))  # of these runs, whose mean is not quite 0
-    within = _POSITION_WITHIN.get(offset_ms)
-    ends = {} if within is None else {"at_least": (1 - within) * due_m, "at_most": (1 + within) * due_m}
-    mean_m = mean_error(flight, "position_m", unaugmented(offset_ms), between_s)
-    std_mean_m = rms_0_m / np.sqrt(flight.runs)
-    mean_ends = {"at_least": -lag_m - _MEAN_m, "at_most": -lag_m + _MEAN_m}
+    within = about(due_m, _POSITION_WITHIN.get(offset_ms, math.inf))
+    mean_m = mean_error(flight, "position_m", group, between_s)
+    mean_within = -lag_m - _MEAN_m, -lag_m + _MEAN_m
     return [
-        measured("position_rms", "m", rms_m, std_m, conditions, n=flight.runs, **ends),
-        measured("position_rms_ratio", "1", rms_m / float(np.hypot(rms_0_m, lag_m)), 0.0, conditions, n=flight.runs),
-        measured("position_mean", "m", mean_m, float(std_mean_m), conditions, n=flight.runs, **mean_ends),
+        measured("position_rms", "m", rms_m, std_m, conditions, n=n, within=within),
+        measured("position_rms_ratio", "1", rms_m / float(np.hypot(rms_0_m, lag_m)), 0.0, conditions, n=n),
+        measured("position_mean", "m", mean_m, float(rms_0_m / np.sqrt(n)), conditions, n=n, within=mean_within),
     ]
 
 
 def _velocity(results: Results, offset_ms: float) -> Estimates:
     """Table 6: greatest RMS over runs, and the lag behind the acceleration."""
-    flight, group = results.flight("acceleration", augmented=False), unaugmented(offset_ms)
+    flight, group = results.flight("acceleration", augmented=False), Group(offset_ms)
     rms_m_s = greatest(flight, "velocity_m_s", group, 0)
-    conditions = case("acceleration", offset_ms, axis="north")
-    std_m_s = rms_std(greatest(flight, "velocity_m_s", unaugmented(0.0), 0), flight.runs)
-    paper_m_s = VELOCITY_m_s.get(offset_ms)
+    conditions = group.where("acceleration", axis="north")
+    std_m_s = rms_std(greatest(flight, "velocity_m_s", Group(0.0), 0), flight.runs)
     if offset_ms == 0.0:
         return [measured("velocity_rms_max", "m/s", rms_m_s, std_m_s, conditions, n=flight.runs)]
-    low, high = _VELOCITY_WITHIN
-    ends = {} if paper_m_s is None else {"at_least": low * paper_m_s, "at_most": high * paper_m_s}
+    low, high = (share * VELOCITY_m_s.get(offset_ms, math.inf) for share in _VELOCITY_WITHIN)
     step_m_s = -ACCELERATION_m_s2 * offset_ms * 1e-3
     lag = mean_error(flight, "velocity_m_s", group, MANOEUVRE_s) / step_m_s
     return [
-        measured("velocity_rms_max", "m/s", rms_m_s, std_m_s, conditions, n=flight.runs, **ends),
+        measured("velocity_rms_max", "m/s", rms_m_s, std_m_s, conditions, n=flight.runs, within=(low, high)),
         measured("velocity_lag", "1", lag, std_m_s / abs(step_m_s), conditions, n=flight.runs),
     ]
 
 
 def _yaw(results: Results, offset_ms: float) -> Estimates:
     """Table 7: greatest RMS over runs."""
-    flight = results.flight("turn", augmented=False)
-    rms_deg = greatest(flight, "attitude_deg", unaugmented(offset_ms), 2)
-    std_deg = rms_std(greatest(flight, "attitude_deg", unaugmented(0.0), 2), flight.runs)
-    paper_deg = YAW_deg.get(offset_ms)
-    low_high = _YAW_0_deg if offset_ms == 0.0 else None
-    if offset_ms and paper_deg is not None:
-        low_high = ((1 - _YAW_WITHIN) * paper_deg, (1 + _YAW_WITHIN) * paper_deg)
-    ends = {} if low_high is None else {"at_least": low_high[0], "at_most": low_high[1]}
-    conditions = case("turn", offset_ms, axis="down")
-    return [measured("yaw_rms_max", "deg", rms_deg, std_deg, conditions, n=flight.runs, **ends)]
+    flight, group = results.flight("turn", augmented=False), Group(offset_ms)
+    rms_deg = greatest(flight, "attitude_deg", group, 2)
+    std_deg = rms_std(greatest(flight, "attitude_deg", Group(0.0), 2), flight.runs)
+    within = about(YAW_deg.get(offset_ms, math.inf), _YAW_WITHIN) if offset_ms else _YAW_0_deg
+    conditions = group.where("turn", axis="down")
+    return [measured("yaw_rms_max", "deg", rms_deg, std_deg, conditions, n=flight.runs, within=within)]
 
 
-def _ratio(
-    flight: FlightResult, name: str, offset_ms: float, noise: str, axis: int, at_s: tuple[float, float]
-) -> float:
+def _ratio(flight: FlightResult, name: str, group: Group, axis: int, at_s: tuple[float, float]) -> float:
     """RMS error with an offset over that without one, of the same runs."""
-    with_it, without = (over_time(flight, name, unaugmented(offset, noise), axis, at_s) for offset in (offset_ms, 0.0))
-    return with_it / without
+    without = over_time(flight, name, replace(group, offset_ms=0.0), axis, at_s)
+    return over_time(flight, name, group, axis, at_s) / without
 
 
 def _stationary(results: Results, offset_ms: float) -> Estimates:
     """Figure 3: who does not move does not notice."""
     if offset_ms == 0.0:
         return []
-    flight = results.flight("stationary", augmented=False)
-    between_s, ends = after_s(flight), {"at_least": 1 - _SAME, "at_most": 1 + _SAME}
+    flight, group = results.flight("stationary", augmented=False), Group(offset_ms)
     return [
         measured(
-            "position_rms_ratio", "1", _ratio(flight, "position_m", offset_ms, BASE, axis, between_s), 0.0,
-            case("stationary", offset_ms, axis=name), n=flight.runs, **ends,
+            "position_rms_ratio", "1", _ratio(flight, "position_m", group, axis, after_s(flight)), 0.0,
+            group.where("stationary", axis=name), n=flight.runs, within=about(1.0, _SAME),
         )
         for axis, name in enumerate(AXES)
     ]  # fmt: skip
@@ -169,17 +154,18 @@ def _biases(results: Results, offset_ms: float) -> Estimates:
     """Figures 5 to 7: biases during the manoeuvre with tight noise, and those that the offset does not reach."""
     documents: Estimates = []
     for manoeuvre, untouched in UNTOUCHED.items():
-        flight, group = results.flight(manoeuvre, augmented=False), unaugmented(offset_ms, TIGHT)
+        flight, group = results.flight(manoeuvre, augmented=False), Group(offset_ms, noise=TIGHT)
         for name, unit in (("accel_bias_ug", "ug"), ("gyro_bias_deg_h", "deg/h")):
             for axis, place in enumerate(BODY):
                 rms = over_time(flight, name, group, axis, MANOEUVRE_s)
-                conditions = case(manoeuvre, offset_ms, axis=place, noise=TIGHT)
+                conditions = group.where(manoeuvre, axis=place, noise=TIGHT)
                 quantity = f"{name.rpartition('_bias')[0]}_bias_rms"
                 documents.append(measured(quantity, unit, rms, rms_std(rms, flight.runs), conditions, n=flight.runs))
                 if offset_ms and (name, axis) in untouched:
-                    ratio = _ratio(flight, name, offset_ms, TIGHT, axis, MANOEUVRE_s)
-                    ends = {"at_least": 1 - _UNAFFECTED, "at_most": 1 + _UNAFFECTED}
-                    documents.append(measured(f"{quantity}_ratio", "1", ratio, 0.0, conditions, n=flight.runs, **ends))
+                    ratio, within = _ratio(flight, name, group, axis, MANOEUVRE_s), about(1.0, _UNAFFECTED)
+                    documents.append(
+                        measured(f"{quantity}_ratio", "1", ratio, 0.0, conditions, n=flight.runs, within=within)
+                    )
     return documents
 
 
@@ -187,11 +173,6 @@ UNTOUCHED: dict[str, tuple[tuple[str, int], ...]] = {
     "acceleration": tuple(("gyro_bias_deg_h", axis) for axis in range(3)),
     "turn": (("accel_bias_ug", 2),),
 }
-
-
-def augmented(offset_ms: float, noise: str = BASE) -> Group:
-    """Return the filter with a state for the offset."""
-    return Group(offset_ms * 1e-3, augmented=True, noise=noise)
 
 
 def recovery_estimates(results: Results, offsets_ms: tuple[float, ...]) -> Estimates:
@@ -210,21 +191,17 @@ def near(flight: FlightResult, at_s: float) -> int:
     return int(np.argmin(np.abs(flight.t_s - at_s)))
 
 
-def _conditions(manoeuvre: str, offset_ms: float, at_s: float, noise: str = BASE) -> dict[str, Any]:
-    return {"manoeuvre": manoeuvre, "offset_ms": offset_ms, "filter": AUGMENTED, "noise": noise, "at_s": at_s}
-
-
-def _remaining(flight: FlightResult, group: Group, conditions: dict[str, Any], *, judged: bool) -> Estimates:
+def _remaining(flight: FlightResult, group: Group, manoeuvre: str, at_s: float, *, judged: bool) -> Estimates:
     """Return mean and RMS error of the offset at a time."""
-    at, column = near(flight, conditions["at_s"]), flight.at(group)
+    at, column = near(flight, at_s), flight.at(group)
+    conditions = group.where(manoeuvre, noise=group.noise, at_s=at_s)
     mean_ms, rms_ms = 1e3 * flight.offset_mean_s[at, column], 1e3 * flight.offset_rms_s[at, column]
     std_ms = float(np.sqrt(max(rms_ms**2 - mean_ms**2, 0.0) / flight.runs))
-    mean_ends = {"at_least": -_MEAN_ms, "at_most": _MEAN_ms} if judged else {}
-    rms_ends = {"at_most": _RMS_ms} if judged else {}
+    mean, most = ((-_MEAN_ms, _MEAN_ms), (-math.inf, _RMS_ms)) if judged else (ANY, ANY)
     n = flight.runs
     return [
-        measured("offset_error_mean", "ms", float(mean_ms), std_ms, conditions, n=n, **mean_ends),
-        measured("offset_error_rms", "ms", float(rms_ms), rms_std(float(rms_ms), n), conditions, n=n, **rms_ends),
+        measured("offset_error_mean", "ms", float(mean_ms), std_ms, conditions, n=n, within=mean),
+        measured("offset_error_rms", "ms", float(rms_ms), rms_std(float(rms_ms), n), conditions, n=n, within=most),
     ]
 
 
@@ -235,7 +212,7 @@ def _found_in(results: Results, manoeuvre: str, times_s: Sequence[float], *, jud
         entry
         for offset_ms in RECOVERED_ms
         for at_s in times_s
-        for entry in _remaining(flight, augmented(offset_ms), _conditions(manoeuvre, offset_ms, at_s), judged=judged)
+        for entry in _remaining(flight, Group(offset_ms, augmented=True), manoeuvre, at_s, judged=judged)
     ]
 
 
@@ -244,12 +221,13 @@ def _straight(results: Results) -> Estimates:
     flight = results.flight("linear", augmented=True)
     documents: Estimates = []
     for offset_ms in RECOVERED_ms:
-        column, conditions = flight.at(augmented(offset_ms)), _conditions("linear", offset_ms, SHORT_s)
+        group = Group(offset_ms, augmented=True)
+        column, conditions = flight.at(group), group.where("linear", noise=BASE, at_s=SHORT_s)
         rms_ms, nees = float(1e3 * flight.offset_rms_s[-1, column]), float(flight.offset_nees[-1, column])
-        ends = {"at_least": _LEFT * abs(offset_ms)} if offset_ms else {}
-        std_ms = rms_std(rms_ms, flight.runs)
-        documents.append(measured("offset_error_rms", "ms", rms_ms, std_ms, conditions, n=flight.runs, **ends))
-        documents.append(measured("offset_nees", "1", nees, 0.0, conditions, n=flight.runs, at_most=_NEES_MOST))
+        within = (_LEFT * abs(offset_ms), math.inf) if offset_ms else ANY
+        std_ms, most = rms_std(rms_ms, flight.runs), (-math.inf, _NEES_MOST)
+        documents.append(measured("offset_error_rms", "ms", rms_ms, std_ms, conditions, n=flight.runs, within=within))
+        documents.append(measured("offset_nees", "1", nees, 0.0, conditions, n=flight.runs, within=most))
     return [*documents, _straight_consistency(flight)]
 
 
@@ -258,28 +236,25 @@ def _straight_consistency(flight: FlightResult) -> Estimate:
 
     Too small a mean is a filter that has seen the truth, or one that doubts more than it was told to.
     """
-    low, high = _NEES
-    columns = [flight.at(augmented(offset_ms)) for offset_ms in RECOVERED_ms]
+    columns = [flight.at(Group(offset_ms, augmented=True)) for offset_ms in RECOVERED_ms]
     nees, n = float(flight.offset_nees[-1, columns].mean()), flight.runs * len(columns)
     conditions = {"manoeuvre": "linear", "filter": AUGMENTED, "noise": BASE, "at_s": SHORT_s}
-    return measured("offset_nees_over_offsets", "1", nees, 0.0, conditions, n=n, at_least=low, at_most=high)
+    return measured("offset_nees_over_offsets", "1", nees, 0.0, conditions, n=n, within=_NEES)
 
 
 def _long(results: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """Return the flight with images: after its turn, and whether the filter knows how well it does."""
     documents: Estimates = []
-    low, high = _NEES
     for offset_ms in offsets_ms:
         for noise in (LOOSE, TIGHT):
-            group = augmented(offset_ms, noise)
+            group = Group(offset_ms, augmented=True, noise=noise)
             flight, column = results.long_flight(group)
-            conditions = _conditions("sar", offset_ms, _NEES_AT_s, noise)
-            documents += _remaining(flight, group, conditions, judged=noise == LOOSE)
-            at = near(flight, _NEES_AT_s)
-            ends = {"at_least": low, "at_most": high} if noise == LOOSE else {}
+            conditions = group.where("sar", noise=noise, at_s=_NEES_AT_s)
+            documents += _remaining(flight, group, "sar", _NEES_AT_s, judged=noise == LOOSE)
+            at, within = near(flight, _NEES_AT_s), _NEES if noise == LOOSE else ANY
             nees = float(flight.offset_nees[at, column])
             std = nees * float(np.sqrt(2.0 / flight.runs))
-            documents.append(measured("offset_nees", "1", nees, std, conditions, n=flight.runs, **ends))
+            documents.append(measured("offset_nees", "1", nees, std, conditions, n=flight.runs, within=within))
             for name, value, unit in (
                 ("nis_ratio", float(flight.nis_ratio[column]), "1"),
                 ("nis_outside", float(flight.nis_outside[column]), "1"),
@@ -292,10 +267,11 @@ def _long(results: Results, offsets_ms: tuple[float, ...]) -> Estimates:
 def _observability(results: Results) -> Estimates:
     """Figure 16, at a time instead of over the whole flight."""
     documents: Estimates = []
-    for manoeuvre in ("linear", "acceleration", "turn"):
+    for manoeuvre in FLOWN:
         flight = results.flight(manoeuvre, augmented=True)
-        at, column = near(flight, SEEN_s), flight.at(augmented(SHOWN_ms))
-        conditions = _conditions(manoeuvre, SHOWN_ms, SEEN_s)
+        group = Group(SHOWN_ms, augmented=True)
+        at, column = near(flight, SEEN_s), flight.at(group)
+        conditions = group.where(manoeuvre, noise=BASE, at_s=SEEN_s)
         whole = rms(flight.eigenvalue[:, column])
         for quantity, value, where in (
             ("offset_eigenvalue", float(flight.eigenvalue[at, column]), conditions),

@@ -19,12 +19,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bench.analysis import Document, Estimate, Floats, estimate
 from bench.maths.arrays import Flags
 from bench.model.errors import InputError
+from bench.systems.time_sync.estimators.sar.image import Chip
+from bench.systems.time_sync.estimators.sar.response import Response
 
 NAME = "time_sync"
 RUNS, FEWEST_RUNS, MOST_RUNS = 50, 2, 1000
@@ -46,6 +45,7 @@ VELOCITY_m_s = dict(zip(OFFSETS_ms, (0.03439, 0.08124, 0.1467, 0.2143), strict=T
 YAW_deg = dict(zip(OFFSETS_ms, (0.01347, 0.04958, 0.09429, 0.1396), strict=True))  # Table 7
 SPEED_m_s, ACCELERATION_m_s2, RATE_deg_s = 100.0, 5.0, 4.5  # Table 4; 90 deg in 20 s
 MANOEUVRE_s = (20.0, 40.0)
+FLOWN = ("linear", "acceleration", "turn")
 IMAGE_SPEED_m_s = 250.0  # 100 m/s and 10 s of 15 m/s2
 ERRORS = ("position_m", "velocity_m_s", "attitude_deg", "accel_bias_ug", "gyro_bias_deg_h")
 
@@ -72,21 +72,25 @@ class StudyOptions:
 
 @dataclass(frozen=True)
 class Group:
-    """One filter on one offset, over all runs; ``noise``: key of SIGMA_R."""
+    """One filter on one offset, over all runs; ``augmented``: with a state for it.   ``noise``: key of SIGMA_R."""
 
-    offset_s: float
-    augmented: bool
-    noise: str
+    offset_ms: float
+    augmented: bool = False
+    noise: str = BASE
 
     @property
-    def offset_ms(self) -> float:
-        """As it was asked for."""
-        return round(1e3 * self.offset_s, 6)
+    def offset_s(self) -> float:
+        """The offset in seconds."""
+        return self.offset_ms * 1e-3
 
     @property
     def solution(self) -> str:
         """The filter in one word."""
         return AUGMENTED if self.augmented else UNAUGMENTED
+
+    def where(self, manoeuvre: str, **more: Any) -> dict[str, Any]:
+        """Return conditions of an estimate."""
+        return {"manoeuvre": manoeuvre, "offset_ms": self.offset_ms, "filter": self.solution, **more}
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,7 @@ def image_tasks(options: StudyOptions) -> list[Task]:
 
 
 def _groups(offsets_ms: Sequence[float], kinds: Sequence[tuple[bool, str]]) -> tuple[Group, ...]:
-    return tuple(Group(offset_ms * 1e-3, augmented, noise) for offset_ms in offsets_ms for augmented, noise in kinds)
+    return tuple(Group(offset_ms, augmented, noise) for offset_ms in offsets_ms for augmented, noise in kinds)
 
 
 @dataclass(frozen=True)
@@ -207,36 +211,12 @@ class FlightResult:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """The focused target along one direction, of one run: metres from where it truly is, and the raw amplitude.
-
-    ``solution``: whose positions it was focused with, "unaugmented", "augmented" or "none" (the true ones).
-    """
-
-    direction: str
-    offset_ms: float
-    solution: str
-    at_m: Floats
-    amplitude: NDArray[np.complex128]
-
-
-@dataclass(frozen=True)
-class Chip:
-    """Size of the image about the target's true place, of one run; (azimuth, range)."""
-
-    offset_ms: float
-    solution: str
-    azimuth_m: Floats
-    range_m: Floats
-    size: Floats
-
-
-@dataclass(frozen=True)
 class ImageResult:
     """Focused targets of a flight, by group and run, (groups, runs), metres and decibels; shift = image - target.
 
     ``predicted_m``: the shift along the track that the errors of navigation at the aperture explain.   ``several_m``
-    (groups, 3): of three targets in one scene, of one run.
+    (groups, 3): of three targets in one scene, ``responses`` and ``chips`` (about its true place) of the middle one,
+    (groups,): of one run.
     """
 
     flight: FlightResult
@@ -250,7 +230,7 @@ class ImageResult:
     pslr_dB: Floats
     islr_dB: Floats
     peak: Floats
-    cuts: tuple[Cut, ...]
+    responses: tuple[Response, ...]
     chips: tuple[Chip, ...]
 
 
@@ -260,11 +240,7 @@ class IdealResult:
 
     position_m: float
     velocity_m_s: float
-    resolution_m: float
-    range_resolution_m: float
-    pslr_dB: float
-    islr_dB: float
-    cuts: tuple[Cut, ...] = ()
+    response: Response
 
 
 @dataclass(frozen=True)
@@ -302,6 +278,9 @@ class Results:
         return ideal
 
 
+ANY = (-math.inf, math.inf)
+
+
 def measured(
     quantity: str,
     unit: str,
@@ -310,20 +289,20 @@ def measured(
     conditions: Document,
     *,
     n: int,
-    at_least: float | None = None,
-    at_most: float | None = None,
+    within: tuple[float, float] = ANY,
 ) -> Estimate:
     """Return an estimate; judged if a tolerance is given.
 
-    Args:    std: standard uncertainty from the number of runs, 0 for what has none; all in ``unit``.
+    Args:    std: standard uncertainty from the number of runs, 0 for what has none.   within: ends of the tolerance; an
+             infinite one is none. All in ``unit``.
     Returns: an entry of the flat list of results.json.
     """
-    ends = {"at_least": at_least, "at_most": at_most}
-    given = {name: float(end) for name, end in ends.items() if end is not None}
-    entry = estimate(quantity, unit, value, std, {**conditions, **given}, n=n)
-    if given:
-        inside = math.isfinite(value) and given.get("at_least", -math.inf) <= value <= given.get("at_most", math.inf)
-        limit = given.get("at_most", given.get("at_least"))
+    low, high = within
+    ends = {name: float(end) for name, end in (("at_least", low), ("at_most", high)) if math.isfinite(end)}
+    entry = estimate(quantity, unit, value, std, {**conditions, **ends}, n=n)
+    if ends:
+        inside = math.isfinite(value) and low <= value <= high
+        limit = ends.get("at_most", low)
         return entry.model_copy(update={"limit": limit, "verdict": "pass" if inside else "fail"})
     return entry
 

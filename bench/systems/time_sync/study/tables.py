@@ -6,14 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from bench.analysis import Estimate, Table, number, with_uncertainty
-from bench.systems.time_sync.study.errors import over_time, unaugmented
+from bench.systems.time_sync.study.errors import BODY, over_time
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     BASE,
+    FLOWN,
     LOOSE,
     TIGHT,
     UNAUGMENTED,
     ACCELERATION_m_s2,
+    Group,
     MANOEUVRE_s,
     POSITION_m,
     RATE_deg_s,
@@ -99,7 +101,7 @@ def _velocity(results: Results, estimates: Estimates, offsets_ms: Sequence[float
             f"{offset_ms:g}",
             _paper(VELOCITY_m_s, offset_ms),
             estimates.value("velocity_rms_max", manoeuvre="acceleration", offset_ms=offset_ms),
-            plain(over_time(flight, "velocity_m_s", unaugmented(offset_ms), 0, MANOEUVRE_s)),
+            plain(over_time(flight, "velocity_m_s", Group(offset_ms), 0, MANOEUVRE_s)),
             plain(ACCELERATION_m_s2 * offset_ms * 1e-3),
             estimates.value("velocity_lag", manoeuvre="acceleration", offset_ms=offset_ms),
         )
@@ -117,7 +119,7 @@ def _yaw(results: Results, estimates: Estimates, offsets_ms: Sequence[float]) ->
             f"{offset_ms:g}",
             _paper(YAW_deg, offset_ms),
             estimates.value("yaw_rms_max", manoeuvre="turn", offset_ms=offset_ms),
-            plain(over_time(flight, "attitude_deg", unaugmented(offset_ms), 2, MANOEUVRE_s)),
+            plain(over_time(flight, "attitude_deg", Group(offset_ms), 2, MANOEUVRE_s)),
             plain(RATE_deg_s * offset_ms * 1e-3),
         )
         for offset_ms in offsets_ms
@@ -132,7 +134,7 @@ def bias_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     rows = []
     for manoeuvre in ("acceleration", "turn"):
         for quantity, unit in (("accel_bias_rms", "ug"), ("gyro_bias_rms", "deg/h")):
-            for axis in ("forward", "right", "down"):
+            for axis in BODY:
                 where = {"manoeuvre": manoeuvre, "axis": axis}
                 values = (estimates.value(quantity, offset_ms=offset_ms, **where) for offset_ms in offsets_ms)
                 rows.append((manoeuvre, f"{quantity.partition('_')[0]} {axis} / {unit}", *values))
@@ -179,7 +181,7 @@ def long_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
 def observability_table(estimates: Estimates) -> Table:
     """Figure 16 in numbers."""
     rows = []
-    for manoeuvre in ("linear", "acceleration", "turn"):
+    for manoeuvre in FLOWN:
         names = ("offset_eigenvalue", "offset_variance_ratio", "offset_eigenvalue_rms")
         rows.append((manoeuvre, *(estimates.value(name, manoeuvre=manoeuvre) for name in names)))
     heads = ("manoeuvre", "eigenvalue at 22 s", "P'_TdTd at 22 s", "eigenvalue, RMS over 60 s")

@@ -13,11 +13,13 @@ an estimate, and is used for nothing else: the filter gets the samples alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from bench.analysis import Floats
+from bench.maths.geodesy import heading_matrices
 from bench.maths.strapdown import Track, navigate
 from bench.model.installed import load, offer_of
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
@@ -35,19 +37,16 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSamples,
     STANDARD_GRAVITY_m_s2,
 )
-from bench.systems.time_sync.estimators.sar.image import image_chip
+from bench.systems.time_sync.estimators.sar.image import Chip, image_chip
 from bench.systems.time_sync.estimators.sar.pulses import Pulses, positions_at
 from bench.systems.time_sync.estimators.sar.response import Response, SEARCH_m, impulse_response
 from bench.systems.time_sync.study.study import (
-    ERRORLESS,
     ERRORS,
+    FLOWN,
     SIGMA_R,
     TIGHT,
     APERTURE_s,
-    Chip,
-    Cut,
     FlightResult,
-    Group,
     IdealResult,
     ImageResult,
     LONG_s,
@@ -83,7 +82,7 @@ def fly(task: Task) -> Flown:
 
     The errors of a run are the same for all offsets and filters, and in every task; they differ between runs.
     """
-    path = simulated("flight.path").MANOEUVRES[task.manoeuvre]
+    path = simulated("flight.path").manoeuvre(task.manoeuvre)
     units = simulated("flight.egi")
     errors = units.egi_error_runs(path, task.duration_s, task.runs, task.seed)
     noise_s = units.clock_noise(task.seed, len(errors.t_s), task.runs)
@@ -112,7 +111,7 @@ def flight_result(task: Task, flown: Flown) -> FlightResult:
     run, imu = flown.run, flown.imu
     true = flown.path.state(run.t_s)
     offset_s = np.array([group.offset_s for group in task.groups])
-    off = state_errors(run, true.p, true.v, headings(true.yaw), imu.accel_bias, imu.gyro_bias, offset_s)
+    off = state_errors(run, true.p, true.v, heading_matrices(true.yaw), imu.accel_bias, imu.gyro_bias, offset_s)
     scales = (1.0, 1.0, float(np.rad2deg(1.0)), _TO_ug, _TO_deg_h)
     errors = {
         name: off[..., 3 * k : 3 * k + 3] * scale for k, (name, scale) in enumerate(zip(ERRORS, scales, strict=True))
@@ -142,24 +141,16 @@ def _rms(error: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(error**2, axis=2)))
 
 
-def headings(yaw: Floats) -> Floats:
-    """Attitudes (m, 3, 3), body to t, of level vehicles with headings (m,), rad."""
-    out = np.zeros((len(yaw), 3, 3))
-    out[:, 0, 0] = out[:, 1, 1] = np.cos(yaw)
-    out[:, 1, 0], out[:, 0, 1], out[:, 2, 2] = np.sin(yaw), -np.sin(yaw), 1.0
-    return out
-
-
 _CHIP_m = 16.0  # half length: 30 ms at 250 m/s move the target by 8 m
 IMAGED = TIGHT  # noise of the filters whose solutions are focused
 SHOWN_RUN = 0
-FIGURES = (
-    *("azimuth_shift_m", "range_shift_m", "azimuth_resolution_m", "range_resolution_m"),
-    *("pslr_dB", "islr_dB", "peak"),
-)
+FIGURES = {  # of a response, by names of ``ImageResult``
+    "azimuth_shift_m": "azimuth.shift_m", "range_shift_m": "range.shift_m",
+    "azimuth_resolution_m": "azimuth.resolution_m", "range_resolution_m": "range.resolution_m",
+    "pslr_dB": "azimuth.pslr_dB", "islr_dB": "azimuth.islr_dB", "peak": "peak",
+}  # fmt: skip
 _LAG, _BEYOND_LAG_m = 1.2, 8.0  # an image lags by some 9 % more than the offset does, and scatters by 0.8 m
 _IMU_Hz = 200
-FLOWN = ("linear", "acceleration", "turn")
 LATITUDE_deg = 37.5
 
 
@@ -187,18 +178,14 @@ class Scene:
 def scene_of(path: Any, opens_s: float) -> Scene:
     """Echoes of an aperture that opens at ``opens_s``, from the true positions of the antenna."""
     sar = simulated("radar")
-    radar = sar.Radar(aperture_s=APERTURE_s)
+    radar = sar.Radar()
     pulse_s = opens_s + np.arange(round(APERTURE_s * radar.prf_Hz)) / radar.prf_Hz
     true_m, first = path.state(pulse_s).p, path.state(np.array([opens_s]))
     targets_m = sar.scene(radar, first.p[0], first.v[0])
-    single, several = (
-        _pulses(radar, sar.echoes(radar, true_m, some, np.ones(len(some)))) for some in (targets_m[:1], targets_m)
-    )
-    return Scene(pulse_s, true_m, single, several, targets_m)
-
-
-def _pulses(radar: Any, echoes: Any) -> Pulses:
-    return Pulses(echoes.gates, echoes.near_range_m, echoes.spacing_m, radar.wavelength_m, radar.bandwidth_Hz)
+    echoes = [sar.echoes(radar, true_m, some, np.ones(len(some))) for some in (targets_m[:1], targets_m)]
+    about = radar.near_range_m, radar.spacing_m, radar.wavelength_m, radar.bandwidth_Hz
+    one, several = (Pulses(gates, *about) for gates in echoes)
+    return Scene(pulse_s, true_m, one, several, targets_m)
 
 
 def image_result(task: Task, flown: Flown) -> ImageResult:
@@ -208,27 +195,25 @@ def image_result(task: Task, flown: Flown) -> ImageResult:
     assert fine is not None
     groups = tuple(group for group in task.groups if group.noise == IMAGED)
     responses: list[list[tuple[Response, float]]] = []
-    several_m, chips = [], []
+    several_m, chips = [], list[Chip]()
     for group in groups:
         at = task.groups.index(group)
         search_m = scene.search_m(group.offset_s)
         responses.append([_focused(scene, _track(scene, fine, at, run), search_m) for run in range(task.runs)])
         track_m = _track(scene, fine, at, SHOWN_RUN)
         several = [impulse_response(scene.several, track_m, target_m, search_m) for target_m in scene.targets_m]
-        several_m.append([response.azimuth_shift_m for response in several])
-        chips.append(_chip(scene, track_m, group))
+        several_m.append([response.azimuth.shift_m for response in several])
+        chips.append(image_chip(scene.one, track_m, scene.target_m, half_azimuth_m=_CHIP_m))
     return ImageResult(
         flight=flight_result(task, flown),
         groups=groups,
         predicted_m=np.array([[predicted_m for _, predicted_m in row] for row in responses]),
         several_m=np.array(several_m),
-        cuts=tuple(
-            cut for group, row in zip(groups, responses, strict=True) for cut in _cuts(group, row[SHOWN_RUN][0])
-        ),
+        responses=tuple(row[SHOWN_RUN][0] for row in responses),
         chips=tuple(chips),
         **{
-            name: np.array([[getattr(response, name) for response, _ in row] for row in responses], np.float64)
-            for name in FIGURES
+            name: np.array([[attrgetter(path)(response) for response, _ in row] for row in responses], np.float64)
+            for name, path in FIGURES.items()
         },
     )
 
@@ -257,35 +242,15 @@ def predicted_shift_m(pulse_s: Floats, track_m: Floats, true_m: Floats, target_m
     return float(middle @ along - np.linalg.norm(sight_m) / speed_m_s * (slope @ sight))
 
 
-def _cuts(group: Group, response: Response) -> list[Cut]:
-    named = {"azimuth": response.azimuth_cut, "range": response.range_cut}
-    shift_m = {"azimuth": response.azimuth_shift_m, "range": response.range_shift_m}
-    return [
-        Cut(name, group.offset_ms, group.solution, shift_m[name] + cut.offset_m, cut.value)
-        for name, cut in named.items()
-    ]
-
-
-def _chip(scene: Scene, track_m: Floats, group: Group) -> Chip:
-    chip = image_chip(scene.one, track_m, scene.target_m, half_azimuth_m=_CHIP_m)
-    return Chip(group.offset_ms, group.solution, chip.azimuth_m, chip.range_m, np.abs(chip.value))
-
-
 def ideal_result(task: Task) -> IdealResult:
     """Exact increments of the 60-second manoeuvres navigated, and a target focused with true positions."""
-    paths = simulated("flight.path").MANOEUVRES
-    off = [_distances(paths[name], task.duration_s) for name in FLOWN]
-    scene = scene_of(paths["sar"], LONG_s - APERTURE_s)
-    response = impulse_response(scene.one, scene.true_m, scene.target_m)
-    cuts = (("azimuth", response.azimuth_cut), ("range", response.range_cut))
+    manoeuvre = simulated("flight.path").manoeuvre
+    off = [_distances(manoeuvre(name), task.duration_s) for name in FLOWN]
+    scene = scene_of(manoeuvre("sar"), LONG_s - APERTURE_s)
     return IdealResult(
         position_m=max(position_m for position_m, _ in off),
         velocity_m_s=max(velocity_m_s for _, velocity_m_s in off),
-        resolution_m=response.azimuth_resolution_m,
-        range_resolution_m=response.range_resolution_m,
-        pslr_dB=response.pslr_dB,
-        islr_dB=response.islr_dB,
-        cuts=tuple(Cut(name, 0.0, ERRORLESS, cut.offset_m, cut.value) for name, cut in cuts),
+        response=impulse_response(scene.one, scene.true_m, scene.target_m),
     )
 
 

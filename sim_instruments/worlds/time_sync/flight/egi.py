@@ -59,9 +59,9 @@ class EgiErrorFilter:
     """Errors of units that fly the same path, from ``prior_s`` before ``begin_s`` on, one sample after the other.
 
     Args:
-        path: needs to be known up to the time of the sample asked for, never beyond it.
+        path: needs to be known up to the time of the sample asked for, never beyond it; it may be extended from there.
         begin_s: time of the path when sample 0 is valid.
-        lanes: one generator per unit, which makes all its draws.
+        lanes: one generator per unit, which makes all its draws, see ``lane``.
     """
 
     def __init__(
@@ -81,6 +81,11 @@ class EgiErrorFilter:
         self._draw()
         while self.sample < -1:
             self.advance(self._per_fix if self.sample < -self._per_fix else 1)
+
+    @property
+    def position_sigma_m(self) -> float:
+        """Horizontal position error that a unit itself believes at the last sample: root mean of north and east."""
+        return float(np.sqrt(0.5 * (self.covariance[0, 0] + self.covariance[1, 1])))
 
     @property
     def errors(self) -> Floats:
@@ -211,36 +216,6 @@ class EgiErrors:
     dphi: Floats
 
 
-class EgiErrorStepper:
-    """One unit sample by sample: the numbers of ``egi_error_runs`` for its run, bit for bit on the same path.
-
-    The path may be extended between two steps from the time of the last sample on.
-
-    Args:
-        begin_s: time of the path when sample 0 is valid; 60 s of flight on the path lie behind it.
-    """
-
-    def __init__(
-        self,
-        path: FlightPath,
-        seed: int,
-        run: int = 0,
-        begin_s: float = 0.0,
-    ) -> None:
-        self._filter = EgiErrorFilter(path, begin_s, [_lane(seed, run)], EgiClass())
-
-    def step(self) -> tuple[Floats, Floats, Floats]:
-        """Return errors of the next sample, 0 first: position (3,) m, velocity (3,) m/s, attitude (3,) rad."""
-        errors = self._filter.advance(1)[0, 0]
-        return errors[:3], errors[3:6], errors[6:9]
-
-    @property
-    def position_sigma_m(self) -> float:
-        """Horizontal position error that the unit itself believes at the last sample: root mean of north and east."""
-        covariance = self._filter.covariance
-        return float(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])))
-
-
 def egi_error_runs(
     path: FlightPath,
     duration_s: float,
@@ -253,18 +228,14 @@ def egi_error_runs(
     Run r is the same whatever the number of runs and the duration.
     """
     sensor = sensor or EgiClass()
-    lanes = [_lane(seed, run) for run in range(runs)]
-    inner = EgiErrorFilter(path, 0.0, lanes, sensor)
+    inner = EgiErrorFilter(path, 0.0, [lane(seed, run) for run in range(runs)], sensor)
     m = round(duration_s * sensor.rate_Hz) + 1
-    errors = [np.empty((m, runs, 3)) for _ in range(3)]
-    for first in range(0, m, sensor.rate_Hz):
-        newest = inner.advance(min(sensor.rate_Hz, m - first))
-        for column, kind in enumerate(errors):
-            kind[first : first + sensor.rate_Hz] = newest[..., 3 * column : 3 * column + 3]
-    return EgiErrors(np.arange(m) / sensor.rate_Hz, *errors)
+    errors = [inner.advance(min(sensor.rate_Hz, m - first)) for first in range(0, m, sensor.rate_Hz)]
+    return EgiErrors(np.arange(m) / sensor.rate_Hz, *np.split(np.concatenate(errors), 3, axis=-1))
 
 
-def _lane(seed: int, run: int) -> np.random.Generator:
+def lane(seed: int, run: int) -> np.random.Generator:
+    """Return the generator of all draws of a unit."""
     return generator(seed, "flight egi", run)
 
 

@@ -9,9 +9,8 @@ the Earth's rate is constant.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -159,27 +158,17 @@ def _bessel(x: Floats) -> tuple[Floats, Floats]:
     return zero, one
 
 
-class _Manoeuvres(Mapping[str, FlightPath]):
-    """A new path each time one is asked for, since a path may be extended."""
-
-    # Table 4 and Fig. 2 of the paper: speed m/s, pieces
-    _stated: ClassVar = {
-        "stationary": (0.0, ((0.0, 0.0, 0.0),)),
-        "linear": (100.0, ((0.0, 0.0, 0.0),)),
-        "acceleration": (100.0, ((0.0, 0.0, 0.0), (20.0, 5.0, 0.0), (40.0, 0.0, 0.0))),
-        "turn": (100.0, ((0.0, 0.0, 0.0), (20.0, 0.0, 4.5), (40.0, 0.0, 0.0))),
-        "sar": (100.0, ((0.0, 0.0, 0.0), (20.0, 15.0, 0.0), (30.0, 0.0, 0.0), (50.0, 0.0, 9.0), (60.0, 0.0, 0.0))),
-    }
-
-    def __getitem__(self, name: str) -> FlightPath:
-        speed_m_s, pieces = self._stated[name]
-        return FlightPath(pieces, speed_m_s)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._stated)
-
-    def __len__(self) -> int:
-        return len(self._stated)
+# Table 4 and Fig. 2 of the paper: speed m/s, pieces
+MANOEUVRES = {
+    "stationary": (0.0, ((0.0, 0.0, 0.0),)),
+    "linear": (100.0, ((0.0, 0.0, 0.0),)),
+    "acceleration": (100.0, ((0.0, 0.0, 0.0), (20.0, 5.0, 0.0), (40.0, 0.0, 0.0))),
+    "turn": (100.0, ((0.0, 0.0, 0.0), (20.0, 0.0, 4.5), (40.0, 0.0, 0.0))),
+    "sar": (100.0, ((0.0, 0.0, 0.0), (20.0, 15.0, 0.0), (30.0, 0.0, 0.0), (50.0, 0.0, 9.0), (60.0, 0.0, 0.0))),
+}
 
 
-MANOEUVRES: Mapping[str, FlightPath] = _Manoeuvres()
+def manoeuvre(name: str) -> FlightPath:
+    """Return a new path, which may be extended, of one of ``MANOEUVRES``."""
+    speed_m_s, pieces = MANOEUVRES[name]
+    return FlightPath(pieces, speed_m_s)

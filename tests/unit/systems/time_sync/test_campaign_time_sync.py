@@ -19,13 +19,13 @@ from bench.report.plots.graphs import analysis_pictures
 from bench.systems.time_sync import report as time_sync_tables
 from bench.systems.time_sync.analysis import METHODS
 from bench.systems.time_sync.declaration import DECLARATION
-from bench.systems.time_sync.estimators.kalman.setup import EgiSpread
+from bench.systems.time_sync.estimators.kalman.setup import EgiSamples, EgiSpread
 from bench.systems.time_sync.estimators.sar.image import point_targets
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
 from bench.systems.time_sync.filtering import COMPENSATED, trajectory_figures
 from bench.systems.time_sync.limits import SPECIFIED_s, demands_of, densities_of, latency_of, spread_of
 from bench.systems.time_sync.records import Stream, recording
-from bench.systems.time_sync.samples import EgiSamples, prepared
+from bench.systems.time_sync.samples import prepared
 
 
 @cache

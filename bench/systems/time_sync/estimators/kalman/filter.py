@@ -23,9 +23,7 @@ section 7.2; Gauss-Markov errors, Brown and Hwang (2012), section 4.6.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -35,13 +33,10 @@ from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.innovation import (
     EgiSample,
     History,
-    Keeping,
     NisSums,
     block_of,
     egi_samples,
     filled_noise,
-    first_sample,
-    imu_steps,
     innovation,
     motion_noise,
 )
@@ -52,8 +47,9 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     EgiSpread,
     FilterRun,
     FilterSetup,
+    FineTrack,
     ImuDensities,
-    ImuSource,
+    ImuSamples,
 )
 
 _EGI = 9  # errors of the EGI: position, velocity, rotation vector
@@ -207,17 +203,16 @@ class RealCovariance:
 class _Filter:
     """State of a run; one call of ``imu`` per IMU sample, one of ``egi`` per EGI sample."""
 
-    def __init__(self, imu: ImuSource, setup: FilterSetup, keeping: Keeping, start: int) -> None:
+    def __init__(self, imu: ImuSamples, setup: FilterSetup, begin: EgiSample, start: int) -> None:
         groups, runs = setup.groups, imu.dv.shape[1]
-        self._setup, self._keeping, self._t_s = setup, keeping, imu.t_s
+        self._setup, self._t_s = setup, imu.t_s
         interval_s = float(np.median(np.diff(imu.t_s)))
         self.ins = Strapdown((groups, runs), setup.latitude_deg, interval_s)
         self._history = History(imu.t_s, setup.reach_s, groups, runs)
         self._offset_s = np.full((groups, runs), setup.offset0_s)
-        self._P, self._F = first_covariance(setup), first_model(setup)
+        self._P = self._first_P = first_covariance(setup)
+        self._F = first_model(setup)
         self._real = RealCovariance(groups, setup.egi, setup.imu, setup.edges_s) if setup.egi is not None else None
-        self._before_s = 0.0
-        self._mean_C = np.zeros((groups, 3, 3))
         sigma_r = np.array(setup.sigma_r) * (1.0, 1.0, np.pi / 180.0)
         self._R = np.repeat(sigma_r**2, 3, axis=1)
         self._filled = filled_noise(imu)
@@ -225,14 +220,13 @@ class _Filter:
         self._nis = NisSums(groups)
         self._j = self._at = start  # newest IMU sample; sample to which the covariance belongs
         self._seen = 0
-
-    def begin(self, sample: EgiSample) -> None:
-        """Start from a sample, carried on to the IMU sample of the start."""
-        self._before_s = sample.t_s
-        since_s = self._t_s[self._j] - sample.t_s + self._setup.offset0_s
-        self.ins.p[...], self.ins.v[...], self.ins.C[...] = sample.p + since_s * sample.v, sample.v, sample.C
-        self._mean_C[...] = self.ins.C.mean(axis=-1).transpose(2, 0, 1)
-        self._history.store(self._j, self.ins.state)
+        self._epochs: list[tuple[Floats, ...]] = []  # as the fields of FilterRun
+        self._fine: list[tuple[Floats, ...]] = []  # as those of FineTrack
+        self._before_s = begin.t_s
+        since_s = imu.t_s[start] - begin.t_s + setup.offset0_s  # the state begins at an IMU sample
+        self.ins.p[...], self.ins.v[...], self.ins.C[...] = begin.p + since_s * begin.v, begin.v, begin.C
+        self._mean_C = self.ins.C.mean(axis=-1).transpose(2, 0, 1)
+        self._history.store(start, self.ins.state)
 
     def imu(self, j: int, dv: Floats, dtheta: Floats, dt: float) -> None:
         """Take one IMU sample (3, 1, R) in."""
@@ -242,7 +236,7 @@ class _Filter:
         if self._t_s[j] - self._t_s[self._at] > _LONGEST_STEP_s:
             self._propagate()
         if self._t_s[j] >= self._setup.fine_from_s:
-            self._keeping.fine(self.ins)
+            self._fine.append((self._t_s[j], *_lanes_first(self.ins.p, self.ins.v, self.ins.C)))
 
     def egi(self, sample: EgiSample) -> None:
         """Take one EGI sample in, keep the epoch if it is its turn."""
@@ -254,12 +248,17 @@ class _Filter:
             self._correct(sample)
         self._seen += 1
         if self._seen % self._setup.keep_every == 0:
-            self._keeping.epoch(float(self._t_s[self._j]), self.ins, self._offset_s, self._P, self._nis)
+            ins = self.ins
+            states = _lanes_first(ins.p, ins.v, ins.C, ins.bias_v, ins.bias_theta)
+            epoch = (self._t_s[self._j], *states, self._offset_s.copy(), self._P, *self._nis.take())
+            self._epochs.append(epoch)
 
-    @property
-    def real(self) -> dict[str, Any]:
-        """Return what the stated errors of the EGI do (``FilterRun``); nothing if none are stated."""
-        return {} if self._real is None else {"real_covariance": self._real.of_filter, "response": self._real.response}
+    def result(self) -> FilterRun:
+        """Return what was kept."""
+        epochs, fine = (map(np.array, zip(*kept, strict=True)) for kept in (self._epochs, self._fine))
+        run = FilterRun(*epochs, first_covariance=self._first_P, fine=FineTrack(*fine) if self._fine else None)
+        real = self._real
+        return run if real is None else replace(run, real_covariance=real.of_filter, response=real.response)
 
     def _propagate(self) -> None:
         """Bring the covariance to the newest IMU sample, by the means of force and attitude since."""
@@ -281,7 +280,7 @@ class _Filter:
 
     def _correct(self, sample: EgiSample) -> None:
         dz, past, sensitivity = innovation(sample, self._offset_s, self._history, self._motion_noise)
-        dz[~sample.usable] = 0.0
+        dz = np.where(sample.usable[:, None, None], dz, 0.0)
         H, R = measurement_rows(self._F, past.age_s, sensitivity), self._R
         if self._t_s[self._j] >= self._setup.hold_position_from_s:
             dz, H, R = np.ascontiguousarray(dz[:, 6:]), H[:, 6:], R[:, 6:]
@@ -305,7 +304,12 @@ class _Filter:
         self._history.correct(dx[:9], ins.state)
 
 
-def run_filter(imu: ImuSource, egi: EgiSource, setup: FilterSetup) -> FilterRun:
+def _lanes_first(*rows: Floats) -> list[Floats]:
+    """Return copies with the axes of space last: of (3, G, R) or (3, 3, G, R)."""
+    return [np.moveaxis(x, (-2, -1), (0, 1)).copy() for x in rows]
+
+
+def run_filter(imu: ImuSamples, egi: EgiSource, setup: FilterSetup) -> FilterRun:
     """Run G filters on R lanes of an IMU and their EGI samples.
 
     The state begins at the first usable EGI sample within the IMU's. All arrays in SI, see ``FilterSetup``.
@@ -313,32 +317,24 @@ def run_filter(imu: ImuSource, egi: EgiSource, setup: FilterSetup) -> FilterRun:
     Raises:  FitError B-FIT-116 if EGI and IMU do not overlap, or no EGI sample is usable.
     Source:  see the head of this file.
     """
-    first = first_sample(egi, float(imu.t_s[0]))
-    start = int(np.searchsorted(imu.t_s, egi.t_s[first])) if first >= 0 else imu.t_s.size
-    last_s = imu.t_s[-1] - setup.look_ahead_s
-    count = int(np.searchsorted(egi.t_s, last_s, side="right")) - first - 1
-    if start >= imu.t_s.size - 1 or count < 1:
+    k0 = int(np.searchsorted(egi.t_s, imu.t_s[0]))
+    samples = egi_samples(egi, k0)
+    first, begin = next(((k, sample) for k, sample in enumerate(samples, k0) if sample.usable.all()), (-1, None))
+    start = imu.t_s.size if begin is None else int(np.searchsorted(imu.t_s, begin.t_s))
+    count = int(np.searchsorted(egi.t_s, imu.t_s[-1] - setup.look_ahead_s, side="right")) - first - 1
+    if begin is None or start >= imu.t_s.size - 1 or count < 1:
         raise FitError(
             "B-FIT-116",
             f"no EGI sample can be held against the IMU: {egi.t_s.size} EGI samples, first usable one "
             f"{'none' if first < 0 else first}, IMU from {imu.t_s[0]:.6g} s to {imu.t_s[-1]:.6g} s",
             next_step="look at the mode and the tags of the EGI; both clocks must be on one time scale to some 0.5 s",
         )
-    fine_t_s = imu.t_s[start + 1 :]
-    fine_t_s = fine_t_s[fine_t_s >= setup.fine_from_s]
-    runs = imu.dv.shape[1]
-    keeping = Keeping(count // setup.keep_every + 1, fine_t_s, setup.groups, runs, first_covariance(setup))
-    work = _Filter(imu, setup, keeping, start)
-    samples = egi_samples(egi, first)
-    work.begin(next(samples))
-    _go_through(work, imu, samples, setup.look_ahead_s, start)
-    return replace(keeping.result(), **work.real)
-
-
-def _go_through(work: _Filter, imu: ImuSource, samples: Iterator[EgiSample], look_ahead_s: float, start: int) -> None:
+    work = _Filter(imu, setup, begin, start)
     sample = next(samples, None)
-    for j, dv, dtheta, dt in imu_steps(imu, start + 1):
-        work.imu(j, dv, dtheta, dt)
-        while sample is not None and sample.t_s + look_ahead_s <= imu.t_s[j]:
+    dv, dtheta = (np.moveaxis(x, -1, 1)[:, :, None] for x in (imu.dv, imu.dtheta))
+    for j, dt in enumerate(np.diff(imu.t_s[start:]).tolist(), start + 1):
+        work.imu(j, dv[j], dtheta[j], dt)
+        while sample is not None and sample.t_s + setup.look_ahead_s <= imu.t_s[j]:
             work.egi(sample)
             sample = next(samples, None)
+    return work.result()

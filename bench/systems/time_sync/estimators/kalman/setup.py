@@ -8,48 +8,18 @@ Source: Lee et al., JKSAS 48(4), 2020, equations (4)-(13), with the signs of err
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
 from bench.maths.arrays import Flags, Floats
+from bench.maths.geodesy import TangentFrame
 
 STATES = 16  # position, velocity, attitude, accelerometer bias, gyro bias (3 each), time offset
 OFFSET = 15  # index of the time offset
 NIS_BLOCKS = ("all", "position", "velocity", "attitude")  # last axis of the innovations squared
 STANDARD_GRAVITY_m_s2 = 9.80665
-
-
-class Increments(Protocol):
-    """Increments (n, R, 3) that are read in order, some rows at a time."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """(n, R, 3)."""
-
-    def __getitem__(self, rows: Any, /) -> Floats:
-        """One row (R, 3), or a slice of them."""
-
-
-class ImuSource(Protocol):
-    """Samples of an IMU as ``ImuSamples`` has them, whether in memory or not."""
-
-    @property
-    def t_s(self) -> Floats:
-        """(n,)."""
-
-    @property
-    def dv(self) -> Increments:
-        """Of velocity."""
-
-    @property
-    def dtheta(self) -> Increments:
-        """Of angle."""
-
-    @property
-    def filled(self) -> Flags:
-        """(n,)."""
 
 
 class EgiSource(Protocol):
@@ -64,9 +34,34 @@ class EgiSource(Protocol):
 
     def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
         """Position (k, G, R, 3) m, velocity (k, G, R, 3) m/s and body-to-t matrix (k, G, R, 3, 3) of samples k0 to
-        k1 - 1; NaN = missing or not usable.
+        k1 - 1, or up to the last; NaN = missing or not usable. G and R may be 1: the same for all.
         """
         ...
+
+
+@dataclass(frozen=True)
+class EgiSamples:
+    """Solutions of the EGI in the tangent frame at the first of them; an ``EgiSource`` that is the same for all.
+
+    ``t_s``: (m,) time tags.   ``p`` (m, 3) m, ``v`` (m, 3) m/s, ``C`` (m, 3, 3) body to tangent frame.
+    ``position_std_m``: as the unit states it, the median.
+    """
+
+    t_s: Floats
+    p: Floats
+    v: Floats
+    C: Floats
+    frame: TangentFrame
+    position_std_m: float
+
+    def part(self, which: Flags) -> EgiSamples:
+        """Return some of them, ``which`` (m,)."""
+        return replace(self, t_s=self.t_s[which], p=self.p[which], v=self.v[which], C=self.C[which])
+
+    def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
+        """Return samples k0 to k1 - 1, as one group of one lane."""
+        part = slice(k0, k1), None, None
+        return self.p[part], self.v[part], self.C[part]
 
 
 @dataclass(frozen=True)
@@ -156,7 +151,6 @@ class FilterSetup:
         fine_from_s: from here p, v and C are kept after every IMU sample.
         hold_position_from_s: from here (while the radar collects) only the attitude of the EGI is used; what it says
             about the position and velocity follows from their correlation alone and is small.
-        edges_s: (b + 1,) of blocks of EGI samples, of which ``FilterRun.response`` tells what an error of each does.
         edges_s: (b + 1,) of blocks of EGI samples; ``FilterRun.response`` says what an error of each does.
     """
 
@@ -204,10 +198,10 @@ class FilterRun:
         offset_s: (m, G, R).
         covariance: (m, G, 16, 16), shared by the lanes of a group; order position, velocity, attitude (rotation
             vector in t), accelerometer bias, gyro bias, offset.
-        first_covariance: (G, 16, 16) at the begin.
         nis: (m, G, 4) normalised innovations squared, by NIS_BLOCKS, mean over the lanes and over all EGI samples
             since the kept epoch before; NaN where there was none.   nis_outside: (m, G, 4) share of them outside
-            their 95 % interval.   nis_count: (m, G, 4) how many they were.   nis_dof: (4,) expected mean.
+            their 95 % interval.   nis_count: (m, G, 4) how many they were.
+        first_covariance: (G, 16, 16) at the begin.
         fine: every IMU sample of the end, or None.
         real_covariance: (G, 16, 16) of the errors at the end with the real errors of the EGI, None without them.
         response: (G, 16, b, 9) what an error of 1 of all EGI samples of a block makes of them, None likewise.
@@ -221,11 +215,11 @@ class FilterRun:
     gyro_bias: Floats
     offset_s: Floats
     covariance: Floats
-    first_covariance: Floats
     nis: Floats
     nis_outside: Floats
     nis_count: Floats
-    nis_dof: Floats
+    _: KW_ONLY
+    first_covariance: Floats
     fine: FineTrack | None
     real_covariance: Floats | None = None
     response: Floats | None = None

@@ -27,7 +27,7 @@ APART_m = (6.0, 12.0)  # in azimuth and range: less is the same target or its si
 _NOISE_RATIO = 8.0  # of the highest magnitude over the median
 _ELEMENTS_AT_ONCE = 1 << 15  # pulses times pixels that stay in the processor's cache
 BLOCK_PHASE_rad = 0.07  # over a block of pulses at the edge of a cut or chip: costs 0.002 dB there
-FLOOR_dB = -80.0
+FLOOR_dB = -40.0
 _PULSES_AT_ONCE, _MOST_TARGETS = 500, 3
 
 
@@ -245,12 +245,11 @@ def _check(pulses: Pulses, positions_m: Floats) -> None:
     )
 
 
-def levels_dB(value: Complex128 | Floats, reference: float, floor_dB: float = FLOOR_dB) -> Floats:
+def levels_dB(value: Complex128 | Floats, reference: float) -> Floats:
     """Levels of a cut or a piece of an image: the paper's figures 8, 9, 12 and 13.
 
-    Args:    value: of any shape, complex or its magnitude.   reference: magnitude that is 0 dB, > 0.   floor_dB: what
-             is lower is drawn there.
-    Returns: decibels, of the shape of ``value``.
+    Args:    value: of any shape, complex or its magnitude.   reference: magnitude that is 0 dB, > 0.
+    Returns: decibels, of the shape of ``value``; what is below ``FLOOR_dB`` stands there.
     Source:  20 log10 of the magnitude.
     """
-    return np.asarray(20.0 * np.log10(np.maximum(np.abs(value) / reference, 10.0 ** (floor_dB / 20.0))))
+    return np.asarray(20.0 * np.log10(np.maximum(np.abs(value) / reference, 10.0 ** (FLOOR_dB / 20.0))))

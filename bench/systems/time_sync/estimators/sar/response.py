@@ -46,25 +46,17 @@ _STEPS_CELLS = (0.6, 0.15, 0.05)  # of the grids on which the peak is looked for
 
 @dataclass(frozen=True)
 class Cut:
-    """Line through the image of a point target.
+    """Line through the peak of the image of a point target.
 
     Attributes:
-        offset_m: from the peak, (q,), evenly spaced.   value: complex image, (q,).   cell_m: resolution of the ideal.
+        shift_m: of the peak, image - surveyed place.   offset_m: from the peak, (q,), evenly spaced.   value: complex
+        image, (q,), raw.   resolution_m: full width where the power is half of the peak's.   pslr_dB, islr_dB: with the
+        windows above.
     """
 
+    shift_m: float
     offset_m: Floats
     value: Complex128
-    cell_m: float
-
-
-@dataclass(frozen=True)
-class CutFigures:
-    """Figures of a cut.
-
-    Attributes:
-        resolution_m: full width where the power is half of the peak's.   pslr_dB, islr_dB: with the windows above.
-    """
-
     resolution_m: float
     pslr_dB: float
     islr_dB: float
@@ -76,15 +68,14 @@ def cut_offsets(cell_m: float) -> Floats:
     return np.asarray(np.arange(-half, half + 1) * (0.05 * cell_m))
 
 
-def cut_figures(cut: Cut) -> CutFigures:
-    """Resolution, PSLR and ISLR of a cut through a peak.
+def cut_of(shift_m: float, offset_m: Floats, value: Complex128, cell_m: float) -> Cut:
+    """Return a cut with its resolution, PSLR and ISLR.
 
-    Args:    cut: that reaches 12 cells on both sides of its peak, which is at offset 0.
+    Args:    as of ``Cut``, which must reach 12 cells on both sides of its peak.   cell_m: resolution of the ideal.
     Raises:  FitError B-FIT-122 if the power does not fall to half on both sides of the peak.
     Source:  Carrara, Goodman, Majewski (1995), section 8.3; windows stated above.
     """
-    x = cut.offset_m / cut.cell_m
-    power = CubicSpline(x, np.abs(cut.value) ** 2)
+    power = CubicSpline(offset_m / cell_m, np.abs(value) ** 2)
     peak = float(power(0.0))
     half = power.solve(0.5 * peak, extrapolate=False)
     if not (np.any(half < 0) and np.any(half > 0)):
@@ -96,8 +87,11 @@ def cut_figures(cut: Cut) -> CutFigures:
     width = float(half[half > 0].min() - half[half < 0].max())
     main = float(power.integrate(-ZERO_CELLS, ZERO_CELLS))
     whole = float(power.integrate(-REACH_CELLS, REACH_CELLS))
-    return CutFigures(
-        resolution_m=width * cut.cell_m,
+    return Cut(
+        shift_m,
+        offset_m,
+        value,
+        resolution_m=width * cell_m,
         pslr_dB=10.0 * float(np.log10(_highest_side(power) / peak)),
         islr_dB=10.0 * float(np.log10((whole - main) / main)),
     )
@@ -112,26 +106,19 @@ def _highest_side(power: CubicSpline) -> float:
 
 @dataclass(frozen=True)
 class Response:
-    """Response to a point target.
+    """Response to a point target by its cuts in azimuth and range.
 
-    Attributes:
-        azimuth_shift_m, range_shift_m: image - surveyed place.   azimuth_resolution_m, range_resolution_m: -3 dB.
-        pslr_dB, islr_dB: of the azimuth cut, as in the paper's figures 10 and 14.   range_pslr_dB, range_islr_dB: of
-        the range cut.   peak: magnitude; 1 for a target of amplitude 1 in perfect focus.
-        azimuth_cut, range_cut: complex image through the peak, raw.
+    Attributes: peak: magnitude; 1 for a target of amplitude 1 in perfect focus.
     """
 
-    azimuth_shift_m: float
-    range_shift_m: float
-    azimuth_resolution_m: float
-    range_resolution_m: float
-    pslr_dB: float
-    islr_dB: float
-    range_pslr_dB: float
-    range_islr_dB: float
+    azimuth: Cut
+    range: Cut
     peak: float
-    azimuth_cut: Cut
-    range_cut: Cut
+
+    @property
+    def cuts(self) -> dict[str, Cut]:
+        """Return both by their directions."""
+        return {"azimuth": self.azimuth, "range": self.range}
 
 
 def impulse_response(
@@ -152,21 +139,12 @@ def impulse_response(
     azimuth_m, range_m = _peak(pulses, positions_m, axes, search_m)
     along, out = cut_offsets(axes.azimuth_cell_m), cut_offsets(axes.range_cell_m)
     sums = sums_of(pulses, positions_m, axes.points(azimuth_m, range_m), axes.block_m(along[-1]))
-    azimuth_cut = Cut(along, focus_sums(sums, axes.points(azimuth_m + along, range_m + 0 * along)), axes.azimuth_cell_m)
-    range_cut = Cut(out, focus_sums(sums, axes.points(azimuth_m + 0 * out, range_m + out)), axes.range_cell_m)
-    in_azimuth, in_range = cut_figures(azimuth_cut), cut_figures(range_cut)
+    azimuth = focus_sums(sums, axes.points(azimuth_m + along, range_m + 0 * along))
+    across = focus_sums(sums, axes.points(azimuth_m + 0 * out, range_m + out))
     return Response(
-        azimuth_shift_m=azimuth_m,
-        range_shift_m=range_m,
-        azimuth_resolution_m=in_azimuth.resolution_m,
-        range_resolution_m=in_range.resolution_m,
-        pslr_dB=in_azimuth.pslr_dB,
-        islr_dB=in_azimuth.islr_dB,
-        range_pslr_dB=in_range.pslr_dB,
-        range_islr_dB=in_range.islr_dB,
-        peak=float(np.abs(azimuth_cut.value[len(along) // 2])),
-        azimuth_cut=azimuth_cut,
-        range_cut=range_cut,
+        cut_of(azimuth_m, along, azimuth, axes.azimuth_cell_m),
+        cut_of(range_m, out, across, axes.range_cell_m),
+        peak=float(np.abs(azimuth[len(along) // 2])),
     )
 
 

@@ -16,13 +16,13 @@ from sim_instruments.worlds.time_sync.flight.egi import (
     EgiClass,
     EgiErrorFilter,
     EgiErrors,
-    EgiErrorStepper,
     EgiRuns,
     _ErrorModel,
     clock_noise,
     egi_error_runs,
+    lane,
 )
-from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES, FlightPath
+from sim_instruments.worlds.time_sync.flight.path import FlightPath, manoeuvre
 
 Array = np.ndarray
 _LATITUDE = np.radians(37.5)
@@ -30,7 +30,7 @@ _EARTH = 7.292115e-5 * np.array([np.cos(_LATITUDE), 0.0, -np.sin(_LATITUDE)])
 _GRAVITY = 9.7994905
 _PULL = _GRAVITY / 6.371e6 * np.array([-1.0, -1.0, 2.0])
 _OFFSETS_S = np.array([-0.02, 0.0, 0.0137, 0.1])
-_PATH = MANOEUVRES["turn"]
+_PATH = manoeuvre("turn")
 _ERRORS = egi_error_runs(_PATH, 26.0, 3, 5)
 
 
@@ -92,7 +92,7 @@ _NOISY = EgiClass(velocity_walk_ug=200.0, angle_walk_deg_rt_h=0.1)
 def test_the_filter_believes_what_is_true(name: str, sensor: EgiClass) -> None:
     """NEES of all 15 states over 200 units within its 99.98 % bounds, before, in and after the manoeuvres."""
     lanes = [generator(17, "nees", lane) for lane in range(200)]
-    inner = EgiErrorFilter(MANOEUVRES[name], 0.0, lanes, sensor)
+    inner = EgiErrorFilter(manoeuvre(name), 0.0, lanes, sensor)
     low, high = stats.chi2.ppf([1e-4, 1.0 - 1e-4], 15 * 200) / 200
     for until_s in (0.0, 10.5, 25.98, 55.0, 62.0):
         inner.advance(round(until_s * 50) - inner.sample)
@@ -106,7 +106,7 @@ def test_the_filter_believes_what_is_true(name: str, sensor: EgiClass) -> None:
 
 def test_errors_are_coloured_and_walk_with_the_stated_density() -> None:
     """White noise at 50 Hz would have a correlation of 0 from sample to sample."""
-    errors = egi_error_runs(MANOEUVRES["linear"], 60.0, 50, 2)
+    errors = egi_error_runs(manoeuvre("linear"), 60.0, 50, 2)
     for kind in (errors.dp, errors.dv, errors.dphi):
         now, later = kind[10:-25:50].reshape(-1), kind[35::50].reshape(-1)
         assert now.size == later.size
@@ -115,7 +115,7 @@ def test_errors_are_coloured_and_walk_with_the_stated_density() -> None:
     jump = np.abs(np.diff(errors.dp, axis=0)).max((1, 2))
     assert jump[49::50].min() > 10 * np.delete(jump, np.s_[49::50]).max()  # GPS corrects at whole seconds
     # over 0.98 s without GPS vertical velocity and attitude spread by walk times square root of time
-    errors = egi_error_runs(MANOEUVRES["linear"], 60.0, 20, 3, _NOISY)
+    errors = egi_error_runs(manoeuvre("linear"), 60.0, 20, 3, _NOISY)
     for kind, walk in ((errors.dv[..., 2:], 200e-6 * 9.80665), (errors.dphi, np.radians(0.1) / 60.0)):
         spread = (kind[49::50] - kind[:-1:50]).std((0, 1))
         assert spread == pytest.approx(np.full(spread.size, walk * np.sqrt(0.98)), rel=0.08)
@@ -125,7 +125,7 @@ def test_size_of_the_errors() -> None:
     """Of 50 units: position between 0.2 and 0.45 m, yaw 0.0144 deg where nothing but the gyrocompass gives it."""
     rms = {}
     for seed in range(3):
-        errors = egi_error_runs(MANOEUVRES["linear"], 60.0, 50, seed)
+        errors = egi_error_runs(manoeuvre("linear"), 60.0, 50, seed)
         rms[seed] = [np.sqrt(np.mean(kind[250:] ** 2, (0, 1))) for kind in (errors.dp, errors.dv, errors.dphi)]
         assert np.all((rms[seed][0] > 0.2) & (rms[seed][0] < 0.45))
         assert np.all(rms[seed][1] < 0.02)
@@ -137,13 +137,13 @@ def test_size_of_the_errors() -> None:
 
 def test_manoeuvres_show_the_yaw() -> None:
     """Acceleration across a yaw error is an error of velocity, which GPS sees: yaw is known better after them."""
-    errors = egi_error_runs(MANOEUVRES["sar"], 100.0, 50, 4)
+    errors = egi_error_runs(manoeuvre("sar"), 100.0, 50, 4)
     before, after = (np.sqrt(np.mean(errors.dphi[k, :, 2] ** 2)) for k in (950, 5000))
     assert after < 0.4 * before
 
 
 def test_runs_differ_and_are_the_same_in_any_company() -> None:
-    path = MANOEUVRES["turn"]
+    path = manoeuvre("turn")
     many, few = egi_error_runs(path, 3.0, 70, 8), egi_error_runs(path, 2.5, 3, 8)
     assert few.t_s[0] == 0.0
     assert few.t_s[-1] == 2.5
@@ -158,24 +158,23 @@ def test_stepper_gives_the_same_numbers_while_the_path_grows_from_anywhere() -> 
     pieces = [(0.0, 0.0, 0.0), (1.234, 5.0, 0.0), (2.0, 0.0, 4.0), (2.001, 0.0, 9.0), (2.5, 0.0, 0.0)]
     whole = egi_error_runs(FlightPath(pieces, 100.0), 4.0, 2, 6)
     path = FlightPath(pieces[:1], 100.0)
-    stepper, known = EgiErrorStepper(path, 6, 1), 1
+    stepper, known = EgiErrorFilter(path, 0.0, [lane(6, 1)], EgiClass()), 1
     sigmas = []
     for k, t_s in enumerate(whole.t_s):
         while known < len(pieces) and pieces[known][0] <= t_s:
             path.add(*pieces[known])
             known += 1
-        for one, of in zip(stepper.step(), (whole.dp, whole.dv, whole.dphi), strict=True):
-            assert np.array_equal(one, of[k, 1])
+        assert np.array_equal(stepper.advance(1)[0, 0], np.concatenate([whole.dp, whole.dv, whole.dphi], -1)[k, 1])
         sigmas.append(stepper.position_sigma_m)
     assert known == len(pieces)
     assert 0.1 < min(sigmas) < max(sigmas) < 0.4
     moved = FlightPath([(1.25, 0.0, 0.0), (2.25, 0.0, 9.0)], 100.0)
     there, here = (
-        EgiErrorStepper(moved, 3, begin_s=1.25),
+        EgiErrorFilter(moved, 1.25, [lane(3, 0)], EgiClass()),
         egi_error_runs(FlightPath([(0.0, 0.0, 0.0), (1.0, 0.0, 9.0)], 100.0), 2.0, 1, 3),
     )
     for k in range(100):
-        assert there.step()[1] == pytest.approx(here.dv[k, 0], rel=1e-9)
+        assert there.advance(1)[0, 0, 3:6] == pytest.approx(here.dv[k, 0], rel=1e-9)
 
 
 def _quiet(runs: int) -> EgiErrors:

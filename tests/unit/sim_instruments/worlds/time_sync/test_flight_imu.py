@@ -17,6 +17,7 @@ from sim_instruments.worlds.time_sync.flight.path import (
     FlightPath,
     _bessel,
     gravity_m_s2,
+    manoeuvre,
     normal_gravity_m_s2,
 )
 from sim_instruments.worlds.time_sync.samples import euler_rad, level_axes, to_earth, to_geodetic
@@ -70,7 +71,7 @@ def _navigated(path: FlightPath, borders_s: list[float]) -> Array:
 )
 @pytest.mark.parametrize("name", list(MANOEUVRES))
 def test_mechanisation_returns_the_path(name: str, record_property: Callable[[str, object], None]) -> None:
-    path = MANOEUVRES[name]
+    path = manoeuvre(name)
     borders = [0.0, *path.borders_s(0.0, 70.0), 70.0]
     found, true = _navigated(path, borders), path.state(np.array([70.0]))
     record_property("obtained", f"{name}: {1e3 * np.abs(found[:3] - true.p[0]).max():.1g} mm, limit 0.2")
@@ -106,7 +107,7 @@ def test_force_is_the_second_derivative_in_an_inertial_frame() -> None:
 
 
 def test_increments_add_up_over_borders_inside_intervals() -> None:
-    path = MANOEUVRES["sar"]
+    path = manoeuvre("sar")
     whole = exact_increments(path, np.array([19.9987, 20.0031, 49.998, 50.003, 50.0037]))
     cuts = np.array([19.9987, 20.0, 20.0031, 30.0, 49.998, 50.0, 50.003, 50.0037])
     parts = exact_increments(path, cuts)
@@ -132,8 +133,8 @@ def test_published_gravity() -> None:
 
 def test_noise_and_biases_have_the_stated_size() -> None:
     """Allan deviation at 1 s is the coefficient of the random walk; the mean is the bias."""
-    runs = imu_runs(MANOEUVRES["stationary"], 200.0, 4, 11)
-    quiet = exact_increments(MANOEUVRES["stationary"], np.concatenate(([0.0], runs.t_s)))
+    runs = imu_runs(manoeuvre("stationary"), 200.0, 4, 11)
+    quiet = exact_increments(manoeuvre("stationary"), np.concatenate(([0.0], runs.t_s)))
     for noisy, exact, walk, bias in (
         (runs.dv, quiet[0], 20e-6 * 9.80665, runs.accel_bias),
         (runs.dtheta, quiet[1], np.radians(0.07) / 60.0, runs.gyro_bias),
@@ -154,7 +155,7 @@ def test_noise_and_biases_have_the_stated_size() -> None:
 
 
 def test_noise_belongs_to_the_run_and_the_number_of_the_sample() -> None:
-    path = MANOEUVRES["turn"]
+    path = manoeuvre("turn")
     many, few = imu_runs(path, 30.0, 5, 3), imu_runs(path, 25.0, 2, 3)
     n = few.t_s.size
     assert few.t_s[-1] == 25.0
@@ -170,8 +171,8 @@ def test_noise_belongs_to_the_run_and_the_number_of_the_sample() -> None:
     assert np.array_equal(lane.noise(17, 1), whole[17:18])
     assert np.array_equal(np.concatenate([lane.noise(k, 1) for k in range(4090, 4100)]), whole[4090:4100])
     perfect = ImuClass(accel_bias_ug=0.0, velocity_walk_ug=0.0, gyro_bias_deg_h=0.0, angle_walk_deg_rt_h=0.0)
-    runs = imu_runs(MANOEUVRES["turn"], 2.0, 1, 1, perfect)
-    dv, dtheta = exact_increments(MANOEUVRES["turn"], np.arange(401) / 200.0)
+    runs = imu_runs(manoeuvre("turn"), 2.0, 1, 1, perfect)
+    dv, dtheta = exact_increments(manoeuvre("turn"), np.arange(401) / 200.0)
     assert np.array_equal(runs.dv[:, 0], dv)
     assert np.array_equal(runs.dtheta[:, 0], dtheta)
 
@@ -234,13 +235,13 @@ def test_a_piece_changes_the_future_only_and_of_this_path_only() -> None:
     assert list(path.borders_s(0.0, 100.0)) == [10.0, 15.0]
     with pytest.raises(ValueError, match="before the path"):
         path.add(-1.0, 0.0, 0.0)
-    MANOEUVRES["linear"].add(5.0, 9.0, 9.0)
-    assert MANOEUVRES["linear"].borders_s(0.0, 60.0).size == 0
+    manoeuvre("linear").add(5.0, 9.0, 9.0)
+    assert manoeuvre("linear").borders_s(0.0, 60.0).size == 0
 
 
 def test_manoeuvres_are_those_of_the_paper() -> None:
     assert set(MANOEUVRES) == {"stationary", "linear", "acceleration", "turn", "sar"}
-    at = {name: path.state(np.array([-1.0, 10.0, 25.0, 55.0, 500.0])) for name, path in MANOEUVRES.items()}
+    at = {name: manoeuvre(name).state(np.array([-1.0, 10.0, 25.0, 55.0, 500.0])) for name in MANOEUVRES}
     assert not at["stationary"].v.any()
     assert at["linear"].p[:, 0] == pytest.approx([-100.0, 1000.0, 2500.0, 5500.0, 50000.0])
     assert at["acceleration"].v[:, 0] == pytest.approx([100.0, 100.0, 125.0, 200.0, 200.0])
