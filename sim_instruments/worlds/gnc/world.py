@@ -326,7 +326,7 @@ class GncWorld(World):
     def _module(self, serial: str, seed: int) -> GncModule:
         """Return the module of a serial number; one that comes back is the same one."""
         if serial not in self._modules:
-            imu = GncImu(seed, serial, self._imu_options, surroundings=self, site=SITE)
+            imu = GncImu(seed, serial, self._imu_options, self, SITE)
             place = (SITE.latitude_deg, LONGITUDE_DEG, HEIGHT_M)
             self._imus[serial] = imu
             self._modules[serial] = GncModule(seed, serial, self._faults_of.get(serial, ()), imu, place)
