@@ -36,13 +36,13 @@ from bench.systems.gnc.estimators.earth_rate import (
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise, expected_range
 from bench.systems.gnc.field_evidence import nominal_answers, roll_estimates
-from bench.systems.gnc.limits import Limits, limits_of
+from bench.systems.gnc.limits import limits_of
 from bench.systems.gnc.magnetometer import ITEMS as OF_FIELD
 from bench.systems.gnc.magnetometer import Sphere, attitudes_of, plane_estimates, sphere_of, turns_of
 from bench.systems.gnc.rows import SampledRow, clock_of, gravity_g, pose_of, power_on_of, sampled_rows, site_of
 from bench.systems.gnc.unit_test.analysis import values_of_item
-from bench.systems.gnc.unit_test.answers import Answer, Findings, asked_of
-from bench.systems.gnc.unit_test.judges import judge_imu, judge_timer
+from bench.systems.gnc.unit_test.answers import Answer, asked_of
+from bench.systems.gnc.unit_test.judges import Rules, judge
 from bench.systems.gnc.unit_test.units import ItemResult, unit_of
 from bench.systems.gnc.wording import say
 
@@ -281,22 +281,16 @@ def of_unit_test(planned: Planned) -> Prediction:
     estimates: Estimates = []
     for unit, items in of_units.items():
         for item, answers in items.items():
-            found = _timer(answers, limits) if item == "timer" else _imu(answers, limits, noise)
+            fields = [_on_time(one) if item == "timer" else _at_rest(one, noise) for one in answers]
+            nominal = [replace(one, fields=of) for one, of in zip(answers, fields, strict=True)]
+            found = judge(item, nominal, Rules(limits, {}, {}))
             estimates += values_of_item(ItemResult(item, found, len(answers)), {UNIT: unit})
     return Prediction([entry for entry in estimates if entry.std_uncertainty > 0.0], list(dict.fromkeys(missing)))
-
-
-def _timer(answers: list[Answer], limits: Limits) -> Findings:
-    return judge_timer([replace(answer, fields=_on_time(answer)) for answer in answers], limits)
 
 
 def _on_time(answer: Answer) -> dict[str, Any]:
     setting_us, ticks = answer.asked["setting_us"], answer.asked["ticks"]
     return {"intervals_us": [setting_us] * ticks, "interrupts": ticks}
-
-
-def _imu(answers: list[Answer], limits: Limits, noise: Mapping[str, SensorNoise | None]) -> Findings:
-    return judge_imu([replace(answer, fields=_at_rest(answer, noise)) for answer in answers], limits, {})
 
 
 def _at_rest(answer: Answer, noise: Mapping[str, SensorNoise | None]) -> dict[str, Any]:
