@@ -70,13 +70,33 @@ class Sensor:
 
 
 GYRO = Sensor(
-    "gyro", "gyro", "deg/s", "gyro_range_deg_s", "gyro_resolution_deg_s", "gyro_random_walk_deg_rt_s",
-    small_unit="deg/h", small=3600.0, item="rotation", due=TURNS, bias_unit="deg/h", bias_factor=3600.0, bias_sign=-1,
-)  # fmt: skip
+    kind="gyro",
+    prefix="gyro",
+    unit="deg/s",
+    range="gyro_range_deg_s",
+    resolution="gyro_resolution_deg_s",
+    walk="gyro_random_walk_deg_rt_s",
+    small_unit="deg/h",
+    small=3600.0,
+    item="rotation",
+    due=TURNS,
+    bias_unit="deg/h",
+    bias_factor=3600.0,
+    bias_sign=-1,
+)
 ACCELEROMETER = Sensor(
-    "accelerometer", "accel", "g", "accel_range_g", "accel_resolution_g", "accel_random_walk_g_rt_s",
-    small_unit="mg", small=1e3, item="position", due=UPS, bias_unit="g",
-)  # fmt: skip
+    kind="accelerometer",
+    prefix="accel",
+    unit="g",
+    range="accel_range_g",
+    resolution="accel_resolution_g",
+    walk="accel_random_walk_g_rt_s",
+    small_unit="mg",
+    small=1e3,
+    item="position",
+    due=UPS,
+    bias_unit="g",
+)
 _OF_FIELD = Sensor("magnetometer", "mag", "gauss", "mag_range_gauss", "mag_resolution_gauss")
 SENSORS: Mapping[str, Sensor] = {sensor.kind: sensor for sensor in (GYRO, ACCELEROMETER, _OF_FIELD)}
 CALIBRATED = (ACCELEROMETER, GYRO)  # in the order of a report
