@@ -26,6 +26,7 @@ _FEWEST_AVERAGES = 30  # fewer do not tell one power law from the next
 _MIXED, _POWERS, _WHITE = (WHITE_ANGLE, WHITE_RATE, FLICKER_RATE, RANDOM_WALK), (-2.0, -1.0, 0.0, 1.0), 1
 _FEWEST_CURVE = 6  # averaging times that tell four power laws
 _REWEIGHTINGS, _MORE = 4, 0.5
+_PROBABILITY = 0.95  # of the two-sided interval
 _CORRELATED = 3  # averages over which differences are correlated, flicker noise nearly
 
 
@@ -34,9 +35,9 @@ class AllanDeviation:
     """Deviation over averaging time.
 
     Attributes:
-        interval_s: time between samples.   samples: of the record, gaps included.
+        interval_s: time between samples.
         factors: samples in an average, (k,).   tau_s: averaging times, (k,).
-        deviation: (k,), unit of the rate.   low, high: confidence limits, (k,).
+        deviation: (k,), unit of the rate.   low, high: 95 % confidence limits, (k,).
         differences: that the deviation is made of, (k,).   dof: equivalent degrees of freedom, (k,).
         exponents: power of frequency in the rate's spectrum that was found at each averaging time, (k,): 2 white
             noise of the angle, 1 its flicker noise, 0 white noise of the rate, -1 flicker noise, -2 random walk. Where
@@ -44,7 +45,6 @@ class AllanDeviation:
     """
 
     interval_s: float
-    samples: int
     factors: Integers
     tau_s: Floats
     deviation: Floats
@@ -63,18 +63,11 @@ class AllanDeviation:
 _COLUMNS = ("factors", "tau_s", "deviation", "low", "high", "differences", "dof", "exponents")
 
 
-def allan_deviation(
-    rate: Floats,
-    interval_s: float,
-    *,
-    factors: Sequence[int] | None = None,
-    probability: float = 0.95,
-) -> AllanDeviation:
+def allan_deviation(rate: Floats, interval_s: float, *, factors: Sequence[int] | None = None) -> AllanDeviation:
     """Return overlapping Allan deviation with chi-squared confidence limits.
 
     Args:    rate: mean rates over successive intervals, (n,), any unit; NaN marks a gap.   interval_s: of one sample.
              factors: samples per average; by default powers of two as far as two averages fit.
-             probability: of the two-sided interval.
     Returns: AllanDeviation; averaging times that gaps leave without a difference are dropped.
     Raises:  FitError B-FIT-031 if no averaging time is left.
     Source:  NIST SP 1065 equations (10), (14) and (45); Greenhall and Riley (2003) for the degrees of freedom.
@@ -94,30 +87,25 @@ def allan_deviation(
         for m, count, alpha in zip(used, differences, exponents, strict=True)
     ])  # fmt: skip
     exponents, dof = _at_few_averages(rate.size, used, variance, differences, exponents, dof)
-    deviation = np.sqrt(variance)
-    low, high = confidence_limits(deviation, dof, probability)
-    return AllanDeviation(
-        interval_s=interval_s,
-        samples=rate.size,
-        factors=used,
-        tau_s=used * interval_s,
-        deviation=deviation,
-        low=low,
-        high=high,
-        differences=differences,
-        dof=dof,
-        exponents=exponents,
-    )
+    return _with_limits(interval_s, used, np.sqrt(variance), differences, dof, exponents)
 
 
-def confidence_limits(deviation: Floats, dof: Floats, probability: float) -> tuple[Floats, Floats]:
-    """Return two-sided limits of a deviation whose square has a chi-squared distribution.
+def _with_limits(
+    interval_s: float, factors: Integers, deviation: Floats, differences: Integers, dof: Floats, exponents: Integers
+) -> AllanDeviation:
+    low, high = confidence_limits(deviation, dof)
+    tau_s = np.asarray(factors * interval_s, np.float64)
+    return AllanDeviation(interval_s, factors, tau_s, deviation, low, high, differences, dof, exponents)
 
-    Args:    deviation: (k,).   dof: equivalent degrees of freedom, (k,).   probability: of the interval.
+
+def confidence_limits(deviation: Floats, dof: Floats) -> tuple[Floats, Floats]:
+    """Return two-sided 95 % limits of a deviation whose square has a chi-squared distribution.
+
+    Args:    deviation: (k,).   dof: equivalent degrees of freedom, (k,).
     Returns: lower and upper limits, (k,) each.
     Source:  NIST SP 1065 equation (45).
     """
-    tail = (1.0 - probability) / 2.0
+    tail = (1.0 - _PROBABILITY) / 2.0
     return deviation * np.sqrt(dof / special.chdtri(dof, tail)), deviation * np.sqrt(
         dof / special.chdtri(dof, 1.0 - tail)
     )
@@ -225,29 +213,19 @@ def _mixed_dof(factor: int, differences: int, share: Floats) -> float:
     return _equivalent(covariance, differences)
 
 
-def expected_curve(interval_s: float, samples: int, factors: Integers, deviation: Floats) -> AllanDeviation:
+def expected_curve(
+    interval_s: float, samples: int, factors: Integers, deviation: Floats, exponents: Integers | None = None
+) -> AllanDeviation:
     """Return what a record without gaps shows on average of a deviation at some averaging times, (k,) both.
 
-    Degrees of freedom and limits are those of white noise of the rate.
+    Degrees of freedom and limits are those of the power laws ``exponents``, (k,); by default of white noise of the
+    rate.
     """
+    exponents = np.full(factors.size, WHITE_RATE) if exponents is None else exponents
     differences = samples - 2 * factors + 1
-    places = zip(factors.tolist(), differences.tolist(), strict=True)
-    dof = np.array([degrees_of_freedom(*place, WHITE_RATE) for place in places])
-    low, high = confidence_limits(deviation, dof, 0.95)
-    exponents = np.full(factors.size, WHITE_RATE)
-    tau_s = np.asarray(factors * interval_s, np.float64)
-    return AllanDeviation(
-        interval_s,
-        samples,
-        factors,
-        tau_s,
-        deviation,
-        low,
-        high,
-        differences,
-        dof,
-        exponents,
-    )
+    places = zip(factors.tolist(), differences.tolist(), exponents.tolist(), strict=True)
+    dof = np.array([degrees_of_freedom(*place) for place in places])
+    return _with_limits(interval_s, factors, deviation, differences, dof, exponents)
 
 
 def degrees_of_freedom(factor: int, differences: int, exponent: int) -> float:
@@ -283,13 +261,13 @@ def _equivalent(covariance: Floats, differences: int) -> float:
 
 def _difference_covariance(lags: Integers, factor: int, exponent: int) -> Floats:
     """Return covariance of second differences of the angle over ``factor`` samples, up to its size."""
-    far = _angle_covariance(lags - 2 * factor, exponent) + _angle_covariance(lags + 2 * factor, exponent)
-    near = _angle_covariance(lags - factor, exponent) + _angle_covariance(lags + factor, exponent)
-    return np.asarray(6.0 * _angle_covariance(lags, exponent) - 4.0 * near + far)
+    far = angle_covariance(lags - 2 * factor, exponent) + angle_covariance(lags + 2 * factor, exponent)
+    near = angle_covariance(lags - factor, exponent) + angle_covariance(lags + factor, exponent)
+    return np.asarray(6.0 * angle_covariance(lags, exponent) - 4.0 * near + far)
 
 
-def _angle_covariance(lags: Integers, exponent: int) -> Floats:
-    """Return generalised covariance of the angle at lags in samples, up to its size."""
+def angle_covariance(lags: Integers | Floats, exponent: int) -> Floats:
+    """Return generalised covariance of the angle at lags in samples or any unit of time, up to its size."""
     t = np.abs(lags).astype(np.float64)
     if exponent == WHITE_ANGLE:
         return np.asarray((t == 0.0).astype(np.float64))

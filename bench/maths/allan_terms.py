@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize
 
-from bench.maths.allan import AllanDeviation, confidence_limits, degrees_of_freedom
+from bench.maths.allan import AllanDeviation, angle_covariance, expected_curve
 from bench.maths.arrays import Floats, Integers
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
@@ -46,6 +46,7 @@ _SIGNIFICANT = 2.706  # chi squared that a term at its boundary 0 gains by chanc
 
 SCATTERING = ("quantisation_noise", "white_noise", "bias_instability", "random_walk")
 _EXPONENTS = (2, 0, -1, -2)  # power of frequency in the spectrum of the rate, of each of these
+_SIZES = (1.0, 2.0, 2.0 * np.pi, 12.0)  # of its generalised covariance of the angle over that of a unit coefficient
 _REACH = 4  # differences this many times the sum of both averages apart are independent; but for flicker noise exactly
 _SECOND_DIFFERENCE = ((0, 1.0), (1, -2.0), (2, 1.0))
 
@@ -160,25 +161,9 @@ def expected_deviation(terms: Mapping[str, float], samples: int, interval_s: flo
             next_step="plan at least three samples without a gap between them",
         )
     tau_s: Floats = factors * np.float64(interval_s)
-    differences = samples - 2 * factors + 1
     parts = np.array([terms.get(name, 0.0) ** 2 * allan_variance_of(name, tau_s) for name in SCATTERING])
     exponents = np.array(_EXPONENTS)[np.argmax(parts, axis=0)]
-    deviation = np.sqrt(parts.sum(axis=0))
-    places = zip(factors.tolist(), differences.tolist(), exponents.tolist(), strict=True)
-    dof = np.array([degrees_of_freedom(*place) for place in places])
-    low, high = confidence_limits(deviation, dof, 0.95)
-    return AllanDeviation(
-        interval_s=interval_s,
-        samples=samples,
-        factors=factors,
-        tau_s=tau_s,
-        deviation=deviation,
-        low=low,
-        high=high,
-        differences=differences,
-        dof=dof,
-        exponents=exponents,
-    )
+    return expected_curve(interval_s, samples, factors, np.sqrt(parts.sum(axis=0)), exponents)
 
 
 def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseTerms:
@@ -307,7 +292,8 @@ def _covariance_of(
 ) -> VarianceCovariance:
     factors, differences = np.array(of_factors), np.array(of_differences)
     size, kinds = factors.size, len(SCATTERING)
-    angle = _angle_covariance(interval_s, (_REACH + 2) * 2 * int(factors.max()))
+    t_s = np.asarray(interval_s * np.arange((_REACH + 2) * 2 * int(factors.max()) + 1), np.float64)
+    angle = np.stack([angle_covariance_of(name, t_s) for name in SCATTERING])
     products, ramp = np.empty((size, size, kinds, kinds)), np.empty((size, size, kinds))
     for i in range(size):
         for j in range(i + 1):
@@ -320,15 +306,10 @@ def _covariance_of(
     return VarianceCovariance(products, ramp)
 
 
-def _angle_covariance(interval_s: float, length: int) -> Floats:
-    """Return generalised angle covariances at lags 0 ... length samples for unit coefficients, (4, length + 1)."""
-    t_s = interval_s * np.arange(length + 1)
-    covariance = np.zeros((len(SCATTERING), length + 1))
-    covariance[0, 0] = 1.0
-    covariance[1] = -t_s / 2.0
-    covariance[2, 1:] = np.square(t_s[1:]) * np.log(t_s[1:]) / (2.0 * np.pi)
-    covariance[3] = t_s**3 / 12.0
-    return covariance
+def angle_covariance_of(name: str, t_s: Floats) -> Floats:
+    """Return generalised covariance of the angle at lags, shape of ``t_s``, of a unit coefficient of ``SCATTERING``."""
+    place = SCATTERING.index(name)
+    return angle_covariance(t_s, _EXPONENTS[place]) / _SIZES[place]
 
 
 def _difference_covariance(angle: Floats, pair: Integers, interval_s: float) -> tuple[Integers, Floats]:

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import optimize, special
 
 from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import FILTERING, TERMS, NoiseTerm, NoiseTerms, fit_noise_terms
+from bench.maths.allan_terms import FILTERING, TERMS, NoiseTerm, NoiseTerms, angle_covariance_of, fit_noise_terms
 from bench.maths.arrays import Floats, Integers
 from bench.maths.tests import chi2_tail
 
@@ -251,13 +251,8 @@ def _of_means(name: str, lag_s: Floats, span_s: float) -> Floats:
     The drift is no noise and is left to its own column.
     """
 
-    def angle(t_s: Floats) -> Floats:
-        t_s = np.abs(t_s)
-        if name == "random_walk":
-            return np.asarray(t_s**3 / 12.0)
-        return np.asarray(t_s**2 * np.log(np.where(t_s > 0.0, t_s, 1.0)) / (2.0 * math.pi))
-
-    return np.asarray((2.0 * angle(lag_s) - angle(lag_s + span_s) - angle(lag_s - span_s)) / span_s**2)
+    here, behind, ahead = (angle_covariance_of(name, lag_s + shift_s) for shift_s in (0.0, span_s, -span_s))
+    return np.asarray((2.0 * here - behind - ahead) / span_s**2)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from bench.analysis import (
 )
 from bench.maths.allan import allan_deviation
 from bench.model.errors import FitError
+from bench.systems.gnc.declaration import ACCELEROMETER, AXES, CALIBRATED, GYRO, Sensor
 from bench.systems.gnc.estimators.bias_mean import BiasMean, declared_mean, flip_bias, mean_bias
 from bench.systems.gnc.estimators.bias_stability import (
     AVERAGE_s,
@@ -48,8 +49,6 @@ from bench.systems.gnc.estimators.earth_rate import (
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.limits import Limits, limits_of, table_3
 from bench.systems.gnc.rows import (
-    AXES,
-    SENSORS,
     SampledRow,
     check_notes,
     check_table,
@@ -64,8 +63,6 @@ METHODS: tuple[str, ...] = ("ten_second_means",)
 Noises = Mapping[str, SensorNoise]  # by kind, of records that hold none
 ITEMS = ("bias", "flip", "stability", "repeatability")
 _OF_ONE_PART = ("B-FIT-092", "B-FIT-093", "B-FIT-094")
-# kind, prefix, unit of the stability, and the factor from deg/s or g to it
-_KINDS = (("gyro", "gyro", "deg/h", 3600.0), ("accelerometer", "accel", "mg", 1e3))
 _INDICATED = {"output": "indicated"}  # not the bias of a calibration, which stands behind the matrix
 _NOTES = ("indicated", "stability", "repeatability", "as_stated")
 _ALONG = 0.999  # cosine
@@ -168,8 +165,9 @@ def stability_estimates(
     """Return the stability of each sensor over the first record, and its estimates."""
     stabilities: dict[tuple[str, str], BiasStability] = {}
     entries: Estimates = []
-    for kind, prefix, unit, factor in _kinds(rows, declared):
-        limit = factor * limits[f"{prefix}_bias_stability"]
+    for sensor in _sensors(rows, declared):
+        kind, factor, quantity = sensor.kind, sensor.small, f"{sensor.prefix}_bias_stability"
+        limit = factor * limits[quantity]
         placed = on_the_counter(rows[0].samples.counter, rows[0].values(kind))
         for k, axis in enumerate(AXES):
             try:
@@ -181,20 +179,21 @@ def stability_estimates(
             stabilities[kind, axis] = stability
             place = {"kind": kind, "axis": axis}
             entries.append(
-                estimate(f"{prefix}_bias_stability", unit, factor * stability.value, factor * stability.std, place,
+                estimate(quantity, sensor.small_unit, factor * stability.value, factor * stability.std, place,
                          n=stability.averages.size, limit=limit, dropped=stability.missing)
             )  # fmt: skip
     return stabilities, entries
 
 
-def _kinds(rows: list[SampledRow], declared: Noises | None) -> list[tuple[str, str, str, float]]:
-    return [known for known in _KINDS if rows and _known(known[0], declared)]
+def _sensors(rows: list[SampledRow], declared: Noises | None) -> list[Sensor]:
+    return [sensor for sensor in (GYRO, ACCELEROMETER) if rows and _known(sensor.kind, declared)]
 
 
 def repeatability_estimates(rows: list[SampledRow], missing: list[str], declared: Noises | None = None) -> Estimates:
     """Return the scatter of the biases of the records."""
     entries: Estimates = []
-    for kind, prefix, unit, factor in _kinds(rows, declared):
+    for sensor in _sensors(rows, declared):
+        kind, factor = sensor.kind, sensor.small
         seen = (_window(row, kind, 0.0, missing, declared) for row in rows)
         windows = [window for window in seen if window is not None]
         starts, lengths = [window.start_s for window in windows], [window.length_s for window in windows]
@@ -208,8 +207,8 @@ def repeatability_estimates(rows: list[SampledRow], missing: list[str], declared
                 continue
             place = {"kind": kind, "axis": axis}
             entries.append(
-                estimate(f"{prefix}_bias_repeatability", unit, factor * scatter.value, factor * scatter.std, place,
-                         n=len(windows), dof=scatter.dof)
+                estimate(f"{sensor.prefix}_bias_repeatability", sensor.small_unit, factor * scatter.value,
+                         factor * scatter.std, place, n=len(windows), dof=scatter.dof)
             )  # fmt: skip
     return entries
 
@@ -304,34 +303,34 @@ def _cell(estimates: Estimates, quantity: str, axis: str, factor: float) -> str:
 def _figures(stabilities: Mapping[tuple[str, str], BiasStability]) -> list[Figure]:
     """Means of 10 s over the hour, and their Allan deviation."""
     figures = []
-    for kind, _, unit, factor in _KINDS:
-        by_axis = {axis: stabilities[kind, axis] for axis in AXES if (kind, axis) in stabilities}
+    for sensor in (GYRO, ACCELEROMETER):
+        by_axis = {axis: stabilities[sensor.kind, axis] for axis in AXES if (sensor.kind, axis) in stabilities}
         if by_axis:
-            figures += [_means(kind, factor, unit, by_axis), _allan(kind, factor, unit, by_axis)]
+            figures += [_means(sensor, by_axis), _allan(sensor, by_axis)]
     return figures
 
 
-def _means(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStability]) -> Figure:
+def _means(sensor: Sensor, by_axis: Mapping[str, BiasStability]) -> Figure:
     series = [
         curve(
             axis,
             np.arange(0.5, stability.averages.size, dtype=np.float64) * AVERAGE_s / 60.0,
-            factor * (stability.averages - stability.mean),
+            sensor.small * (stability.averages - stability.mean),
             "line",
         )
         for axis, stability in by_axis.items()
     ]
-    labels = say("means.caption"), say("means.x"), say("means.y", unit=unit)
-    return Figure(say(f"means.title.{kind}"), *labels, series)
+    labels = say("means.caption"), say("means.x"), say("means.y", unit=sensor.small_unit)
+    return Figure(say(f"means.title.{sensor.kind}"), *labels, series)
 
 
-def _allan(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStability]) -> Figure:
+def _allan(sensor: Sensor, by_axis: Mapping[str, BiasStability]) -> Figure:
     series = []
     for axis, stability in by_axis.items():
-        curve_of = allan_deviation(factor * stability.averages, AVERAGE_s)
+        curve_of = allan_deviation(sensor.small * stability.averages, AVERAGE_s)
         series.append(curve(axis, curve_of.tau_s, curve_of.deviation, "line"))
-    labels = say("allan.caption"), say("allan.x"), say("allan.y", unit=unit)
-    return Figure(say(f"allan.title.{kind}"), *labels, series, x_log=True, y_log=True)
+    labels = say("allan.caption"), say("allan.x"), say("allan.y", unit=sensor.small_unit)
+    return Figure(say(f"allan.title.{sensor.kind}"), *labels, series, x_log=True, y_log=True)
 
 
 _PLAUSIBLE_g = 0.1  # bias and scale-factor error of an accelerometer together
@@ -343,7 +342,6 @@ _QUANTITIES = {
     "stability": ("gyro_bias_stability", "accel_bias_stability"),
     "repeatability": ("gyro_bias_repeatability", "accel_bias_repeatability"),
 }
-_UNITS = {"accelerometer": "g", "gyro": "deg/s"}
 
 
 def evidence(rows: Sequence[SampledRow], limits: Limits) -> list[Evidence]:
@@ -369,24 +367,24 @@ def _moves(row: SampledRow, limits: Limits) -> list[Evidence]:
     The accelerometers tell a unit that tips over its mounting, the gyros one that turns, either of them one that warms.
     """
     found = []
-    for kind, prefix in (("accelerometer", "accel"), ("gyro", "gyro")):
-        values = row.values(kind)
+    for sensor in CALIBRATED:
+        values = row.values(sensor.kind)
         quarter = len(values) // 4
         if not quarter:
             continue
         first, last = values[:quarter], values[-quarter:]
         change = last.mean(axis=0) - first.mean(axis=0)
         noise = np.sqrt((_variance(first) + _variance(last)) / quarter)
-        far = np.abs(change) / np.maximum(_TIMES_STABILITY * limits[f"{prefix}_bias_stability"], _SURE * noise)
+        far = np.abs(change) / np.maximum(_TIMES_STABILITY * limits[f"{sensor.prefix}_bias_stability"], _SURE * noise)
         worst = int(np.argmax(far))
         if far[worst] > 1.0:
             text = say(
                 "evidence.moves",
                 number=row.number,
                 item=row.item,
-                sensor=channel_name(f"{kind} {AXES[worst]}"),
+                sensor=channel_name(f"{sensor.kind} {AXES[worst]}"),
                 change=float(change[worst]),
-                unit=_UNITS[kind],
+                unit=sensor.unit,
                 times=_TIMES_STABILITY,
             )
             found.append(Evidence("not_at_rest", text, float(change[worst]), 0.0, quantities=_QUANTITIES[row.item]))
@@ -401,10 +399,10 @@ def _variance(values: Floats) -> Floats:
 def _stands_still(rows: Sequence[SampledRow]) -> list[Evidence]:
     """Return each axis that never changes in any record while another one of its kind has noise: it is not there."""
     found = []
-    for kind in ("accelerometer", "gyro"):
-        still = np.array([np.ptp(row.samples.columns[SENSORS[kind]], axis=0) == 0 for row in rows]).all(axis=0)
+    for sensor in CALIBRATED:
+        still = np.array([np.ptp(row.samples.columns[sensor.prefix], axis=0) == 0 for row in rows]).all(axis=0)
         for k in np.flatnonzero(still) if rows and not still.all() else ():
-            text = say("evidence.silent", sensor=channel_name(f"{kind} {AXES[k]}"))
-            place = {"kind": kind, "axis": AXES[k]}
+            text = say("evidence.silent", sensor=channel_name(f"{sensor.kind} {AXES[k]}"))
+            place = {"kind": sensor.kind, "axis": AXES[k]}
             found.append(Evidence("stands_still", text, float(len(rows)), 0.0, conditions=place, refuses=True))
     return found

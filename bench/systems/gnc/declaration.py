@@ -6,7 +6,8 @@ inertial measurement unit: its sensors, its named stretches, its site.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
@@ -25,11 +26,12 @@ from bench.model.declaration import (
 from bench.model.units import known_unit, quantity
 from bench.model.yamlio import Name, StrictModel
 
-AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
-UPS: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
+Shown = str | tuple[str, int]  # by a record of a calibration: the axis that is up, or an axis and the sense of its turn
+AXES = ("x", "y", "z")
+UPS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")
+TURNS = tuple((axis, sign) for axis in AXES for sign in (1, -1))
 SIX_POSITION, MULTI_POSITION, STRAPDOWN = "imu_six_position", "imu_multi_position", "imu_strapdown"
 BIAS, MAGNETOMETER = "bias_log", "magnetometer_log"
-_WORDS = {"gyro": "gyro", "accelerometer": "accel", "magnetometer": "mag"}
 _UNITS = {"gyro": ("deg/s", "1"), "accelerometer": ("m/s2", "g", "1"), "magnetometer": ("gauss", "1")}
 _IN_NAMES = {"deg/s": "deg_s", "m/s2": "m_s2", "g": "g", "gauss": "gauss", "1": "counts"}
 _LOGS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (  # module, methods, triads
@@ -41,6 +43,63 @@ _LOGS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...]], ...] = (  # modu
 )
 _DUE = {name: triads for name, *_, triads in _LOGS}
 ANALYSES = tuple(_DUE)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Three sensors of a kind. ``prefix``: of columns and quantities.   ``unit``: of the outputs.
+
+    ``range``, ``resolution``, ``walk``: constants of the campaign.   ``small_unit``: of biases in tables and figures,
+    so many in a ``unit`` as ``small`` says.   Calibration: ``item`` of its records, ``due``: what those of a set show,
+    ``bias_unit`` of its results, so many in a ``unit`` as ``bias_factor`` says; input = K N + ``bias_sign`` bias.
+    """
+
+    kind: str
+    prefix: str
+    unit: str
+    range: str
+    resolution: str
+    walk: str = ""
+    small_unit: str = ""
+    small: float = 1.0
+    item: str = ""
+    due: Sequence[Shown] = ()
+    bias_unit: str = ""
+    bias_factor: float = 1.0
+    bias_sign: int = 1
+
+
+GYRO = Sensor(
+    kind="gyro",
+    prefix="gyro",
+    unit="deg/s",
+    range="gyro_range_deg_s",
+    resolution="gyro_resolution_deg_s",
+    walk="gyro_random_walk_deg_rt_s",
+    small_unit="deg/h",
+    small=3600.0,
+    item="rotation",
+    due=TURNS,
+    bias_unit="deg/h",
+    bias_factor=3600.0,
+    bias_sign=-1,
+)
+ACCELEROMETER = Sensor(
+    kind="accelerometer",
+    prefix="accel",
+    unit="g",
+    range="accel_range_g",
+    resolution="accel_resolution_g",
+    walk="accel_random_walk_g_rt_s",
+    small_unit="mg",
+    small=1e3,
+    item="position",
+    due=UPS,
+    bias_unit="g",
+)
+_OF_FIELD = Sensor("magnetometer", "mag", "gauss", "mag_range_gauss", "mag_resolution_gauss")
+SENSORS: Mapping[str, Sensor] = {sensor.kind: sensor for sensor in (GYRO, ACCELEROMETER, _OF_FIELD)}
+CALIBRATED = (ACCELEROMETER, GYRO)  # in the order of a report
 
 
 class Wandering(StrictModel):
@@ -117,7 +176,7 @@ class SensorColumn(LogColumn):
     @property
     def quantity(self) -> str:
         """Name of the column in series and results, such as ``gyro_x_deg_s`` or ``accel_z_counts``."""
-        return f"{_WORDS[self.role]}_{self.axis}_{_IN_NAMES.get(self.dimension, self.dimension)}"
+        return f"{SENSORS[self.role].prefix}_{self.axis}_{_IN_NAMES.get(self.dimension, self.dimension)}"
 
     def more(self) -> dict[str, str]:
         """Return what the manifest says of the column beside header, quantity, role and unit."""
@@ -227,7 +286,7 @@ def _check_sensors(sensors: Mapping[str, SensorColumn]) -> None:
         if sensor.dimension not in _UNITS[sensor.role]:
             due = ", ".join(_UNITS[sensor.role])
             raise ValueError(f"column {header!r}: a {sensor.role} needs a unit of {due}, not {sensor.unit!r}")
-    for role in _WORDS:
+    for role in SENSORS:
         units = {sensor.dimension for sensor in sensors.values() if sensor.role == role}
         if len(units) > 1:
             raise ValueError(f"the columns of the role {role} have different units: {', '.join(sorted(units))}")

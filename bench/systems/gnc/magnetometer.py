@@ -39,6 +39,7 @@ from bench.maths.arrays import Integers
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.coefficients import magnetometer_section
+from bench.systems.gnc.declaration import AXES
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, EXTREMES, PlaneComparison, compare_methods, widened
@@ -54,7 +55,6 @@ from bench.systems.gnc.field_evidence import (
 )
 from bench.systems.gnc.limits import limits_of, table_3
 from bench.systems.gnc.rows import (
-    AXES,
     SampledRow,
     check_notes,
     check_table,

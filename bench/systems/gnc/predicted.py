@@ -22,8 +22,9 @@ from bench.model.quantities import Quality
 from bench.record import RecordRow, Samples
 from bench.systems.gnc.bias import ITEMS as AT_REST
 from bench.systems.gnc.bias import flip_estimates, gyro_estimates, repeatability_estimates, stability_estimates
-from bench.systems.gnc.calibration.analysis import estimates_of, fit_positions, fit_turns, name_missing
+from bench.systems.gnc.calibration.analysis import estimates_of, fit_triad, name_missing
 from bench.systems.gnc.calibration.report import Calibration, sets_of
+from bench.systems.gnc.declaration import ACCELEROMETER, AXES, CALIBRATED, GYRO, SENSORS, Sensor
 from bench.systems.gnc.estimators.earth_rate import (
     Site,
     earth_rate_local_deg_s,
@@ -35,49 +36,36 @@ from bench.systems.gnc.estimators.earth_rate import (
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise, expected_range
 from bench.systems.gnc.field_evidence import nominal_answers, roll_estimates
-from bench.systems.gnc.limits import Limits, limits_of
+from bench.systems.gnc.limits import limits_of
 from bench.systems.gnc.magnetometer import ITEMS as OF_FIELD
 from bench.systems.gnc.magnetometer import Sphere, attitudes_of, plane_estimates, sphere_of, turns_of
-from bench.systems.gnc.rows import (
-    AXES,
-    SENSORS,
-    SampledRow,
-    clock_of,
-    gravity_g,
-    pose_of,
-    power_on_of,
-    sampled_rows,
-    site_of,
-)
+from bench.systems.gnc.rows import SampledRow, clock_of, gravity_g, pose_of, power_on_of, sampled_rows, site_of
 from bench.systems.gnc.unit_test.analysis import values_of_item
-from bench.systems.gnc.unit_test.answers import Answer, Findings, asked_of
-from bench.systems.gnc.unit_test.judges import judge_imu, judge_timer
+from bench.systems.gnc.unit_test.answers import Answer, asked_of
+from bench.systems.gnc.unit_test.judges import Rules, judge
 from bench.systems.gnc.unit_test.units import ItemResult, unit_of
 from bench.systems.gnc.wording import say
 
-_WALKS = {"gyro": "gyro_random_walk_deg_rt_s", "accelerometer": "accel_random_walk_g_rt_s"}
-_STEPS = {"gyro": "gyro_resolution_deg_s", "accelerometer": "accel_resolution_g"}
 _DIGITS = 12  # a sine of half a turn is zero: what its rounding leaves would determine a sensitivity
 _OF_A_TURN = {"angle", "rate", "acceleration"}
-_UNITS = {"gyro": "deg/s", "accel": "g", "mag": "gauss"}
+_UNITS = {sensor.prefix: sensor.unit for sensor in SENSORS.values()}
 ITEMS = ("position", "rotation")
 _AT_REST = {"gyro": np.zeros(3), "accel": np.array([0.0, 0.0, 1.0])}
 _LABORATORY_degC = 25.0
-_SENSORS = {"gyro": "gyro", "accel": "accelerometer"}
 
 
-def noise_of(campaign: Document, kind: str, missing: list[str]) -> SensorNoise | None:
-    """Return the declared noise of the "gyro" or "accelerometer"; None, and what to declare, without one.
+def noise_of(campaign: Document, sensor: Sensor, missing: list[str]) -> SensorNoise | None:
+    """Return the declared noise of gyros or accelerometers; None, and what to declare, without one.
 
     A sensor of no noise and no step would have no uncertainty: it counts as not declared.
     """
     imu = campaign.get("imu") or {}
-    if not (imu.get(_WALKS[kind], 0.0) or (_WALKS[kind] in imu and imu.get(_STEPS[kind], 0.0))):
-        missing.append(say(f"predicted.no_noise.{kind}"))
+    walk, step = imu.get(sensor.walk), float(imu.get(sensor.resolution, 0.0))
+    if walk is None or not (walk or step):
+        missing.append(say(f"predicted.no_noise.{sensor.kind}"))
         return None
-    wandering = [(float(size), float(time_s)) for size, time_s in imu.get(f"{SENSORS[kind]}_wandering", ())]
-    step = float(imu.get(_STEPS[kind], 0.0))
-    return SensorNoise(float(imu[_WALKS[kind]]), wandering, step, 1.0 / float(campaign["rate_Hz"]))
+    wandering = [(float(size), float(time_s)) for size, time_s in imu.get(f"{sensor.prefix}_wandering", ())]
+    return SensorNoise(float(walk), wandering, step, 1.0 / float(campaign["rate_Hz"]))
 
 
 def magnetic_noise(campaign: Document) -> float:
@@ -229,12 +217,10 @@ def fitted(rows: Sequence[SampledRow], campaign: Document) -> Calibration:
     parts = Calibration(sets_of(rows), clock_of(rows), power_on_of(rows))
     undeclared: list[str] = []
     name_missing(parts)
-    accelerometer = noise_of(campaign, "accelerometer", undeclared)
-    if accelerometer is not None:
-        fit_positions(parts, campaign, accelerometer)
-    gyro = noise_of(campaign, "gyro", undeclared)
-    if gyro is not None:
-        fit_turns(parts, campaign, gyro)
+    for sensor in CALIBRATED:
+        noise = noise_of(campaign, sensor, undeclared)
+        if noise is not None:
+            fit_triad(parts, sensor, campaign, noise)
     parts.missing = [*undeclared, *parts.missing]
     return parts
 
@@ -250,7 +236,7 @@ def of_bias(planned: Planned) -> Prediction:
     rows, missing = sampled_rows(material, AT_REST)
     by_item = {item: [row for row in rows if row.item == item] for item in AT_REST}
     missing += [say("missing.item", item=item) for item in AT_REST if not by_item[item]]
-    found = {kind: noise_of(planned.campaign, kind, missing) for kind in ("gyro", "accelerometer")}
+    found = {sensor.kind: noise_of(planned.campaign, sensor, missing) for sensor in (GYRO, ACCELEROMETER)}
     declared = {kind: noise for kind, noise in found.items() if noise is not None}
     estimates = gyro_estimates(by_item["bias"], material, missing, declared)
     estimates += flip_estimates(by_item["flip"], material, missing, [], declared)
@@ -290,26 +276,21 @@ def of_unit_test(planned: Planned) -> Prediction:
             unit = unit_of(exchange.conditions, str(planned.campaign["uut"]["serial"]))
             of_units.setdefault(unit, {}).setdefault(exchange.item, []).append(Answer(exchange, asked, {}))
     asked_imu = any("imu" in items for items in of_units.values())
-    noise = {name: noise_of(planned.campaign, kind, missing) for name, kind in _SENSORS.items()} if asked_imu else {}
+    sensors = (GYRO, ACCELEROMETER) if asked_imu else ()
+    noise = {sensor.prefix: noise_of(planned.campaign, sensor, missing) for sensor in sensors}
     estimates: Estimates = []
     for unit, items in of_units.items():
         for item, answers in items.items():
-            found = _timer(answers, limits) if item == "timer" else _imu(answers, limits, noise)
+            fields = [_on_time(one) if item == "timer" else _at_rest(one, noise) for one in answers]
+            nominal = [replace(one, fields=of) for one, of in zip(answers, fields, strict=True)]
+            found = judge(item, nominal, Rules(limits, {}, {}))
             estimates += values_of_item(ItemResult(item, found, len(answers)), {UNIT: unit})
     return Prediction([entry for entry in estimates if entry.std_uncertainty > 0.0], list(dict.fromkeys(missing)))
-
-
-def _timer(answers: list[Answer], limits: Limits) -> Findings:
-    return judge_timer([replace(answer, fields=_on_time(answer)) for answer in answers], limits)
 
 
 def _on_time(answer: Answer) -> dict[str, Any]:
     setting_us, ticks = answer.asked["setting_us"], answer.asked["ticks"]
     return {"intervals_us": [setting_us] * ticks, "interrupts": ticks}
-
-
-def _imu(answers: list[Answer], limits: Limits, noise: Mapping[str, SensorNoise | None]) -> Findings:
-    return judge_imu([replace(answer, fields=_at_rest(answer, noise)) for answer in answers], limits, {})
 
 
 def _at_rest(answer: Answer, noise: Mapping[str, SensorNoise | None]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from bench.maths.arrays import Integers
 from bench.maths.samples import SATURATED, Finding, SampleChecks, bad_samples, bridged, check_samples
 from bench.maths.stamps import TickFindings, check_ticks, unwrapped_ticks_s
 from bench.model.errors import FitError
+from bench.systems.gnc.declaration import AXES, SENSORS
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock
 from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.wording import channel_name, record_name, say
@@ -24,14 +25,7 @@ if TYPE_CHECKING:
     from bench.record import Samples
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # the g of every unit here; gravity of the site is stated in m/s2
-AXES = ("x", "y", "z")
 _CRYSTAL = 1e-4  # error of a quartz clock: a record that cannot tell as much says nothing about it
-SENSORS = {"gyro": "gyro", "accelerometer": "accel", "magnetometer": "mag"}
-_STEPS = {
-    "gyro": ("gyro_range_deg_s", "gyro_resolution_deg_s"),
-    "accelerometer": ("accel_range_g", "accel_resolution_g"),
-    "magnetometer": ("mag_range_gauss", "mag_resolution_gauss"),
-}
 
 
 @dataclass(frozen=True)
@@ -70,7 +64,7 @@ class SampledRow:
 
     def values(self, kind: str) -> Floats:
         """(n, 3) of "gyro" (deg/s), "accelerometer" (g) or "magnetometer" (gauss)."""
-        return self.samples.scaled(SENSORS[kind])
+        return self.samples.scaled(SENSORS[kind].prefix)
 
     @property
     def temperature_degC(self) -> Floats:
@@ -221,7 +215,7 @@ def _at_limit(seen: CheckedRow) -> str:
     for finding in seen.findings:
         if finding.kind == SATURATED:
             kind, _, axis = finding.channel.partition(" ")
-            scale, _, unit = row.samples.scales[SENSORS[kind]]
+            scale, _, unit = row.samples.scales[SENSORS[kind].prefix]
             shown = [row.conditions[name] for name in ("up", "axis", "turn_deg") if name in row.conditions]
             named = [f"{one:+g}" if isinstance(one, float) else str(one) for one in shown]
             return say(
@@ -244,11 +238,12 @@ def without_bad_samples(rows: Sequence[SampledRow], kinds: Sequence[str]) -> tup
     for row in rows:
         columns = dict(row.samples.columns)
         for kind in kinds:
-            raw, (step, _, unit) = columns[SENSORS[kind]], row.samples.scales[SENSORS[kind]]
+            name = SENSORS[kind].prefix
+            raw, (step, _, unit) = columns[name], row.samples.scales[name]
             values = raw.astype(np.float64)
             bad = bad_samples(values, 1.0)
             bridge = bridged(values, bad)
-            columns[SENSORS[kind]] = np.rint(bridge).astype(raw.dtype)
+            columns[name] = np.rint(bridge).astype(raw.dtype)
             notes += [
                 say(
                     "note.alone",
@@ -267,7 +262,7 @@ def without_bad_samples(rows: Sequence[SampledRow], kinds: Sequence[str]) -> tup
 
 def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], due_Hz: float | None) -> CheckedRow:
     samples = row.samples
-    raw = {kind: samples.columns[SENSORS[kind]] for kind in kinds}
+    raw = {kind: samples.columns[SENSORS[kind].prefix] for kind in kinds}
     words = {kind: float(np.iinfo(str(values.dtype)).max) for kind, values in raw.items()}
     checks = check_samples(
         {kind: values.astype("int64") for kind, values in raw.items()},
@@ -288,7 +283,7 @@ def _limits(kinds: Sequence[str], imu: Document) -> dict[str, float]:
     """Return steps of the output at the end of each range; a sensor without declared range and step is left out."""
     steps = {}
     for kind in kinds:
-        reach, step = (imu.get(name) for name in _STEPS[kind])
+        reach, step = imu.get(SENSORS[kind].range), imu.get(SENSORS[kind].resolution)
         if reach and step:
             steps[kind] = float(round(float(reach) / float(step)))
     return steps

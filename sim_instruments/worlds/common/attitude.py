@@ -1,4 +1,4 @@
-"""Place and motion of the simulated module: table angles, mounting, Earth's rate, gravity and lever arm.
+"""Place and motion of the simulated module: table angles, mounting, Earth's rate and gravity.
 
 Local frame: x East, y North, z Up. v_n = Rz(90 deg - azimuth) Rz(outer) Ry(middle) Rx(inner) M v_b, right-handed,
 angles in degrees; M puts the body axis named by the mounting along the inner axis of the table. A small tilt turns the
@@ -56,30 +56,6 @@ class Site:
     def rest_force_g(self) -> Floats:
         """Specific force at rest in the local frame, standard g: up."""
         return np.array([0.0, 0.0, self.gravity_m_s2 / STANDARD_GRAVITY_M_S2])
-
-
-@dataclass(frozen=True)
-class Still:
-    """An axis that stands at one angle."""
-
-    angle: float = 0.0
-
-    def angle_deg(self, t_ns: Integers) -> Floats:
-        """Return the angle, (n,)."""
-        return np.full(np.shape(t_ns), self.angle)
-
-    def rate_deg_s(self, t_ns: Integers) -> Floats:
-        """Return zeros, (n,)."""
-        return np.zeros(np.shape(t_ns))
-
-
-@dataclass
-class OnTheBench:
-    """A module that lies level and at rest; what there is without a turntable."""
-
-    motion: Sequence[AxisMotion] = (Still(), Still(), Still())
-    mounting: str = "x"
-    table: str = "bench"
 
 
 @dataclass(frozen=True)
@@ -148,22 +124,3 @@ def turned_deg(first: Floats, last: Floats, between: Floats, gain_deg: Floats) -
 def _shared(way_deg: Floats, gain_deg: Floats, share: Floats) -> Floats:
     """Return integral of a rate times its share (2, n) at the nodes: exactly the way where it does not change."""
     return way_deg * share.mean(axis=0) + gain_deg * (share[1] - share[0]) / 4.0
-
-
-def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Integers) -> Floats:
-    """Return rate of the inner gimbal against the local frame about its own axes at bench times, (n, 3), deg/s."""
-    outer, middle, inner = (axis.rate_deg_s(t_ns) for axis in motion)
-    _, about_y, about_x = np.deg2rad(angles_deg(motion, t_ns)).T
-    forward = outer * np.cos(about_y)
-    y = middle * np.cos(about_x) + forward * np.sin(about_x)
-    return np.stack((inner - outer * np.sin(about_y), y, forward * np.cos(about_x) - middle * np.sin(about_x)), axis=1)
-
-
-def lever_force_g(rate_deg_s: Floats, change_deg_s2: Floats, lever_arm_m: Floats) -> Floats:
-    """Return specific force at a point ``lever_arm_m`` (body axes) from the centre of rotation, (n, 3), standard g.
-
-    Args: rate_deg_s and its derivative in body axes, (n, 3).
-    """
-    rate, change = np.deg2rad(rate_deg_s), np.deg2rad(change_deg_s2)
-    force_m_s2 = np.cross(rate, np.cross(rate, lever_arm_m)) + np.cross(change, lever_arm_m)
-    return force_m_s2 / STANDARD_GRAVITY_M_S2

@@ -6,8 +6,7 @@ Payloads are packed here by hand (little endian), apart from the frame file the 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Generator
 from enum import IntEnum
 from typing import Protocol
 
@@ -60,15 +59,8 @@ class BadParameterError(Exception):
     """The board cannot do this; it says so and does nothing."""
 
 
-Outcome = tuple[Status, bytes]
-
-
-@dataclass(frozen=True)
-class Job:
-    """A command that was understood: it takes so long, and ``finish(end_ns)`` gives what is answered."""
-
-    duration_s: float
-    finish: Callable[[int], Outcome]
+# A command that was understood: yields how long it takes, gets when it ends, returns what is answered.
+Job = Generator[float, int, tuple[Status, bytes]]
 
 
 class Board(Protocol):
@@ -111,30 +103,25 @@ def identify(board: Board, payload: bytes) -> Job:
     _require(not payload)
     serials = (text.encode("ascii", "replace")[:12].ljust(12) for text in (BOARD_SERIAL, board.module.serial))
     answer = struct.pack("<B12s12sH", PROTOCOL, *serials, FIRMWARE)
-    return Job(ANSWER_S, lambda _: (Status.PASS, answer))
+    yield ANSWER_S
+    return Status.PASS, answer
 
 
 def cpu(board: Board, payload: bytes) -> Job:
     (seed,) = _unpack("<I", payload)
-
-    def finish(_: int) -> Outcome:
-        result = board.module.processor.arithmetic(seed)
-        numbers = (*[OPERATIONS] * 4, *result.wrong, result.memory_wrong, result.first_expected, result.first_received)
-        return _judged(not any(result.wrong) and not result.memory_wrong), struct.pack("<9H2I", *numbers)
-
-    return Job(CPU_S, finish)
+    yield CPU_S
+    result = board.module.processor.arithmetic(seed)
+    numbers = (*[OPERATIONS] * 4, *result.wrong, result.memory_wrong, result.first_expected, result.first_received)
+    return _judged(not any(result.wrong) and not result.memory_wrong), struct.pack("<9H2I", *numbers)
 
 
 def timer(board: Board, payload: bytes) -> Job:
     setting_us, ticks = _unpack("<IB", payload)
     _require(100 <= setting_us <= 10_000 and 1 <= ticks <= TICKS)
-
-    def finish(_: int) -> Outcome:
-        intervals_us, interrupts = board.module.processor.timer_intervals_us(setting_us, ticks)
-        padded = intervals_us + [0] * (TICKS - len(intervals_us))
-        return Status.PASS, struct.pack("<20IB", *padded, interrupts)
-
-    return Job(TIMER_S + ticks * setting_us * 1e-6, finish)
+    yield TIMER_S + ticks * setting_us * 1e-6
+    intervals_us, interrupts = board.module.processor.timer_intervals_us(setting_us, ticks)
+    padded = intervals_us + [0] * (TICKS - len(intervals_us))
+    return Status.PASS, struct.pack("<20IB", *padded, interrupts)
 
 
 def memory(board: Board, payload: bytes) -> Job:
@@ -143,41 +130,34 @@ def memory(board: Board, payload: bytes) -> Job:
     region, operation = Region(number), Operation(what)
     _require((operation is Operation.WRITE_READ) != (region in FLASH))
     _require(start % WORD == length % WORD == 0 and 0 < length <= SIZE[region] - start)
-
-    def finish(_: int) -> Outcome:
-        memories = board.module.memories
-        result = memories.do(region, operation, pattern, start, length)
-        numbers = (
-            result.checked,
-            result.wrong,
-            result.address,
-            result.expected,
-            result.received,
-            memories.erases[region],
-        )
-        return _judged(not result.wrong), struct.pack("<6I", *numbers)
-
-    return Job(ANSWER_S + MEMORY_S[region, operation] * length / SIZE[region], finish)
+    yield ANSWER_S + MEMORY_S[region, operation] * length / SIZE[region]
+    memories = board.module.memories
+    result = memories.do(region, operation, pattern, start, length)
+    numbers = (
+        result.checked,
+        result.wrong,
+        result.address,
+        result.expected,
+        result.received,
+        memories.erases[region],
+    )
+    return _judged(not result.wrong), struct.pack("<6I", *numbers)
 
 
 def imu(board: Board, payload: bytes) -> Job:
     (samples,) = _unpack("<B", payload)
     _require(samples >= 1)
-    duration_s = IMU_S + samples / IMU_RATE_HZ
-
-    def finish(end_ns: int) -> Outcome:
-        if "imu_bus_dead" in board.module.faults:
-            return Status.HARDWARE_ERROR, bytes(3 * 4 * 6 + 5)
-        t_ns = end_ns - NS // IMU_RATE_HZ * np.arange(samples, 0, -1, dtype=np.int64)
-        counts = board.module.samples(t_ns, NS // IMU_RATE_HZ)
-        gyro, accel, temperature = counts.gyro, counts.accel, counts.temperature
-        means = (*np.rint(gyro.mean(axis=0) * 100), *np.rint(accel.mean(axis=0) * 100))
-        warmth = (board.module.gyro_temperature(temperature).mean(), temperature.mean())
-        extremes = (*gyro.min(axis=0), *gyro.max(axis=0), *accel.min(axis=0), *accel.max(axis=0))
-        numbers = (*(int(v) for v in means), *(round(v) for v in warmth), *(int(v) for v in extremes), samples)
-        return Status.PASS, struct.pack("<6i2h12iB", *numbers)
-
-    return Job(duration_s, finish)
+    end_ns = yield IMU_S + samples / IMU_RATE_HZ
+    if "imu_bus_dead" in board.module.faults:
+        return Status.HARDWARE_ERROR, bytes(3 * 4 * 6 + 5)
+    t_ns = end_ns - NS // IMU_RATE_HZ * np.arange(samples, 0, -1, dtype=np.int64)
+    counts = board.module.samples(t_ns, NS // IMU_RATE_HZ)
+    gyro, accel, temperature = counts.gyro, counts.accel, counts.temperature
+    means = (*np.rint(gyro.mean(axis=0) * 100), *np.rint(accel.mean(axis=0) * 100))
+    warmth = (board.module.gyro_temperature(temperature).mean(), temperature.mean())
+    extremes = (*gyro.min(axis=0), *gyro.max(axis=0), *accel.min(axis=0), *accel.max(axis=0))
+    numbers = (*(int(v) for v in means), *(round(v) for v in warmth), *(int(v) for v in extremes), samples)
+    return Status.PASS, struct.pack("<6i2h12iB", *numbers)
 
 
 def gps(board: Board, payload: bytes) -> Job:
@@ -189,107 +169,87 @@ def gps(board: Board, payload: bytes) -> Job:
     degrees = (round(fix.latitude_deg * 1e7), round(fix.longitude_deg * 1e7))
     numbers = (fix.fix, fix.satellites, *degrees, round(fix.height_m * 1e3), round(fix.time_to_fix_s * 1e3))
     answer = struct.pack("<2B3iH", *numbers)
-    return Job(min(fix.time_to_fix_s, GIVE_UP_S), lambda _: (status, answer))
+    yield min(fix.time_to_fix_s, GIVE_UP_S)
+    return status, answer
 
 
 def ad(board: Board, payload: bytes) -> Job:
     (dip,) = _unpack("<B", payload)
     _require(dip <= 5)
-
-    def finish(end_ns: int) -> Outcome:
-        field = board.module.field_counts(end_ns) * MAG_LSB_GAUSS
-        sources_V = np.array([board.board_V, *board.module.power.rails_V, 0.0])
-        read_V = board.module.converter.read_V(sources_V, board.dip_switch(), field)
-        return Status.PASS, struct.pack("<8h", *(round(v * 1e3) for v in read_V))
-
-    return Job(AD_S, finish)
+    end_ns = yield AD_S
+    field = board.module.field_counts(end_ns) * MAG_LSB_GAUSS
+    sources_V = np.array([board.board_V, *board.module.power.rails_V, 0.0])
+    read_V = board.module.converter.read_V(sources_V, board.dip_switch(), field)
+    return Status.PASS, struct.pack("<8h", *(round(v * 1e3) for v in read_V))
 
 
 def io(board: Board, payload: bytes) -> Job:
     output, source, level = _unpack("<3B", payload)
     _require(output in LINES and source in LINES and output != source and level <= 1)
-    return Job(IO_S, lambda _: (Status.PASS, bytes(io_test(board.module.faults, output, source, level))))
+    yield IO_S
+    return Status.PASS, bytes(io_test(board.module.faults, output, source, level))
 
 
 def spi(board: Board, payload: bytes) -> Job:
     (word,) = _unpack("<H", payload)
-
-    def finish(_: int) -> Outcome:
-        received, observed = spi_test(board.module.faults, word)
-        return _judged(received == observed == word), struct.pack("<2H", received, observed)
-
-    return Job(SPI_S, finish)
+    yield SPI_S
+    received, observed = spi_test(board.module.faults, word)
+    return _judged(received == observed == word), struct.pack("<2H", received, observed)
 
 
 def sci(board: Board, payload: bytes) -> Job:
-    def finish(_: int) -> Outcome:
-        echo = sci_test(board.module.faults, payload)
-        return Status.TIMEOUT if payload and not echo else _judged(echo == payload), echo
-
-    return Job(ANSWER_S + len(payload) * 10 / SCI_BAUD, finish)
+    yield ANSWER_S + len(payload) * 10 / SCI_BAUD
+    echo = sci_test(board.module.faults, payload)
+    return Status.TIMEOUT if payload and not echo else _judged(echo == payload), echo
 
 
 def can(board: Board, payload: bytes) -> Job:
     _require(4 <= len(payload) <= 4 + MOST_CAN_BYTES)
     (identifier,) = struct.unpack("<I", payload[:4])
     _require(identifier < 1 << 29)
-
-    def finish(_: int) -> Outcome:
-        echoed = can_test(board.module.faults, identifier, payload[4:])
-        if echoed is None:
-            return Status.HARDWARE_ERROR, payload[:4]
-        answer = struct.pack("<I", echoed[0]) + echoed[1]
-        return _judged(answer == payload), answer
-
-    return Job(CAN_S, finish)
+    yield CAN_S
+    echoed = can_test(board.module.faults, identifier, payload[4:])
+    if echoed is None:
+        return Status.HARDWARE_ERROR, payload[:4]
+    answer = struct.pack("<I", echoed[0]) + echoed[1]
+    return _judged(answer == payload), answer
 
 
 def stream_start(board: Board, payload: bytes) -> Job:
     sensors, rate_Hz, samples = _unpack("<BHI", payload)
     _require(1 <= sensors <= 7 and 1 <= rate_Hz <= HIGHEST_HZ)
-
-    def finish(end_ns: int) -> Outcome:
-        board.start_stream(sensors, rate_Hz, samples, end_ns)
-        return Status.PASS, b""
-
-    return Job(ANSWER_S, finish)
+    end_ns = yield ANSWER_S
+    board.start_stream(sensors, rate_Hz, samples, end_ns)
+    return Status.PASS, b""
 
 
 def stream_stop(board: Board, payload: bytes) -> Job:
     _require(not payload)
-    return Job(ANSWER_S, lambda _: (Status.PASS, struct.pack("<I", board.stop_stream())))
+    yield ANSWER_S
+    return Status.PASS, struct.pack("<I", board.stop_stream())
 
 
 def roll(board: Board, payload: bytes) -> Job:
     _require(not payload)
-
-    def finish(end_ns: int) -> Outcome:
-        roll_deg, corrected = board.correction.roll(board.module.field_counts(end_ns))
-        return Status.PASS, struct.pack("<4h", round(roll_deg * 100), *corrected)
-
-    return Job(ANSWER_S, finish)
+    end_ns = yield ANSWER_S
+    roll_deg, corrected = board.correction.roll(board.module.field_counts(end_ns))
+    return Status.PASS, struct.pack("<4h", round(roll_deg * 100), *corrected)
 
 
 def set_magnetometer(board: Board, payload: bytes) -> Job:
     x, y, z, gain, sin_alpha = _unpack("<5h", payload)
     _require(gain > 0 and abs(sin_alpha) <= 30_000)
-
-    def finish(_: int) -> Outcome:
-        board.correction = Correction((x, y, z), gain * 1e-4, sin_alpha * 1e-5)
-        return Status.PASS, b""
-
-    return Job(ANSWER_S, finish)
+    yield ANSWER_S
+    board.correction = Correction((x, y, z), gain * 1e-4, sin_alpha * 1e-5)
+    return Status.PASS, b""
 
 
 def inject(board: Board, payload: bytes) -> Job:
     (code,) = _unpack("<B", payload)
     _require(code in BY_CODE)
-
-    def finish(_: int) -> Outcome:
-        board.module.faults.add(BY_CODE[code])
-        return Status.PASS, b""
-
-    return Job(ANSWER_S, finish)
+    yield ANSWER_S
+    board.module.faults.add(BY_CODE[code])
+    return Status.PASS, b""
 
 
 HANDLERS: dict[int, Handler] = {

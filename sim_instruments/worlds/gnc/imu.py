@@ -7,7 +7,6 @@ thermometer are read at the time stamp. All of it is a function of bench time, s
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +15,12 @@ from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import (
-    OnTheBench,
     Site,
     Surroundings,
     Tilt,
     angles_deg,
     in_body_axes,
     in_inner_axes,
-    lever_force_g,
-    rates_in_inner_axes,
     turned_deg,
 )
 from sim_instruments.worlds.common.sensor_noise import SlowNoise, WhiteNoise
@@ -54,12 +50,7 @@ _CHUNK = 65_536
 
 
 def _true_inputs(
-    surroundings: Surroundings,
-    site: Site,
-    tilt: Tilt | None,
-    t_ns: Integers,
-    interval_ns: int,
-    lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    surroundings: Surroundings, site: Site, tilt: Tilt | None, t_ns: Integers, interval_ns: int
 ) -> tuple[Floats, Floats]:
     """Return mean rate (deg/s, against inertial space) and specific force (standard g) in body axes, (n, 3) each.
 
@@ -90,8 +81,6 @@ def _true_inputs(
     tilts = (ends[0] + ends[1]) / 2.0 if tilt else None
     wobble = np.rad2deg(ends[1] - ends[0])
     rate += in_body_axes(turn + wobble, mounting, tilts) / interval_s
-    if any(lever_arm_m):
-        force += _lever(surroundings, t_ns, interval_ns, np.array(lever_arm_m))
     return rate, force
 
 
@@ -107,16 +96,6 @@ def _in_place(surroundings: Surroundings, site: Site, tilt: Tilt | None, angles:
     rate = in_body_axes(in_inner_axes(site.earth_rate_deg_s, angles, site), surroundings.mounting, tilts)
     force = in_body_axes(in_inner_axes(site.rest_force_g, angles, site), surroundings.mounting, tilts)
     return rate, force
-
-
-def _lever(surroundings: Surroundings, t_ns: Integers, interval_ns: int, lever_arm_m: Floats) -> Floats:
-    """Force of the lever arm from the table's rates at both ends of the interval (tilt and Earth left out)."""
-    ends = [
-        in_body_axes(rates_in_inner_axes(surroundings.motion, t), surroundings.mounting)
-        for t in (t_ns - interval_ns, t_ns)
-    ]
-    change = (ends[1] - ends[0]) / (interval_ns / NS)
-    return (lever_force_g(ends[0], change, lever_arm_m) + lever_force_g(ends[1], change, lever_arm_m)) / 2.0
 
 
 @dataclass(frozen=True)
@@ -147,27 +126,15 @@ class GncImu:
         options: see ImuOptions.
         surroundings: table motion, mounting and kind of table as they are when a sample is taken (the world).
         site: latitude, gravity, azimuth of the inner axis.
-        ambient_degC: temperature around the module at bench times, (n,) to (n,).
     """
 
-    def __init__(
-        self,
-        seed: int,
-        serial: str,
-        options: ImuOptions | None = None,
-        *,
-        surroundings: Surroundings | None = None,
-        site: Site | None = None,
-        ambient_degC: Callable[[Integers], Floats] | None = None,
-    ) -> None:
-        self.serial = serial
-        self.options = options or ImuOptions()
-        self.surroundings: Surroundings = surroundings or OnTheBench()
-        self.site, self.earth = site or Site(), EarthField()
+    def __init__(self, seed: int, serial: str, options: ImuOptions, surroundings: Surroundings, site: Site) -> None:
+        self.serial, self.options = serial, options
+        self.surroundings = surroundings
+        self.site, self.earth = site, EarthField()
         self.errors = ImuErrors(seed, serial, self.options)
         self.magnetometer = Magnetometer(seed, serial, errors=self.options.errors)
         self.power = PowerPeriods()
-        self._ambient_degC = ambient_degC or _laboratory
         self._white = WhiteNoise(seed, f"gnc white noise {serial}", 10)
         sigmas = np.repeat((SLOW_GYRO_DEG_S, *(SLOW_ACCEL_G,) * len(SLOW_ACCEL_S)), 3)
         times_s = np.repeat((SLOW_GYRO_S, *SLOW_ACCEL_S), 3)
@@ -194,7 +161,7 @@ class GncImu:
 
     def temperature_degC(self, t_ns: Integers) -> Floats:
         """Return True temperature of the module at bench times, (n,), degC."""
-        return self._ambient_degC(t_ns) + self.power.rise_degC(t_ns)
+        return LAB_DEGC + self.power.rise_degC(t_ns)
 
     def gyro_bias_deg_s(self, t_ns: Integers) -> Floats:
         """Return True b of N = S (w + b) at bench times, slow noise and turn-on included, (n, 3), deg/s."""
@@ -209,7 +176,7 @@ class GncImu:
         tilt = self.errors.tilt(mounting)
         degC = self.temperature_degC(t_ns)
         biases = self._biases(t_ns)
-        rate, force = _true_inputs(surroundings, self.site, tilt, t_ns, interval_ns, self.options.lever_arm_m)
+        rate, force = _true_inputs(surroundings, self.site, tilt, t_ns, interval_ns)
         table = surroundings.table
         field = field_gauss(surroundings.motion, table, self.site, self.earth, tilt, t_ns, mounting)
         noise = self._noise(t_ns, interval_ns)
@@ -246,10 +213,6 @@ class GncImu:
         name = f"gnc turn-on {self.serial}"
         drawn = [generator(self._seed, name, int(period)).standard_normal(6) * sizes for period in distinct]
         return np.array(drawn).reshape(-1, 6)[place]
-
-
-def _laboratory(t_ns: Integers) -> Floats:
-    return np.full(np.shape(t_ns), LAB_DEGC)
 
 
 def _counts(value: Floats, lsb: float) -> Integers:

@@ -19,6 +19,7 @@ REFERENCE_DEGC = 25.0
 WARM_UP_DEGC = 6.0
 WARM_UP_LAG_S = 80.0
 MEAN_INTERVAL_S = 10.0  # of the paper's stability figure
+SCALE, CROSS = 0.01, 0.003  # standard deviations of scale errors and cross terms
 SLOW_GYRO_DEG_S = 2.0 / 3600.0
 SLOW_GYRO_S = 300.0
 SLOW_ACCEL_G = 6e-6  # each of three, a decade apart
@@ -38,20 +39,11 @@ class ImuOptions:
         errors: off makes ideal sensors (their noise stays).
         noise: off leaves out white and slow noise and the bias that a power-on brings.
         tilt_arcmin: standard deviation of the body's tilt against the inner axis, about each axis and at each pose.
-        imu_class: "coarse" has 1 % scale errors, 0.3 % cross terms and the angle random walk ``ARW_DEG_RT_H``;
-            "table_2" draws the angle random walk so that the 10 s means scatter as in Table 2 of the paper;
-            "table_3" has a tenth of the scale errors and cross terms, below its coupling limit of 0.001.
-        lever_arm_m: place of the accelerometers from the centre of rotation of the table, body axes.
     """
 
     errors: bool = True
     noise: bool = True
     tilt_arcmin: float = 0.0
-    imu_class: str = "coarse"
-    lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-SCALE_AND_CROSS = {"coarse": (0.01, 0.003), "table_2": (0.01, 0.003), "table_3": (0.001, 0.0003)}
 
 
 @dataclass(frozen=True)
@@ -94,12 +86,10 @@ class ImuErrors:
         self.options = options
         rng = generator(seed, f"gnc imu errors {serial}")
         s_deg_s = 1.0 / 3600.0
-        gyro = _triad(rng, options.imu_class, 0.1, 30e-6, 3.0 * s_deg_s)
-        accel = _triad(rng, options.imu_class, 10e-3, 20e-6, 0.03e-3)
-        turn_on = rng.uniform(1.2, 4.8, 3) * s_deg_s, rng.uniform(0.015, 0.070, 3) * 1e-3
-        white = _gyro_white(seed, serial, options.imu_class), np.full(3, VRW_G_RTS)
-        self.gyro = _chosen(options, gyro, turn_on[0], white[0])
-        self.accel = _chosen(options, accel, turn_on[1], white[1])
+        gyro = _errors(rng, 0.1, 30e-6, 3.0 * s_deg_s)
+        accel = _errors(rng, 10e-3, 20e-6, 0.03e-3)
+        self.gyro = _chosen(options, gyro, rng.uniform(1.2, 4.8, 3) * s_deg_s, ARW_DEG_RT_H / 60.0)
+        self.accel = _chosen(options, accel, rng.uniform(0.015, 0.070, 3) * 1e-3, VRW_G_RTS)
         self.thermometer_degC = rng.normal(0.0, 0.5) * options.errors
         self._seed, self._serial = seed, serial
 
@@ -123,36 +113,18 @@ def signed(rng: np.random.Generator, size: float, shape: int) -> Floats:
     return np.asarray(rng.choice((-1.0, 1.0), shape) * size * rng.uniform(0.5, 1.5, shape))
 
 
-def _gyro_white(seed: int, serial: str, imu_class: str) -> Floats:
-    """Return angle random walk of the three sensors, deg/rt_s."""
-    if imu_class != "table_2":
-        return np.full(3, ARW_DEG_RT_H / 60.0)
-    means_deg_h = generator(seed, f"gnc table 2 {serial}").uniform(3.6, 9.1, 3)
-    white_deg_s = np.sqrt(means_deg_h**2 / 3600.0**2 - SLOW_GYRO_DEG_S**2)
-    return np.asarray(white_deg_s * np.sqrt(MEAN_INTERVAL_S))
+def _errors(rng: np.random.Generator, bias: float, scale_degC: float, bias_degC: float) -> tuple[Floats, ...]:
+    """Return matrix of the errors, bias and the changes of both with temperature."""
+    wrong = drawn(rng, CROSS, (3, 3))
+    np.fill_diagonal(wrong, 1.0 + drawn(rng, SCALE, 3))
+    return wrong - np.eye(3), drawn(rng, bias, 3), signed(rng, scale_degC, 3), signed(rng, bias_degC, 3)
 
 
-def _triad(rng: np.random.Generator, name: str, bias: float, scale_degC: float, bias_degC: float) -> Triad:
-    scale, cross = SCALE_AND_CROSS[name]
-    sensitivity = drawn(rng, cross, (3, 3))
-    np.fill_diagonal(sensitivity, 1.0 + drawn(rng, scale, 3))
-    nothing = np.zeros(3)
-    return Triad(
-        sensitivity, drawn(rng, bias, 3), signed(rng, scale_degC, 3), signed(rng, bias_degC, 3), nothing, nothing
-    )
-
-
-def _chosen(options: ImuOptions, triad: Triad, turn_on: Floats, white: Floats) -> Triad:
+def _chosen(options: ImuOptions, errors: tuple[Floats, ...], turn_on: Floats, white: float) -> Triad:
     """Return the triad with what the options leave of it."""
-    wrong, noisy = float(options.errors), float(options.noise)
-    return Triad(
-        np.eye(3) + wrong * (triad.sensitivity - np.eye(3)),
-        wrong * triad.bias,
-        wrong * triad.scale_per_degC,
-        wrong * triad.bias_per_degC,
-        noisy * turn_on,
-        noisy * white,
-    )
+    matrix, *others = (float(options.errors) * error for error in errors)
+    noisy = float(options.noise)
+    return Triad(np.eye(3) + matrix, *others, noisy * turn_on, noisy * np.full(3, white))
 
 
 @dataclass(frozen=True)

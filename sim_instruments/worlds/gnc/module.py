@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol
 
 import numpy as np
 
 from bench.model.arrays import Integers
-from sim_instruments.worlds.gnc.imu import SAMPLE_NS, Counts
-from sim_instruments.worlds.gnc.imu_errors import PowerPeriods
+from sim_instruments.worlds.gnc.imu import SAMPLE_NS, Counts, GncImu
 from sim_instruments.worlds.gnc.peripherals import Converter, Power, Receiver
 from sim_instruments.worlds.gnc.processor import Memories, ModuleDraws, Processor
 
@@ -17,15 +15,6 @@ CRYSTAL_SIGMA_PPM = 10.0
 CRYSTAL_TURN_DEGC, CRYSTAL_PPM_DEGC2 = 25.0, -0.035  # a tuning-fork crystal is slow on both sides
 GYRO_FULL_SCALE = 80_000  # 400 deg/s in steps of 0.005 deg/s
 NO_TEMPERATURE = -27_300  # 0.01 degC, an open sensor
-
-
-class Sensors(Protocol):
-    """Inertial sensors and magnetometer of one module."""
-
-    power: PowerPeriods
-
-    def sample(self, t_ns: Integers, interval_ns: int) -> Counts:
-        """Return counts at bench times (n,), each over the interval that ends there."""
 
 
 class GncModule:
@@ -37,7 +26,7 @@ class GncModule:
     """
 
     def __init__(
-        self, seed: int, serial: str, faults: Iterable[str], sensors: Sensors, place: tuple[float, float, float]
+        self, seed: int, serial: str, faults: Iterable[str], sensors: GncImu, place: tuple[float, float, float]
     ) -> None:
         draws = ModuleDraws(seed, serial)
         self.serial = serial
@@ -52,7 +41,7 @@ class GncModule:
         self._crystal_ppm = draws.generator("crystal").normal(0.0, CRYSTAL_SIGMA_PPM)
 
     def samples(self, t_ns: Integers, interval_ns: int) -> Counts:
-        """Return what the processor reads from its sensors, as ``Sensors.sample``, with the faults of the module."""
+        """Return what the processor reads from its sensors, as ``GncImu.sample``, with the faults of the module."""
         if "imu_frozen" in self.faults:
             self._frozen = self._frozen or self._sensors.sample(t_ns[:1], interval_ns)
             old = self._frozen

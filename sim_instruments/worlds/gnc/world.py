@@ -207,18 +207,22 @@ class GncBoard(OnePortUnit):
             return
         try:
             job = handler(self, request.payload)
+            duration_s = next(job)
         except BadParameterError:
             self._refuse(request, Status.BAD_PARAMETER, t_ns)
             return
         self._busy = True
         receiver = self._receiver
-        self._at(t_ns + to_ns(job.duration_s), lambda end_ns: self._finish(request, job, end_ns, receiver))
+        self._at(t_ns + to_ns(duration_s), lambda end_ns: self._finish(request, job, end_ns, receiver))
 
     def _finish(self, request: Request, job: Job, end_ns: int, receiver: BoardReceiver) -> None:
         if receiver is not self._receiver:  # the power was away meanwhile
             return
         self._busy = False
-        status, payload = job.finish(end_ns)
+        try:
+            job.send(end_ns)
+        except StopIteration as done:
+            status, payload = done.value
         frame = self._framed(request, "answer", status=int(status), payload=payload)
         self._answers[request.source, request.sequence, request.command, request.payload] = frame
         if len(self._answers) > KEPT_ANSWERS:
@@ -326,7 +330,7 @@ class GncWorld(World):
     def _module(self, serial: str, seed: int) -> GncModule:
         """Return the module of a serial number; one that comes back is the same one."""
         if serial not in self._modules:
-            imu = GncImu(seed, serial, self._imu_options, surroundings=self, site=SITE)
+            imu = GncImu(seed, serial, self._imu_options, self, SITE)
             place = (SITE.latitude_deg, LONGITUDE_DEG, HEIGHT_M)
             self._imus[serial] = imu
             self._modules[serial] = GncModule(seed, serial, self._faults_of.get(serial, ()), imu, place)

@@ -117,7 +117,7 @@ def campaign(
     records: list[Taken], seed: int, rate_Hz: float = 200.0, options: imu_errors.ImuOptions | None = None
 ) -> Module:
     """The records of one unit."""
-    imu = GncImu(seed, f"GNC-{seed}", options or imu_errors.ImuOptions(), site=SITE)
+    imu = GncImu(seed, f"GNC-{seed}", options or imu_errors.ImuOptions(), Table(), SITE)
     imu.power.on(2 * NS)
     module = Module(imu, taken=records, rate_Hz=rate_Hz)
     interval_ns = round(NS / rate_Hz)
@@ -342,7 +342,7 @@ def posed(outer: float, middle: float, inner: float, mounting: str = "x") -> Tab
 
 
 def module(table: Table, options: ImuOptions = IDEAL, serial: str = "GNC-01", site: Site | None = None) -> GncImu:
-    return GncImu(11, serial, options, surroundings=table, site=site or Site())
+    return GncImu(11, serial, options, table, site or Site())
 
 
 def times_ns(seconds: float, first_s: float = 0.0, rate_hz: float = 200.0) -> np.ndarray:

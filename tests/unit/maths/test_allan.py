@@ -61,7 +61,7 @@ def test_nbs_1000_point_suite() -> None:
 
 
 def test_confidence_limits_are_those_of_chi_squared() -> None:
-    low, high = confidence_limits(np.array([2.0, 2.0]), np.array([10.0, 146.0]), 0.95)
+    low, high = confidence_limits(np.array([2.0, 2.0]), np.array([10.0, 146.0]))
     np.testing.assert_allclose(10.0 * (2.0 / np.array([high[0], low[0]])) ** 2, [3.24697, 20.48318], rtol=1e-5)
     assert low[1] > low[0]
     assert high[1] < high[0]

@@ -7,7 +7,6 @@ Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from bench.analysis import (
     Analysis,
     Document,
     Estimates,
-    Floats,
     Material,
     estimate,
     evidence_of,
@@ -25,10 +23,8 @@ from bench.analysis import (
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.departures import implausible, searches_of
 from bench.systems.gnc.calibration.report import (
-    TURNS,
-    UPS,
     Calibration,
-    Sets,
+    Records,
     calibration_notes,
     matrix_table,
     position_figure,
@@ -39,13 +35,13 @@ from bench.systems.gnc.calibration.report import (
     sets_of,
 )
 from bench.systems.gnc.coefficients import triad_section
+from bench.systems.gnc.declaration import ACCELEROMETER, AXES, CALIBRATED, GYRO, Sensor, Shown
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_rotations
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.limits import Limits, limits_of, table_3
 from bench.systems.gnc.rows import (
-    AXES,
     check_notes,
     check_table,
     checked,
@@ -74,8 +70,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     good, bad = usable(looked_at)
     good, odd = without_bad_samples(good, ("gyro", "accelerometer"))
     parts = Calibration(sets_of(good), clock_of(good), power_on_of(good))
-    parts = calibrate(parts, material, sets_of([seen.row for seen in looked_at if seen.reason]))
-    if parts.accelerometer is None and parts.gyro is None and parts.refused:
+    name_missing(parts, sets_of([seen.row for seen in looked_at if seen.reason]))
+    for sensor in CALIBRATED:
+        fit_triad(parts, sensor, material.campaign)
+    if not any(parts.fits.values()) and parts.refused:
         raise parts.refused[0]
     limits = limits_of(material.campaign)
     estimates = estimates_of(parts, limits)
@@ -86,7 +84,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         material.campaign["uut"],
         estimates,
         evidence=[*implausible(parts, looked_at, limits), *evidence_of(searches)],
-        notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
+        notes=[*calibration_notes(parts, site_of(material.campaign).tilt_std_deg), *odd, *check_notes(looked_at)],
         missing=[*empty, *bad, *parts.missing],
         figures=[*position_figure(parts), *rotation_figures(parts)],
         tables=[
@@ -100,140 +98,86 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def calibrate(parts: Calibration, material: Material, unusable: Sets | None = None) -> Calibration:
-    """Fit what the records determine, and check it by the second set where there is one."""
-    name_missing(parts, unusable)
-    fit_positions(parts, material.campaign)
-    fit_turns(parts, material.campaign)
-    return parts
+def fit_triad(parts: Calibration, sensor: Sensor, campaign: Document, noise: SensorNoise | None = None) -> None:
+    """Fit a kind of sensor to its records, and to those of the check what the first fit leaves of them.
+
+    A part that is refused does not cost the rest; the reason is kept. ``noise``: of records that hold none.
+    """
+    gravity, site, fits = gravity_g(campaign), site_of(campaign), parts.fits[sensor.prefix]
+    resolution, clock = float((campaign.get("imu") or {}).get(sensor.resolution, 0.0)), parts.clock
+    what = say(f"triad.{sensor.prefix}")
+    for of_set in parts.records[sensor.item][:2]:
+        rows = list(of_set.values())
+        if not rows:
+            return
+        outputs = [row.values(sensor.kind) for row in rows]
+        if fits:
+            what = say("triad.check", triad=what)
+            outputs = [fits[0].apply(output, bias_sign=sensor.bias_sign) for output in outputs]
+        try:
+            if sensor is ACCELEROMETER:
+                triad = position_fit(
+                    rows, outputs, gravity, resolution, tilt_std_deg=site.tilt_std_deg,
+                    one_power_on=parts.one_power_on(rows), noise=noise,
+                )  # fmt: skip
+            else:
+                declared = Declared(tilt_std_deg=site.tilt_std_deg, resolution_deg_s=resolution, time_std=clock.std)
+                records = [rotation_record(row, rate, clock.error) for row, rate in zip(rows, outputs, strict=True)]
+                turns = fit_rotations(records, site, declared, noise)
+                parts.turns, triad = parts.turns or turns, turns.triad
+        except FitError as error:
+            if error.code not in _OF_ONE_PART:
+                raise
+            parts.refused.append(error)
+            parts.missing.append(refused(what, error.message, error.code))
+            return
+        fits.append(triad)
 
 
-def fit_positions(parts: Calibration, campaign: Document, noise: SensorNoise | None = None) -> None:
-    """Fit the accelerometers to the positions and to those of the check. ``noise``: of records that hold none."""
-    sets, gravity = parts.sets, gravity_g(campaign)
-    resolution = float((campaign.get("imu") or {}).get("accel_resolution_g", 0.0))
-    parts.tilt_deg = site_of(campaign).tilt_std_deg
-    if sets.positions:
-        with _Part(parts, say("triad.accel")):
-            rows = list(sets.positions.values())
-            parts.accelerometer = position_fit(
-                rows, gravity, resolution, tilt_std_deg=parts.tilt_deg, one_power_on=parts.one_power_on(rows),
-                noise=noise,
-            )  # fmt: skip
-    if parts.accelerometer is not None and sets.check_positions:
-        with _Part(parts, say("triad.check", triad=say("triad.accel"))):
-            rows = list(sets.check_positions.values())
-            parts.accelerometer_check = position_fit(
-                rows, gravity, resolution, parts.accelerometer, tilt_std_deg=parts.tilt_deg,
-                one_power_on=parts.one_power_on(rows), noise=noise,
-            )  # fmt: skip
-
-
-def fit_turns(parts: Calibration, campaign: Document, noise: SensorNoise | None = None) -> None:
-    """Fit the gyros to the turns and to those of the check. ``noise``: of records that hold none."""
-    sets, site, clock_error = parts.sets, site_of(campaign), parts.clock.error
-    resolution = float((campaign.get("imu") or {}).get("gyro_resolution_deg_s", 0.0))
-    declared = Declared(tilt_std_deg=site.tilt_std_deg, resolution_deg_s=resolution, time_std=parts.clock.std)
-    if sets.rotations:
-        with _Part(parts, say("triad.gyro")):
-            records = [rotation_record(row, clock_error) for row in sets.rotations.values()]
-            parts.gyro = fit_rotations(records, site, declared, noise)
-    if parts.gyro is not None and sets.check_rotations:
-        with _Part(parts, say("triad.check", triad=say("triad.gyro"))):
-            triad = parts.gyro.triad
-            again = [
-                rotation_record(row, clock_error, compensated(triad, row.values("gyro")))
-                for row in sets.check_rotations.values()
-            ]
-            parts.gyro_check = fit_rotations(again, site, declared, noise)
-
-
-def compensated(triad: TriadFit, indicated: Floats) -> Floats:
-    """Return rates after compensation, (n, 3) deg/s: w = K N - bias."""
-    return triad.apply(np.asarray(indicated), bias_sign=-1)
-
-
-class _Part:
-    """A part of the calibration that may be refused without costing the rest; the reason is kept."""
-
-    def __init__(self, parts: Calibration, what: str) -> None:
-        self._parts, self._what = parts, what
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, _kind: object, error: object, _trace: object) -> bool:
-        if not isinstance(error, FitError) or error.code not in _OF_ONE_PART:
-            return False
-        self._parts.refused.append(error)
-        self._parts.missing.append(refused(self._what, error.message, error.code))
-        return True
-
-
-def name_missing(parts: Calibration, unusable: Sets | None = None) -> None:
+def name_missing(parts: Calibration, unusable: Records | None = None) -> None:
     """Add a sentence for each record that a calibration and its check need and that is not there.
 
     ``unusable``: records that have one already.
     """
-    sets, told = parts.sets, unusable or Sets()
-    parts.missing += [say("missing.position", up=up) for up in UPS if up not in {*sets.positions, *told.positions}]
-    parts.missing += [
-        say("missing.rotation", axis=axis.upper(), sign="+" if sign > 0 else "-")
-        for axis, sign in TURNS
-        if (axis, sign) not in {*sets.rotations, *told.rotations}
-    ]
-    if not sets.check_positions:
-        parts.missing.append(say("missing.check_positions"))
-    if not sets.check_rotations:
-        parts.missing.append(say("missing.check_rotations"))
+    checks = []
+    for sensor in CALIBRATED:
+        first, check = parts.records[sensor.item][:2]
+        there = {*first, *(unusable[sensor.item][0] if unusable else ())}
+        parts.missing += [_no_record(shown) for shown in sensor.due if shown not in there]
+        checks += [] if check else [say(f"missing.check_{sensor.item}s")]
+    parts.missing += checks
+
+
+def _no_record(shown: Shown) -> str:
+    if isinstance(shown, str):
+        return say("missing.position", up=shown)
+    axis, sign = shown
+    return say("missing.rotation", axis=axis.upper(), sign="+" if sign > 0 else "-")
 
 
 def estimates_of(parts: Calibration, limits: Limits) -> Estimates:
     """Return the estimates of what was fitted."""
     estimates: Estimates = []
-    if parts.accelerometer is not None:
-        count = sum(len(row.samples) for row in parts.sets.positions.values())
-        estimates += _triad_estimates(parts.accelerometer, _ACCELEROMETER, count)
-        if parts.accelerometer_check is not None:
-            both = parts.accelerometer_check, parts.accelerometer
-            estimates += _checked(*both, _ACCELEROMETER, limits)
-    if parts.gyro is not None:
-        estimates += _triad_estimates(parts.gyro.triad, _GYRO, sum(parts.gyro.used.values()))
-        if parts.gyro_check is not None:
-            both = parts.gyro_check.triad, parts.gyro.triad
-            estimates += _checked(*both, _GYRO, limits)
+    for sensor, first in parts.calibrated():
+        used = [len(row.samples) for row in parts.first(sensor)]
+        if sensor is GYRO and parts.turns is not None:
+            used = list(parts.turns.used.values())
+        estimates += _triad_estimates(first, sensor, sum(used))
+        for check in parts.fits[sensor.prefix][1:]:
+            estimates += _checked(check, first, sensor, limits)
     return estimates
 
 
 def _compensation(parts: Calibration) -> list[dict[str, Any]]:
-    sections = []
-    if parts.accelerometer is not None:
-        span = temperature_span(list(parts.sets.positions.values()))
-        sections.append(triad_section(_ACCELEROMETER.kind, parts.accelerometer, span))
-    if parts.gyro is not None:
-        span = temperature_span(list(parts.sets.rotations.values()))
-        sections.append(triad_section(_GYRO.kind, parts.gyro.triad, span))
-    return sections
+    return [
+        triad_section(sensor.kind, first, temperature_span(parts.first(sensor))) for sensor, first in parts.calibrated()
+    ]
 
 
 _OF_TWO = 2.0**0.5  # from the difference of two values to their standard deviation
 
 
-@dataclass(frozen=True)
-class _Triad:
-    """How the estimates of a triad are named. ``bias_factor``: from the unit of the fit to ``bias_unit``."""
-
-    prefix: str
-    kind: str
-    bias_unit: str
-    bias_factor: float
-
-
-_ACCELEROMETER = _Triad("accel", "accelerometer", "g", 1.0)
-_GYRO = _Triad("gyro", "gyro", "deg/h", 3600.0)
-
-
-def _triad_estimates(fit: TriadFit, triad: _Triad, count: int) -> Estimates:
+def _triad_estimates(fit: TriadFit, sensor: Sensor, count: int) -> Estimates:
     """Matrix K (true input per indicated), bias, scale-factor errors and couplings of S = K^-1; none of them judged.
 
     Bias of gyros: w = K N - bias; of accelerometers: a = K N + bias. ``count``: samples that went into it.
@@ -242,19 +186,19 @@ def _triad_estimates(fit: TriadFit, triad: _Triad, count: int) -> Estimates:
     common: dict[str, Any] = {"n": count, "dof": fit.dof}
     for row, name in enumerate(AXES):
         for column, other in enumerate(AXES):
-            place = {"kind": triad.kind, "row": name, "column": other}
+            place = {"kind": sensor.kind, "row": name, "column": other}
             value, std = fit.matrix[row, column], fit.matrix_std[row, column]
-            entries.append(estimate(f"{triad.prefix}_matrix", "1", value, std, place, **common))
+            entries.append(estimate(f"{sensor.prefix}_matrix", "1", value, std, place, **common))
     for row, name in enumerate(AXES):
-        place = {"kind": triad.kind, "axis": name}
-        value, std = triad.bias_factor * fit.bias[row], triad.bias_factor * fit.bias_std[row]
-        entries.append(estimate(f"{triad.prefix}_bias", triad.bias_unit, value, std, place, **common))
+        place = {"kind": sensor.kind, "axis": name}
+        value, std = sensor.bias_factor * fit.bias[row], sensor.bias_factor * fit.bias_std[row]
+        entries.append(estimate(f"{sensor.prefix}_bias", sensor.bias_unit, value, std, place, **common))
         value, std = fit.scale_error_ppm[row], fit.scale_error_std_ppm[row]
-        entries.append(estimate(f"{triad.prefix}_scale_error", "ppm", value, std, place, **common))
-    return entries + _coupling(fit, triad, f"{triad.prefix}_cross_coupling", None, common)
+        entries.append(estimate(f"{sensor.prefix}_scale_error", "ppm", value, std, place, **common))
+    return entries + _coupling(fit, sensor, f"{sensor.prefix}_cross_coupling", None, common)
 
 
-def _checked(check: TriadFit, calibration: TriadFit, triad: _Triad, limits: Limits) -> Estimates:
+def _checked(check: TriadFit, calibration: TriadFit, sensor: Sensor, limits: Limits) -> Estimates:
     """Coupling and scale factors that an independent set of records shows after compensation, against their limits.
 
     The uncertainty of the coupling is that of the check; the error of the calibration itself is what is being looked
@@ -263,24 +207,24 @@ def _checked(check: TriadFit, calibration: TriadFit, triad: _Triad, limits: Limi
     count = check.residual_dof + 12
     common: dict[str, Any] = {"n": count, "dof": min(check.dof, calibration.dof)}
     entries = _coupling(
-        check, triad, f"{triad.prefix}_coupling_compensated", limits[f"{triad.prefix}_cross_coupling"], common
+        check, sensor, f"{sensor.prefix}_coupling_compensated", limits[f"{sensor.prefix}_cross_coupling"], common
     )
-    quantity = f"{triad.prefix}_scale_repeatability"
+    quantity = f"{sensor.prefix}_scale_repeatability"
     for row, name in enumerate(AXES):
         change = check.matrix[row, row] - 1.0
         std = np.hypot(check.matrix_std[row, row], calibration.matrix_std[row, row])
-        place = {"kind": triad.kind, "axis": name}
+        place = {"kind": sensor.kind, "axis": name}
         entries.append(
             estimate(quantity, "1", change / _OF_TWO, std / _OF_TWO, place, limit=limits[quantity], **common)
         )
     return entries
 
 
-def _coupling(fit: TriadFit, triad: _Triad, quantity: str, limit: float | None, common: dict[str, Any]) -> Estimates:
+def _coupling(fit: TriadFit, sensor: Sensor, quantity: str, limit: float | None, common: dict[str, Any]) -> Estimates:
     return [
         estimate(
             quantity, "1", fit.cross_coupling[row, column], fit.cross_coupling_std[row, column],
-            {"kind": triad.kind, "row": AXES[row], "column": AXES[column]}, limit=limit, **common,
+            {"kind": sensor.kind, "row": AXES[row], "column": AXES[column]}, limit=limit, **common,
         )
         for row in range(3)
         for column in range(3)

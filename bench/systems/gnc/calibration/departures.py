@@ -32,9 +32,10 @@ from bench.analysis import (
 from bench.maths.arrays import Integers
 from bench.maths.samples import FROZEN, RUNS
 from bench.maths.verdict import coverage_factor
-from bench.systems.gnc.calibration.report import TURNS, Calibration
+from bench.systems.gnc.calibration.report import Calibration
+from bench.systems.gnc.declaration import AXES, CALIBRATED, GYRO, TURNS
 from bench.systems.gnc.estimators.earth_rate import body_to_table
-from bench.systems.gnc.estimators.triad import AXES, TriadFit, TriadRows
+from bench.systems.gnc.estimators.triad import TriadFit, TriadRows
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.rows import CheckedRow, SampledRow
 from bench.systems.gnc.wording import channel_name, say
@@ -178,24 +179,16 @@ class Triad:
 
 def triads(parts: Calibration, limits: Limits) -> Iterator[Triad]:
     """Yield the triads that were fitted."""
-    sets = parts.sets
-    accelerometers, gyros = [parts.accelerometer, parts.accelerometer_check], [parts.gyro, parts.gyro_check]
-    positions = [list(rows.values()) for rows in (sets.positions, sets.check_positions)]
-    turns = [[rows[turn] for turn in TURNS if turn in rows] for rows in (sets.rotations, sets.check_rotations)]
-    for prefix, fits, of_sets in (
-        ("accel", accelerometers, positions),
-        ("gyro", [None if fit is None else fit.triad for fit in gyros], turns),
-    ):
-        known = [(fit, fit.rows) for fit in fits if fit is not None and fit.rows is not None]
+    for sensor, _ in parts.calibrated():
+        fits = parts.fits[sensor.prefix]
+        made = [fit.rows for fit in fits if fit.rows is not None]
         records = [
-            row
-            for (_, rows), of_set in zip(known, of_sets, strict=False)
-            for row in of_set
+            of_set[shown]
+            for rows, of_set in zip(made, parts.records[sensor.item], strict=False)
+            for shown in (TURNS if sensor is GYRO else of_set)  # the order of the rows of their fits
             for _ in range(len(rows.input) // len(of_set))
         ]
-        if known:
-            fitted, made = zip(*known, strict=True)
-            yield Triad(prefix, fitted, made, records, limits[f"{prefix}_bias_stability"])
+        yield Triad(sensor.prefix, fits, made, records, limits[f"{sensor.prefix}_bias_stability"])
 
 
 def _pose(row: SampledRow) -> str:
@@ -241,14 +234,14 @@ def _plausible(prefix: str, fit: TriadFit) -> list[Evidence]:
 def _stands_still(checked: Sequence[CheckedRow]) -> list[Evidence]:
     """Return each sensor that stands still through a record and has noise in another one of the same kind."""
     found = []
-    for item, prefix in (("position", "accel"), ("rotation", "gyro")):
-        rows = [seen for seen in checked if seen.row.item == item]
+    for sensor in CALIBRATED:
+        rows = [seen for seen in checked if seen.row.item == sensor.item]
         for axis in AXES:
-            channel = f"{'accelerometer' if prefix == 'accel' else 'gyro'} {axis}"
+            channel = f"{sensor.kind} {axis}"
             still = [seen.row.number for seen in rows if _frozen(seen, channel)]
             if 0 < len(still) < len(rows):
                 text = say("evidence.still", sensor=channel_name(channel), records=", ".join(map(str, still)))
-                found.append(Evidence("stands_still", text, float(len(still)), 0.0, quantities=_of(prefix)))
+                found.append(Evidence("stands_still", text, float(len(still)), 0.0, quantities=_of(sensor.prefix)))
     return found
 
 

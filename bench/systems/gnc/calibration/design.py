@@ -23,9 +23,10 @@ from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.plan import MEASUREMENT, Plan, PlannedCall, PlannedRecord, Step, bus_s
-from bench.systems.gnc.calibration.analysis import estimates_of, fit_positions
+from bench.systems.gnc.calibration.analysis import estimates_of, fit_triad
 from bench.systems.gnc.calibration.departures import SHARE, triads
-from bench.systems.gnc.calibration.report import TURNS, UPS, Calibration, sets_of
+from bench.systems.gnc.calibration.report import Calibration, sets_of
+from bench.systems.gnc.declaration import ACCELEROMETER, CALIBRATED, TURNS, UPS, Sensor
 from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import MARGIN_S
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
@@ -93,7 +94,7 @@ class Calibrations:
         self.today = Candidate(check_s, turn_s, round(self._turn_deg / 360.0)), position_s
         if not math.isclose(self.duration_s(*self.today), self._plan.duration_s) or self._turn_deg % 360.0:
             raise _other_form(self._plan, "its turns are not whole, or its records not one behind the other")
-        self._accelerometer, self._gyro = (self._noise(kind) for kind in ("accelerometer", "gyro"))
+        self._accelerometer, self._gyro = map(self._noise, CALIBRATED)
         self.nominal = lru_cache(maxsize=2)(self._nominal)
         self.by_positions = lru_cache(maxsize=4096)(self._by_positions)
         self.estimates = lru_cache(maxsize=4096)(self._estimates)
@@ -105,9 +106,9 @@ class Calibrations:
             raise _other_form(self._plan, f"records of {len(lengths)} lengths in the place of {name}")
         return lengths.pop()
 
-    def _noise(self, kind: str) -> SensorNoise:
+    def _noise(self, sensor: Sensor) -> SensorNoise:
         undeclared: list[str] = []
-        noise = noise_of(self._plan.campaign, kind, undeclared)
+        noise = noise_of(self._plan.campaign, sensor, undeclared)
         if noise is None:
             raise _other_form(self._plan, undeclared[0])
         return noise
@@ -187,7 +188,7 @@ class Calibrations:
                 first.setdefault(str(window.conditions["up"]), window)
         rows, _ = sampled_rows(nominal_material(replace(planned, windows=list(first.values())), ("accel",)), ITEMS)
         parts = Calibration(sets_of(rows), UnitClock(), {row.number: 0 for row in rows})
-        fit_positions(parts, planned.campaign, self._accelerometer)
+        fit_triad(parts, ACCELEROMETER, planned.campaign, self._accelerometer)
         return reached(estimates_of(parts, limits_of(planned.campaign)))
 
     def broken(self, candidate: Candidate, length_s: float) -> list[str]:

@@ -7,10 +7,9 @@ fitted to them, and why the rest was not.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
-from typing import TypeVar
 
 import numpy as np
 
@@ -18,54 +17,34 @@ from bench.analysis import Figure, Floats, Table, curve, no_result, with_uncerta
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.lab import folder_name
+from bench.systems.gnc.declaration import ACCELEROMETER, AXES, CALIBRATED, GYRO, UPS, Sensor, Shown
 from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import RestNoise, RotationRecord, rest_dof, static_means, up_in_body
 from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position, rows_of_positions, spread_out
-from bench.systems.gnc.rows import AXES, SampledRow, temperature_span
+from bench.systems.gnc.rows import SampledRow, temperature_span
 from bench.systems.gnc.wording import say
 
-Key = TypeVar("Key")
-UPS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")
-TURNS = tuple((axis, sign) for axis in AXES for sign in (1, -1))
+Records = Mapping[str, list[dict[Shown, SampledRow]]]  # by item, of each set
 _ALONG = 0.999  # cosine between the axis that is said to be up and the one that is
 WARM_degC = 0.5  # over the records of a set; sensors of this class drift by some 30 ppm and 3 deg/h per degree
 _HEAD = "counter,time_s,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
 
 
-@dataclass
-class Sets:
-    """Records by what they show: ``positions`` by "+x" ..., ``rotations`` by ("x", 1) ..., the same for the check.
+def sets_of(rows: Sequence[SampledRow]) -> Records:
+    """Return the records of each item by what they show: first set, check, and what nothing uses.
 
-    ``surplus``: records of a third time and later, which nothing uses.
+    Raises: FitError B-GNC-004 for a record whose conditions do not say what it shows.
     """
-
-    positions: dict[str, SampledRow] = field(default_factory=dict)
-    rotations: dict[tuple[str, int], SampledRow] = field(default_factory=dict)
-    check_positions: dict[str, SampledRow] = field(default_factory=dict)
-    check_rotations: dict[tuple[str, int], SampledRow] = field(default_factory=dict)
-    surplus: int = 0
-
-
-def sets_of(rows: Sequence[SampledRow]) -> Sets:
-    """Sort the records of a session. Raises: FitError B-GNC-004 for one whose conditions do not say what it shows."""
-    sets = Sets()
+    records: Records = {sensor.item: [{}, {}] for sensor in CALIBRATED}
     for row in rows:
-        if row.item == "position":
-            _put(sets, row, _up(row), sets.positions, sets.check_positions)
-        elif row.item == "rotation":
-            _put(sets, row, _turn(row), sets.rotations, sets.check_rotations)
-    return sets
-
-
-def _put(sets: Sets, row: SampledRow, key: Key, first: dict[Key, SampledRow], second: dict[Key, SampledRow]) -> None:
-    if key not in first:
-        first[key] = row
-    elif key not in second:
-        second[key] = row
-    else:
-        sets.surplus += 1
+        shown: Shown = _up(row) if row.item == ACCELEROMETER.item else _turn(row)
+        sets = records[row.item]
+        if all(shown in of_set for of_set in sets):
+            sets.append({})
+        next(of_set for of_set in sets if shown not in of_set)[shown] = row
+    return records
 
 
 def _up(row: SampledRow) -> str:
@@ -98,17 +77,17 @@ def _unclear(row: SampledRow, why: str) -> FitError:
     )
 
 
-def rotation_record(row: SampledRow, clock_error: float = 0.0, rate: Floats | None = None) -> RotationRecord:
+def rotation_record(row: SampledRow, rate: Floats, clock_error: float = 0.0) -> RotationRecord:
     """A rotation as the fit takes it, in seconds of the bench: ``clock_error`` is that of the unit's clock, relative.
 
-    ``rate`` replaces the indicated rates, for the check of the compensation.
+    ``rate``: indicated, or after compensation for the check of it.
     """
     return RotationRecord(
         axis=str(row.conditions["axis"]),
         turn_deg=float(row.conditions["turn_deg"]),
         counter=row.samples.counter,
         time_s=row.time_s / (1.0 + clock_error),
-        rate=row.values("gyro") if rate is None else rate,
+        rate=rate,
         pose=row.pose,
         turned=str(row.conditions.get("turned", "inner")),
         begin_s=row.begin_s,
@@ -117,24 +96,21 @@ def rotation_record(row: SampledRow, clock_error: float = 0.0, rate: Floats | No
 
 def position_fit(
     rows: Sequence[SampledRow],
+    outputs: list[Floats],
     gravity: float,
     resolution_g: float,
-    calibration: TriadFit | None = None,
     *,
     tilt_std_deg: float = 0.0,
     one_power_on: bool = True,
     noise: SensorNoise | None = None,
 ) -> TriadFit:
-    """Fit of the accelerometers to records at rest, after compensation by ``calibration`` if there is one.
+    """Fit of the accelerometers to their outputs in records at rest, as indicated or after compensation.
 
     The bias changes with each power-on: if the records are of more than ``one_power_on``, the noise inside of them does
     not say how well they agree, and the intervals come from the residuals alone. ``noise``: of records that hold none.
 
     Raises: FitError B-FIT-001 (too few poses), B-FIT-083 (records too short), B-GNC-004.
     """
-    outputs = [row.values("accelerometer") for row in rows]
-    if calibration is not None:
-        outputs = [calibration.apply(output, bias_sign=1) for output in outputs]
     if noise is None:
         means, covariance, dof = static_means(outputs, rows[0].rate_Hz, resolution=resolution_g)
     else:
@@ -149,7 +125,7 @@ def position_fit(
 
 
 def _declared_means(
-    rows: Sequence[SampledRow], outputs: Sequence[Floats], noise: SensorNoise
+    rows: Sequence[SampledRow], outputs: list[Floats], noise: SensorNoise
 ) -> tuple[Floats, Floats, float]:
     """Return the same as ``static_means``, of noise that is declared; its wandering is common to several records."""
     counts = [len(output) for output in outputs]
@@ -161,18 +137,26 @@ def _declared_means(
 
 @dataclass
 class Calibration:
-    """Fits of both triads, and why the rest was not. ``power_on``: its number by the number of the record."""
+    """Records and fits, and why the rest was not fitted. ``power_on``: its number by the number of the record.
 
-    sets: Sets
+    ``fits``: of a kind, by prefix: calibration and check.   ``turns``: what the first fit of the gyros was made of.
+    """
+
+    records: Records
     clock: UnitClock
     power_on: Mapping[int, int]
-    tilt_deg: float = 0.0
-    accelerometer: TriadFit | None = None
-    gyro: RotationFit | None = None
-    accelerometer_check: TriadFit | None = None
-    gyro_check: RotationFit | None = None
+    turns: RotationFit | None = None
+    fits: Mapping[str, list[TriadFit]] = field(default_factory=lambda: {sensor.prefix: [] for sensor in CALIBRATED})
     missing: list[str] = field(default_factory=list)
     refused: list[FitError] = field(default_factory=list)
+
+    def first(self, sensor: Sensor) -> list[SampledRow]:
+        """Return the records that the calibration of a kind of sensor is made of."""
+        return list(self.records[sensor.item][0].values())
+
+    def calibrated(self) -> Iterator[tuple[Sensor, TriadFit]]:
+        """Yield each kind of sensor that was fitted with its calibration."""
+        return ((sensor, fit) for sensor in CALIBRATED for fit in self.fits[sensor.prefix][:1])
 
     def one_power_on(self, rows: Collection[SampledRow]) -> bool:
         """Return whether the unit was not switched off between these records."""
@@ -181,16 +165,11 @@ class Calibration:
 
 def matrix_table(calibration: Calibration) -> list[Table]:
     """Return matrix, bias, scale-factor errors and couplings of each triad, each with its expanded uncertainty."""
-    tables = []
-    if calibration.accelerometer is not None:
-        tables.append(_triad(say("matrix.accel"), "mg", 1e3, calibration.accelerometer))
-    if calibration.gyro is not None:
-        tables.append(_triad(say("matrix.gyro"), "deg/h", 3600.0, calibration.gyro.triad))
-    return tables
+    return [_triad(sensor, fit) for sensor, fit in calibration.calibrated()]
 
 
-def _triad(title: str, unit: str, factor: float, fit: TriadFit) -> Table:
-    rows, reach = [], coverage_factor(fit.dof)
+def _triad(sensor: Sensor, fit: TriadFit) -> Table:
+    rows, reach, factor = [], coverage_factor(fit.dof), sensor.small
     for number, axis in enumerate(AXES):
         matrix = [f"{value:.6f}" for value in fit.matrix[number]]
         coupling = [
@@ -200,55 +179,57 @@ def _triad(title: str, unit: str, factor: float, fit: TriadFit) -> Table:
         scale = with_uncertainty(fit.scale_error_ppm[number], reach * fit.scale_error_std_ppm[number])
         rows.append([axis, *matrix, bias, scale, *coupling])
     couplings = [say("matrix.head.coupling", axis=axis) for axis in AXES]
-    errors = say("matrix.head.bias", unit=unit), say("matrix.head.scale")
+    errors = say("matrix.head.bias", unit=sensor.small_unit), say("matrix.head.scale")
     headers = [say("matrix.head.axis"), *(f"K {axis}" for axis in AXES), *errors, *couplings]
-    return Table(title, say("matrix.caption"), headers, rows, lead=True)
+    return Table(say(f"matrix.{sensor.prefix}"), say("matrix.caption"), headers, rows, lead=True)
 
 
 def position_figure(calibration: Calibration) -> list[Figure]:
     """Return residuals of the positions."""
-    fit = calibration.accelerometer
-    if fit is None:
-        return []
-    places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
-    series = [curve(axis, places, 1e6 * fit.residual[:, number], "points") for number, axis in enumerate(AXES)]
-    order = ", ".join(calibration.sets.positions).replace("-", "−")
-    return [worded_figure(say, "positions", ("positions.x", "positions.y"), series, order=order)]
+    figures = []
+    for fit in calibration.fits[ACCELEROMETER.prefix][:1]:
+        places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
+        series = [curve(axis, places, 1e6 * fit.residual[:, number], "points") for number, axis in enumerate(AXES)]
+        order = ", ".join(map(str, calibration.records[ACCELEROMETER.item][0])).replace("-", "−")
+        figures.append(worded_figure(say, "positions", ("positions.x", "positions.y"), series, order=order))
+    return figures
 
 
 def rotation_figures(calibration: Calibration) -> list[Figure]:
     """Return rates of each rotation record against time, one panel per record."""
     figures = []
-    for row in calibration.sets.rotations.values():
-        record = rotation_record(row)
+    for record in _rotations(calibration):
         series = [curve(axis, record.time_s, record.rate[:, number], "line") for number, axis in enumerate(AXES)]
         labels = say("turns.caption"), say("time"), say("turns.y")
         figures.append(Figure(record.name, *labels, series, group=say("turns.group")))
     return figures
 
 
-def calibration_notes(calibration: Calibration) -> list[str]:
-    """Return what is missing, what widened the intervals, what they do not hold."""
+def _rotations(calibration: Calibration) -> list[RotationRecord]:
+    """Return the first turns as indicated, in seconds of the unit."""
+    return [rotation_record(row, row.values(GYRO.kind)) for row in calibration.first(GYRO)]
+
+
+def calibration_notes(calibration: Calibration, tilt_deg: float) -> list[str]:
+    """Return what is missing, what widened the intervals, what they do not hold. ``tilt_deg``: that they do hold."""
     notes = no_result(calibration.missing)
-    gyro = None if calibration.gyro is None else calibration.gyro.triad
-    for name, fit in (("accel", calibration.accelerometer), ("gyro", gyro)):
-        if fit is not None and fit.inflated:
-            notes.append(say("note.inflated", name=say(f"triad.{name}"), chi2=fit.chi2, dof=fit.residual_dof))
-    sets = calibration.sets
-    for name, rows in ((say("set.positions"), sets.positions), (say("set.rotations"), sets.rotations)):
-        notes += _of_the_unit(name, list(rows.values()), calibration)
-    if calibration.gyro is not None:
-        notes += _of_the_turns(calibration.gyro, calibration)
-    if sets.surplus:
-        notes.append(say("note.surplus", count=sets.surplus))
-    if calibration.accelerometer_check or calibration.gyro_check:
+    for sensor, fit in calibration.calibrated():
+        if fit.inflated:
+            name = say(f"triad.{sensor.prefix}")
+            notes.append(say("note.inflated", name=name, chi2=fit.chi2, dof=fit.residual_dof))
+    for sensor in CALIBRATED:
+        notes += _of_the_unit(say(f"set.{sensor.item}s"), calibration.first(sensor), calibration)
+    if calibration.turns is not None:
+        notes += _of_the_turns(calibration.turns, calibration.clock)
+    surplus = sum(len(of_set) for sets in calibration.records.values() for of_set in sets[2:])
+    if surplus:
+        notes.append(say("note.surplus", count=surplus))
+    if any(len(fits) > 1 for fits in calibration.fits.values()):
         notes.append(say("note.after_compensation"))
-    tilt_deg = calibration.tilt_deg
     return [*notes, say("note.tilt", tilt=60.0 * tilt_deg) if tilt_deg else say("note.no_tilt")]
 
 
-def _of_the_turns(fit: RotationFit, calibration: Calibration) -> list[str]:
-    clock = calibration.clock
+def _of_the_turns(fit: RotationFit, clock: UnitClock) -> list[str]:
     notes = [say("note.clock", error=1e6 * clock.error, wide=2e6 * clock.std)]
     if fit.drift_deg_s > 0.0:
         notes.append(say("note.wandering_bias", drift=3600.0 * fit.drift_deg_s))
@@ -272,12 +253,11 @@ def _of_the_unit(name: str, rows: Sequence[SampledRow], calibration: Calibration
 
 def rotation_files(calibration: Calibration, serial: str) -> dict[str, str]:
     """Relative path to text: ``<serial>/gyro/X+1080.csv`` ...; those the fit refused are not cut and not filed."""
-    if calibration.gyro is None:
+    if calibration.turns is None:
         return {}
     files = {}
-    for row in calibration.sets.rotations.values():
-        record = rotation_record(row)
-        used = calibration.gyro.used[record.name]
+    for record in _rotations(calibration):
+        used = calibration.turns.used[record.name]
         first = np.concatenate([[True], np.diff(record.counter) != 0])  # samples that came twice stand there once
         table = np.column_stack([record.time_s, record.rate])[first][:used]
         files[f"{folder_name(serial)}/gyro/{record.name}.csv"] = _csv(record.counter[first][:used], table)

@@ -30,17 +30,12 @@ class BiasMean:
     """Mean of a record, unit of the samples.
 
     Attributes:
-        value: mean.   std: standard uncertainty, dof: its degrees of freedom.   random_walk: N, unit times sqrt(s).
-        slow_std: part of ``std`` from noise slower than white, where the Allan deviation shows it.   resolution_std:
-            part from the steps of the output where noise does not wash them out.   samples, missing: counts.
+        value: mean.   std: standard uncertainty, dof: its degrees of freedom.   samples, missing: counts.
     """
 
     value: float
     std: float
     dof: float
-    random_walk: float
-    slow_std: float
-    resolution_std: float
     samples: int
     missing: int
 
@@ -105,23 +100,19 @@ def _mean(
         value=value,
         std=std,
         dof=std**4 / fourth if fourth > 0.0 else math.inf,
-        random_walk=random_walk,
-        slow_std=slow,
-        resolution_std=rounding,
         samples=samples,
         missing=missing,
     )
 
 
-def flip_bias(first: BiasMean, second: BiasMean, *, axis: str, about: str, turn_std: float = 0.0) -> BiasMean:
+def flip_bias(first: BiasMean, second: BiasMean, *, axis: str, about: str) -> BiasMean:
     """Bias of a level accelerometer from readings before and after a half turn, (Y1 + Y2) / 2.
 
     The half turn must reverse the axis: a tilt of the table then changes sign with it and cancels. Turned about the
     axis itself the tilt stays where it is and is taken for bias: 0.29 mg for one arcminute.
 
     Args:    first, second: means before and after.   axis: which body axis is read, "x", "y" or "z".   about: body
-             axis of the half turn.   turn_std: standard uncertainty of the half turn times gravity, unit of the
-             means; half of it goes into the bias.
+             axis of the half turn.
     Returns: BiasMean.
     Raises:  FitError B-FIT-094 if the axis is the one that was turned about.
     Source:  GNC paper section 5.1 3), the flip about X for axis Y.
@@ -132,16 +123,13 @@ def flip_bias(first: BiasMean, second: BiasMean, *, axis: str, about: str, turn_
             f"a half turn about {about} does not reverse axis {axis}: the table's tilt would be taken for its bias",
             next_step=f"turn about {'x' if axis != 'x' else 'y'} to find the bias of {axis}",
         )
-    parts = np.array([first.std / 2.0, second.std / 2.0, turn_std / 2.0])
+    parts = np.array([first.std / 2.0, second.std / 2.0])
     std = float(np.linalg.norm(parts))
     fourth = parts[0] ** 4 / first.dof + parts[1] ** 4 / second.dof
     return BiasMean(
         value=(first.value + second.value) / 2.0,
         std=std,
         dof=std**4 / fourth if fourth > 0.0 else math.inf,
-        random_walk=math.hypot(first.random_walk, second.random_walk) / math.sqrt(2.0),
-        slow_std=math.hypot(first.slow_std, second.slow_std) / 2.0,
-        resolution_std=math.hypot(first.resolution_std, second.resolution_std) / 2.0,
         samples=first.samples + second.samples,
         missing=first.missing + second.missing,
     )

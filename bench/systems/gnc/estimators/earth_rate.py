@@ -41,14 +41,12 @@ _GAP = 1.5  # steps of the time stamp
 class Site:
     """Where the table stands: latitude and azimuth of the inner axis at zero angles (clockwise from North), degrees.
 
-    The standard uncertainties are of the latitude, of the azimuth and of each of the three small angles by which the
-    unit is not in the pose asked for.
+    ``tilt_std_deg``: standard uncertainty of each of the three small angles by which the unit is not in the pose asked
+    for.
     """
 
     latitude_deg: float
     azimuth_deg: float
-    latitude_std_deg: float = 0.0
-    azimuth_std_deg: float = 0.0
     tilt_std_deg: float = 0.0
 
 
@@ -110,23 +108,19 @@ def earth_rate_body_deg_s(pose: Pose, site: Site) -> Floats:
 
 
 def earth_rate_covariance(pose: Pose, site: Site) -> Floats:
-    """Return covariance (3, 3), (deg/s)^2, of ``earth_rate_body_deg_s`` from latitude, azimuth and tilt of the site.
+    """Return covariance (3, 3), (deg/s)^2, of ``earth_rate_body_deg_s`` from the tilt of the site.
 
-    Args:    pose, site: as above, the standard uncertainties of the site in degrees.
+    Args:    pose, site: as above.
     Returns: (3, 3).
     Raises:  nothing.
     Source:  JCGM 102:2011 section 6.2.
     """
+    seen = earth_rate_body_deg_s(pose, site)
 
-    def rate(inputs: Floats) -> Floats:
-        there = Site(inputs[0], inputs[1])
-        tilt = np.radians(inputs[2:])
-        seen = earth_rate_body_deg_s(pose, there)
-        return seen + np.cross(seen, tilt)
+    def tilted(tilt_deg: Floats) -> Floats:
+        return seen + np.cross(seen, np.radians(tilt_deg))
 
-    std = np.array([site.latitude_std_deg, site.azimuth_std_deg, *[site.tilt_std_deg] * 3])
-    at = np.array([site.latitude_deg, site.azimuth_deg, 0.0, 0.0, 0.0])
-    return propagate_inputs(rate, at, np.diag(std**2))
+    return propagate_inputs(tilted, np.zeros(3), np.eye(3) * site.tilt_std_deg**2)
 
 
 def up_in_body(pose: Pose) -> Floats:

@@ -55,17 +55,17 @@ class RestDrift:
     @property
     def attitude_rms_deg(self) -> float:
         """Per axis."""
-        return _rms(self.attitude_deg)
+        return rms(self.attitude_deg)
 
     @property
     def velocity_rms_m_s(self) -> float:
         """Per level axis."""
-        return _rms(self.velocity_m_s[:, :2])
+        return rms(self.velocity_m_s[:, :2])
 
     @property
     def horizontal_rms_m(self) -> float:
         """Distance in the level plane."""
-        return math.sqrt(2.0) * _rms(self.position_m[:, :2])
+        return math.sqrt(2.0) * rms(self.position_m[:, :2])
 
     def std(self, value: float) -> float:
         """Return standard uncertainty of an RMS from so many windows, each counted as one degree of freedom."""
@@ -130,7 +130,7 @@ def random_walk(gyro_rad_s: Floats, rests: StaticIntervals, rate_Hz: float) -> R
     joined = np.concatenate(steps)
     if not len(joined):
         return RandomWalk(math.nan, math.nan, 0)
-    value = _rms(joined) / math.sqrt(2.0) * math.sqrt(count / rate_Hz)
+    value = rms(joined) / math.sqrt(2.0) * math.sqrt(count / rate_Hz)
     # neighbouring differences share a mean: 1.5 times the variance of independent ones
     return RandomWalk(value, value * math.sqrt(1.5 / (2.0 * joined.size)), len(joined))
 
@@ -216,10 +216,6 @@ def _rotation_vectors(matrix: Floats) -> Floats:
     sine = np.linalg.norm(axis, axis=1)
     angle = np.arctan2(sine, 0.5 * (np.trace(matrix, axis1=1, axis2=2) - 1.0))
     return axis * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)[:, None]
-
-
-def _rms(values: Floats) -> float:
-    return rms(values)
 
 
 @dataclass(frozen=True)

@@ -129,12 +129,11 @@ def _integral_of_rotation(axis: int, angle_deg: Floats, step_s: Floats) -> Float
 
 @dataclass(frozen=True)
 class Declared:
-    """Standard uncertainties: ``turn_std_deg`` of each turn, ``tilt_std_deg`` of the axis of turn against the body axis
-    (each of two directions, common to forth and back), ``resolution_deg_s`` step of the output, ``drift_deg_s`` by
-    which the bias wanders from record to record, ``time_std`` of all durations together, relative.
+    """Standard uncertainties: ``tilt_std_deg`` of the axis of turn against the body axis (each of two directions,
+    common to forth and back), ``resolution_deg_s`` step of the output, ``drift_deg_s`` by which the bias wanders from
+    record to record, ``time_std`` of all durations together, relative.
     """
 
-    turn_std_deg: float = 0.0
     tilt_std_deg: float = 0.0
     resolution_deg_s: float = 0.0
     drift_deg_s: float = 0.0
@@ -143,62 +142,55 @@ class Declared:
 
 @dataclass(frozen=True)
 class Inputs:
-    """Per part of a record: ``integral`` (r, 3) deg, ``known`` (r, 3) deg, ``seen`` (r, 3, 3) s, ``duration_s`` and
-    ``rest_s`` (r,), ``record`` (r,) number of the record it belongs to.   ``local`` (2,): latitude and azimuth in
-    degrees; ``seen`` is zero where there is no Earth's rate to compensate.
+    """Per part of a record: ``integral`` (r, 3) deg, ``known`` (r, 3) deg, ``seen`` (r, 3, 3) s, ``earth`` (r, 3) deg:
+    integral of the Earth's rate in body axes, ``duration_s`` and ``rest_s`` (r,), ``record`` (r,) number of the record
+    it belongs to.   ``seen`` and ``earth`` are zero where there is no Earth's rate to compensate.
     """
 
     integral: Floats
     known: Floats
     seen: Floats
+    earth: Floats
     duration_s: Floats
     rest_s: Floats
     record: NDArray[np.intp]
-    local: Floats
 
     @staticmethod
     def of(records: Sequence[Sequence[Turn]], site: Site | None) -> Inputs:
         """From the parts of each record; without a site the Earth's rate is left in."""
         turns = [turn for parts in records for turn in parts]
+        seen = np.stack([turn.seen for turn in turns]) * (site is not None)
+        rate = table_to_local(site).T @ earth_rate_local_deg_s(site.latitude_deg) if site else np.zeros(3)
         return Inputs(
             integral=np.stack([turn.integral for turn in turns]),
             known=np.stack([turn.known for turn in turns]),
-            seen=np.stack([turn.seen for turn in turns]) * (site is not None),
+            seen=seen,
+            earth=seen @ rate,
             duration_s=np.array([turn.duration_s for turn in turns]),
             rest_s=np.array([turn.rest_s for turn in turns]),
             record=np.repeat(np.arange(len(records)), [len(parts) for parts in records]),
-            local=np.array([site.latitude_deg, site.azimuth_deg] if site else [0.0, 0.0]),
         )
 
     @property
-    def earth(self) -> Floats:
-        """Integral of the Earth's rate over each record in body axes, (r, 3), deg."""
-        site = Site(float(self.local[0]), float(self.local[1]))
-        return self.seen @ (table_to_local(site).T @ earth_rate_local_deg_s(site.latitude_deg))
-
-    @property
     def vector(self) -> Floats:
-        """Integrals, relative error of each turn, tilt (3 each) of the turns about x, y, z, latitude and azimuth."""
-        return np.concatenate([self.integral.ravel(), np.zeros(len(self.known) + 9), self.local])
+        """Integrals, and tilt (3 each) of the turns about x, y, z."""
+        return np.concatenate([self.integral.ravel(), np.zeros(9)])
 
     def at(self, vector: Floats) -> Inputs:
         """Return the same with the values of a vector."""
-        count = len(self.known)
-        turn, tilt = vector[3 * count : 4 * count], vector[4 * count : 4 * count + 9].reshape(3, 3)
-        about = tilt[np.argmax(np.abs(self.known), axis=1)]
-        known = self.known * (1.0 + turn[:, None])
+        known, about = self.known, vector[-9:].reshape(3, 3)[np.argmax(np.abs(self.known), axis=1)]
         ahead, behind = known[:, [1, 2, 0]], known[:, [2, 0, 1]]  # numpy's cross takes longer than the fit
         known = known + about[:, [1, 2, 0]] * behind - about[:, [2, 0, 1]] * ahead
-        return replace(self, integral=vector[: 3 * count].reshape(count, 3), known=known, local=vector[-2:])
+        return replace(self, integral=vector[:-9].reshape(-1, 3), known=known)
 
     def covariance(
-        self, declared: Declared, site: Site | None, density: Floats, common: Floats, wandering: Floats | None = None
+        self, declared: Declared, density: Floats, common: Floats, wandering: Floats | None = None
     ) -> Floats:
         """Of ``vector``: white noise ``density`` (3, 3) deg^2/s, ``common`` (3, 3) (deg/s)^2 to all rests,
         ``wandering`` of each sensor's bias from record to record, (3, records, records) (deg/s)^2.
         """
         count, length = len(self.known), self.duration_s
-        covariance = np.zeros((4 * count + 11,) * 2)
+        covariance: Floats = np.eye(3 * count + 9) * np.radians(declared.tilt_std_deg) ** 2
         together = np.outer(length, length) * (self.record[:, None] == self.record)
         covariance[: 3 * count, : 3 * count] = (
             np.kron(np.diag(length), density)
@@ -209,9 +201,4 @@ class Inputs:
             for sensor, seen in enumerate(wandering):
                 own = np.outer(length, length) * seen[np.ix_(self.record, self.record)]
                 covariance[sensor : 3 * count : 3, sensor : 3 * count : 3] += own
-        size = np.linalg.norm(self.known, axis=1)
-        turn = np.where(size > 0.0, declared.turn_std_deg / np.where(size > 0.0, size, 1.0), 0.0)
-        rest = [*turn, *[np.radians(declared.tilt_std_deg)] * 9]
-        rest += [site.latitude_std_deg, site.azimuth_std_deg] if site else [0.0, 0.0]
-        covariance[range(3 * count, 4 * count + 11), range(3 * count, 4 * count + 11)] = np.square(rest)
         return covariance

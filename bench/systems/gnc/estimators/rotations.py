@@ -45,18 +45,15 @@ _ROUNDS = 3  # both equations are tied by c (T+ - T-), some samples of some 1,00
 
 @dataclass(frozen=True)
 class RotationFit:
-    """``triad``: w = K N - bias, deg/s.   ``noise`` (3,): angle random walk, deg/sqrt(s).
-    ``used`` and ``trimmed_s``: samples used of each record and seconds cut off its end, so that both directions are of
-    equal length.   ``duplicates``: samples dropped.   ``duration_s``: T, mean of the six records.   ``drift_deg_s``: by
-    which the bias wandered from record to record, declared or seen at rest; it is in the intervals.
+    """``triad``: w = K N - bias, deg/s.   ``used`` and ``trimmed_s``: samples used of each record and seconds cut off
+    its end, so that both directions are of equal length.   ``duplicates``: samples dropped.   ``drift_deg_s``: by which
+    the bias wandered from record to record, declared or seen at rest; it is in the intervals.
     """
 
     triad: TriadFit
-    noise: Floats
     used: Mapping[str, int]
     trimmed_s: Mapping[str, float]
     duplicates: Mapping[str, int]
-    duration_s: float
     drift_deg_s: float
 
 
@@ -71,8 +68,8 @@ def fit_rotations(
     Args:    records: six, any order, rates in deg/s.   site: for the Earth's rate; needed if the records have poses.
              declared: uncertainties of the table and of the sensors' resolution.   noise: of records that hold none;
              None to measure it.
-    Returns: RotationFit. The covariance holds white noise (at rest), quantisation, the turn, tilt of each axis,
-             latitude and azimuth. A chi-square of the residuals that is improbable (0.1 %) enlarges it.
+    Returns: RotationFit. The covariance holds white noise (at rest), quantisation and tilt of each axis. A
+             chi-square of the residuals that is improbable (0.1 %) enlarges it.
     Raises:  FitError B-FIT-080 (samples missing), -081 (a record missing, double or about another axis), -082 (another
              turn than named), -083 (nothing at rest).
     Source:  the equations named in the head of this file; covariance as in JCGM 102:2011 section 6.2.
@@ -88,12 +85,12 @@ def fit_rotations(
     quantisation = quantisation_variance(std, declared.resolution_deg_s)
     common = np.diag(quantisation)
     wandering = None if noise is None else _wandering(noise, ordered, trimmed)
-    declared_covariance, noise_dof = inputs.covariance(declared, site, density, common, wandering), dof
+    declared_covariance, noise_dof = inputs.covariance(declared, density, common, wandering), dof
     drift_deg_s = _drift(residual, inputs, density, quantisation)
     if drift_deg_s > declared.drift_deg_s:
         dof = min(dof, float(_DRIFT_DOF))
         declared = replace(declared, drift_deg_s=drift_deg_s)
-    covariance = inputs.covariance(declared, site, density, common, wandering)
+    covariance = inputs.covariance(declared, density, common, wandering)
     jacobian = derivatives(
         lambda x: np.concatenate(_both(paired(inputs.at(x)))), inputs.vector, np.sqrt(covariance.diagonal())
     )
@@ -102,13 +99,11 @@ def fit_rotations(
     names = [record.name for record in ordered]
     return RotationFit(
         triad=triad,
-        noise=np.sqrt(density.diagonal()),
         used=dict(zip(names, (len(kept.rate) for kept in trimmed), strict=True)),
         trimmed_s={
             name: whole.duration_s - kept.duration_s for name, whole, kept in zip(names, samples, trimmed, strict=True)
         },
         duplicates={name: kept.duplicates for name, kept in zip(names, trimmed, strict=True)},
-        duration_s=float(np.sum(inputs.duration_s)) / len(ordered),
         drift_deg_s=declared.drift_deg_s,
     )
 
@@ -255,7 +250,7 @@ def fit_turns_from_rest(
     vector = np.concatenate([rest, inputs.vector])
     covariance = np.zeros((vector.size,) * 2)
     covariance[:3, :3] = rest_covariance
-    covariance[3:, 3:] = inputs.covariance(declared, None, density, np.zeros((3, 3)))
+    covariance[3:, 3:] = inputs.covariance(declared, density, np.zeros((3, 3)))
     solution = parameters(vector)
     return TriadFit(
         matrix=solution[:9].reshape(3, 3),

@@ -155,24 +155,19 @@ def propagate_inputs(function: Callable[[Floats], Floats], at: Floats, covarianc
 
 
 def fit_six_position(
-    mean: Floats,
-    force: Floats,
-    covariance_of_means: Floats | None = None,
-    *,
-    tilt_std_deg: float = 0.0,
-    force_relative_std: float = 0.0,
+    mean: Floats, force: Floats, covariance_of_means: Floats | None = None, *, tilt_std_deg: float = 0.0
 ) -> TriadFit:
     """Fit a = K N + bias to the mean outputs in n >= 4 poses.
 
-    The fit itself is unweighted, as the paper's. Its covariance holds the noise of the means, three small independent
-    angles per pose by which the unit is not where it should be, and a relative error of gravity common to all poses.
+    The fit itself is unweighted, as the paper's. Its covariance holds the noise of the means and three small
+    independent angles per pose by which the unit is not where it should be.
     Without ``covariance_of_means`` the noise is taken from the residuals, which then also hold the tilt. With it, a
     chi-square that is improbable (0.1 %) enlarges the covariance by its ratio to its degrees of freedom, which are then
     those of the fit: something was larger than declared.
 
     Args:    mean: (n, 3), indicated, any unit.   force: (n, 3), specific force at the pose, unit wanted (up = +g).
              covariance_of_means: (n, 3, 3), or (3n, 3n) pose by pose where they are not independent, indicated unit
-             squared, or None.   tilt_std_deg: per axis and pose.   force_relative_std: of local gravity, relative.
+             squared, or None.   tilt_std_deg: per axis and pose.
     Returns: TriadFit; bias and residual in the unit of ``force``.
     Raises:  FitError B-FIT-001 if the poses do not determine all twelve, naming what is not.
     Source:  the equations named in the head of this file; covariance as in JCGM 102:2011 section 6.2.
@@ -184,7 +179,6 @@ def fit_six_position(
     residual = force - design @ solution
     matrix = solution[:3].T
     dof = 3 * poses - 12
-    common = force_relative_std**2 * np.outer(force.ravel(), force.ravel())
     if covariance_of_means is None:
         variance = float(np.sum(residual**2)) / dof if dof else math.nan
         noise = np.eye(3 * poses) * variance
@@ -197,7 +191,7 @@ def fit_six_position(
         noise = _scaled(matrix, covariance_of_means)
         chi2 = _chi_square(residual, operator, design, noise + systematic)
         behind = float(dof) if (inflated := improbable(chi2, dof)) else math.inf  # then the residuals say how large
-    rows = (noise + systematic) * (chi2 / dof if inflated else 1.0) + common
+    rows = (noise + systematic) * (chi2 / dof if inflated else 1.0)
     return TriadFit(
         matrix=matrix,
         bias=solution[3],

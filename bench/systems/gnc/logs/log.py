@@ -17,8 +17,8 @@ from bench.analysis import Document, Estimate, Evidence, Floats, Material
 from bench.maths.samples import few, frozen_runs, lone_values
 from bench.maths.tests import SMALLEST
 from bench.model.errors import FitError
+from bench.systems.gnc.declaration import AXES
 from bench.systems.gnc.estimators.triad import TriadFit
-from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import channel_name, quantity_word, say
 
 MOTION_ERRORS = ("level_error", "velocity_error")

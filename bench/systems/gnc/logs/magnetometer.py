@@ -21,13 +21,13 @@ from bench.maths.arrays import Flags, Integers
 from bench.maths.samples import few, is_silent
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
+from bench.systems.gnc.declaration import AXES
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
 from bench.systems.gnc.estimators.magnetometer.wander import change_of_surface, off_surface
 from bench.systems.gnc.field_departures import searches_of
 from bench.systems.gnc.field_evidence import endless_noise, shown_unit
 from bench.systems.gnc.logs.log import triad_of
 from bench.systems.gnc.magnetometer import Sphere, noise_notes, parameter_estimates, sphere_of, turn_cloud
-from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")

@@ -35,10 +35,11 @@ from bench.maths.arrays import Floats, rms
 from bench.maths.stamps import check_ticks
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
+from bench.systems.gnc.declaration import AXES
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
 from bench.systems.gnc.logs.log import ImuLog, imu_log, stuck_sensors
-from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2, finding_text
+from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2, finding_text
 from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("norm",)

@@ -24,13 +24,13 @@ from bench.analysis import (
 from bench.maths.arrays import rms
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.gnc.calibration.report import UPS
+from bench.systems.gnc.declaration import AXES, UPS
 from bench.systems.gnc.estimators.earth_rate import RotationRecord, static_means
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
 from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position
 from bench.systems.gnc.logs.log import ImuLog, imu_log, own_axes, stuck_sensors, without_lone_samples
-from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
+from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
 from bench.systems.gnc.wording import refused, say
 
 METHODS: tuple[str, ...] = ("least_squares",)

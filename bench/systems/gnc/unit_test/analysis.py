@@ -20,8 +20,8 @@ from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table,
 from bench.model.errors import FitError
 from bench.model.lab import folder_name
 from bench.systems.gnc.limits import table_3
+from bench.systems.gnc.unit_test.judges import IDENTITY
 from bench.systems.gnc.unit_test.units import (
-    IDENTITY,
     ITEMS,
     NOT_TESTED,
     STATIC,
@@ -163,14 +163,9 @@ def _result(unit: str, item: ItemResult, offset_s: float | None) -> dict[str, An
         "exchanges": item.runs,
         "repeated": item.retries,
         **_times(item.begin_s, item.end_s, offset_s),
-        "wrong": [
-            {"at_s": wrong.at_s, "what": wrong.what, "sent": wrong.sent, "expected": wrong.expected,
-             "received": wrong.received}
-            for wrong in item.findings.wrong
-        ],
+        "wrong": [vars(wrong) for wrong in item.findings.wrong],
         "measured": [
-            {"quantity": measured.quantity, "unit": measured.unit, "value": measured.value,
-             "conditions": dict(measured.conditions), "limit": measured.limit}
+            {name: getattr(measured, name) for name in ("quantity", "unit", "value", "conditions", "limit")}
             for measured in item.findings.measured
         ],
         "remarks": item.findings.remarks,
@@ -274,16 +269,12 @@ def values_of_item(item: ItemResult, place: dict[str, Any]) -> Estimates:
     """Return measured values; those of a looped item are told apart by ``repeat``."""
     entries, seen = [], Counter[str]()
     for value in item.findings.measured:
-        conditions = place | dict(value.conditions)
+        conditions = place | value.conditions
         key = f"{value.quantity} {conditions}"
         if seen[key]:
             conditions["repeat"] = seen[key]
         seen[key] += 1
-        entries.append(
-            estimate(
-                value.quantity, value.unit, value.value, value.std_uncertainty, conditions, n=value.n, limit=value.limit
-            )
-        )
+        entries.append(value.model_copy(update={"conditions": conditions}))
     return entries
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from bench.analysis import Estimates, estimate
 from bench.model.errors import BenchError
 from bench.systems.gnc.wording import say
 
@@ -41,25 +42,12 @@ class Wrong:
     received: str
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A value that a test gives beside its verdict; ``limit`` None: not judged."""
-
-    quantity: str
-    unit: str
-    value: float
-    std_uncertainty: float = 0.0
-    conditions: Mapping[str, Any] = field(default_factory=dict)
-    limit: float | None = None
-    n: int = 1
-
-
 @dataclass
 class Findings:
     """Judgement on the exchanges of one item of one unit; ``remarks`` are reported and never judged."""
 
     wrong: list[Wrong] = field(default_factory=list)
-    measured: list[Measured] = field(default_factory=list)
+    measured: Estimates = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
     def expect(self, ok: bool, answer: Answer, what: str, expected: object, received: object) -> None:
@@ -67,6 +55,19 @@ class Findings:
         if not ok:
             sent = answer.exchange.sent.hex(" ")
             self.wrong.append(Wrong(answer.exchange.begin_s, what, sent, _text(expected), _text(received)))
+
+    def measure(
+        self,
+        quantity: str,
+        unit: str,
+        value: float,
+        std_uncertainty: float = 0.0,
+        conditions: Mapping[str, Any] | None = None,
+        limit: float | None = None,
+        n: int = 1,
+    ) -> None:
+        """Note a value that a test gives beside its verdict; ``limit`` None: not judged."""
+        self.measured.append(estimate(quantity, unit, value, std_uncertainty, conditions or {}, n=n, limit=limit))
 
     def missing(self, at_s: float, what: str) -> None:
         """Note a piece of the item that was never asked for: the item cannot pass without it."""

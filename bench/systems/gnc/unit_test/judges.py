@@ -9,21 +9,48 @@ the size in table 3. A random pair of IO lines is not enough, all ordered pairs 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise, permutations
 
 from bench.analysis import Document, GivenValue, Reading
 from bench.model.units import plain_quantity
 from bench.systems.gnc.estimators.sensor_noise import expected_range
 from bench.systems.gnc.limits import Limits
-from bench.systems.gnc.unit_test.answers import Answer, Findings, Measured, Wrong, whole
+from bench.systems.gnc.unit_test.answers import Answer, Findings, Wrong, whole
 from bench.systems.gnc.wording import quantity_word, say
 
+
+@dataclass(frozen=True)
+class Rules:
+    """What modules are judged by: their limits, and ``imu`` and ``site`` as the sequence states them."""
+
+    limits: Limits
+    imu: Document
+    site: Document
+
+
+def judge(item: str, answers: Sequence[Answer], rules: Rules) -> Findings:
+    """Return what the commands of an item show, which of them are wrong, and what was never asked for."""
+    findings = Findings()
+    for answer in whole(answers, findings):
+        JUDGES[item](answer, rules, findings)
+    names, due = _DUE.get(item, ((), {}))
+    asked = {tuple(answer.asked.get(name) for name in names) for answer in answers}
+    for request, what in due.items():
+        if request not in asked:
+            findings.missing(answers[-1].exchange.begin_s, what)
+    if item in _TOGETHER:
+        _TOGETHER[item](answers, findings)
+    return findings
+
+
+IDENTITY = "identify"
 OPERATIONS = ("addition", "subtraction", "multiplication", "division")
 SETTINGS_us = (500, 1000, 2000, 5000)
 REGIONS = ("RAM", "SDRAM", "SPI FLASH", "internal FLASH")
 PATTERNS = ("0x55", "0xAA", "address")
-_FLASH = (2, 3)
+_WRITTEN, _FLASH = (0, 1), (2, 3)  # regions
 _WRITE_READ, _ERASE, _BLANK, _PROGRAM, _VERIFY = range(5)
 _FLASH_ORDER = (_ERASE, _BLANK, _PROGRAM, _VERIFY)
 _STEPS = ("write_read", "erase", "blank_check", "program", "verify")
@@ -33,72 +60,57 @@ LINES = (1, 2, 3, 4)
 _SERIAL_BYTES = 12
 
 
-def judge_cpu(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_cpu(answer: Answer, rules: Rules, findings: Findings) -> None:
     """All four operations must be done, none of them wrong, and no memory cell either."""
-    findings = Findings()
-    for answer in whole(answers, findings):
-        fields = answer.fields
-        for name, done, wrong in zip(OPERATIONS, fields["operations"], fields["wrong"], strict=True):
-            operation = say(f"cpu.{name}")
-            first = say("cpu.first", count=wrong, due=fields["first_expected"], came=fields["first_received"])
-            findings.expect(done > 0, answer, say("cpu.not_done", operation=operation), say("cpu.some"), done)
-            what = say("cpu.wrong", operation=operation, wrong=wrong, done=done)
-            findings.expect(wrong == 0, answer, what, 0, first)
-        findings.expect(fields["memory_wrong"] == 0, answer, say("cpu.memory"), 0, fields["memory_wrong"])
-    return findings
+    fields = answer.fields
+    for name, done, wrong in zip(OPERATIONS, fields["operations"], fields["wrong"], strict=True):
+        operation = say(f"cpu.{name}")
+        first = say("cpu.first", count=wrong, due=fields["first_expected"], came=fields["first_received"])
+        findings.expect(done > 0, answer, say("cpu.not_done", operation=operation), say("cpu.some"), done)
+        what = say("cpu.wrong", operation=operation, wrong=wrong, done=done)
+        findings.expect(wrong == 0, answer, what, 0, first)
+    findings.expect(fields["memory_wrong"] == 0, answer, say("cpu.memory"), 0, fields["memory_wrong"])
 
 
-def judge_timer(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_timer(answer: Answer, rules: Rules, findings: Findings) -> None:
     """At every setting as many interrupts as asked for, 20 at least, none of the intervals off by more than 1 %."""
-    findings, most, least = Findings(), limits["timer_interval_error"], int(limits["timer_ticks"])
-    for answer in whole(answers, findings):
-        setting, ticks = answer.asked.get("setting_us", 0), answer.asked.get("ticks", 0)
-        if not setting:
-            continue
-        intervals = answer.fields["intervals_us"][:ticks]
-        due = max(ticks, least)
-        findings.expect(len(intervals) >= due, answer, say("timer.few", setting=setting), due, len(intervals))
-        heard = answer.fields["interrupts"]
-        findings.expect(heard == ticks and heard >= least, answer, say("timer.interrupts", setting=setting), due, heard)
-        errors = [value / setting - 1.0 for value in intervals]
-        outside = sum(abs(error) > most for error in errors)
-        worst = max(errors, key=abs, default=0.0)
-        what = say("timer.outside", setting=setting, outside=outside, count=len(errors), most=100 * most)
-        findings.expect(not outside, answer, what, setting, say("timer.worst", worst=setting * (1 + worst)))
-        if errors:
-            place = {"setting_ms": setting / 1000.0}
-            std = _TICK_STD_us / setting
-            findings.measured.append(Measured("timer_interval_error", "1", worst, std, place, most, len(errors)))
-    asked = {answer.asked.get("setting_us") for answer in answers}
-    for setting in SETTINGS_us:
-        if setting not in asked:
-            findings.missing(answers[-1].exchange.begin_s, say("timer.setting", setting=setting))
-    return findings
+    most, least = rules.limits["timer_interval_error"], int(rules.limits["timer_ticks"])
+    setting, ticks = answer.asked.get("setting_us", 0), answer.asked.get("ticks", 0)
+    if not setting:
+        return
+    intervals = answer.fields["intervals_us"][:ticks]
+    due = max(ticks, least)
+    findings.expect(len(intervals) >= due, answer, say("timer.few", setting=setting), due, len(intervals))
+    heard = answer.fields["interrupts"]
+    findings.expect(heard == ticks and heard >= least, answer, say("timer.interrupts", setting=setting), due, heard)
+    errors = [value / setting - 1.0 for value in intervals]
+    outside = sum(abs(error) > most for error in errors)
+    worst = max(errors, key=abs, default=0.0)
+    what = say("timer.outside", setting=setting, outside=outside, count=len(errors), most=100 * most)
+    findings.expect(not outside, answer, what, setting, say("timer.worst", worst=setting * (1 + worst)))
+    if errors:
+        place = {"setting_ms": setting / 1000.0}
+        std = _TICK_STD_us / setting
+        findings.measure("timer_interval_error", "1", worst, std, place, most, len(errors))
 
 
-def judge_memory(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_memory(answer: Answer, rules: Rules, findings: Findings) -> None:
     """RAM and SDRAM with every pattern; FLASH erased, blank, programmed, verified in this order, erased once each."""
-    findings = Findings()
-    for answer in whole(answers, findings):
-        asked, fields = answer.asked, answer.fields
-        if not asked:
-            continue
-        what = say("memory.wrong", place=_of_memory(answer), wrong=fields["wrong"], checked=fields["checked"])
-        first = say(
-            "memory.first",
-            count=fields["wrong"],
-            address=fields["address"],
-            came=fields["received"],
-            due=fields["expected"],
-        )
-        findings.expect(fields["wrong"] == 0, answer, what, 0, first)
-        due = asked["length"] // _WORD
-        text = say("memory.checked", place=_of_memory(answer))
-        findings.expect(0 < due == fields["checked"], answer, text, max(due, 1), fields["checked"])
-    _complete_memory(answers, findings)
-    for region in _FLASH:
-        _erases([answer for answer in answers if answer.asked.get("region") == region and answer.fields], findings)
-    return findings
+    asked, fields = answer.asked, answer.fields
+    if not asked:
+        return
+    what = say("memory.wrong", place=_of_memory(answer), wrong=fields["wrong"], checked=fields["checked"])
+    first = say(
+        "memory.first",
+        count=fields["wrong"],
+        address=fields["address"],
+        came=fields["received"],
+        due=fields["expected"],
+    )
+    findings.expect(fields["wrong"] == 0, answer, what, 0, first)
+    due = asked["length"] // _WORD
+    text = say("memory.checked", place=_of_memory(answer))
+    findings.expect(0 < due == fields["checked"], answer, text, max(due, 1), fields["checked"])
 
 
 def _of_memory(answer: Answer) -> str:
@@ -109,19 +121,13 @@ def _of_memory(answer: Answer) -> str:
     return say("memory.step", region=region, step=step)
 
 
-def _complete_memory(answers: Sequence[Answer], findings: Findings) -> None:
-    at_s = answers[-1].exchange.begin_s
-    for region, name in enumerate(REGIONS):
-        mine = [answer.asked for answer in answers if answer.asked.get("region") == region]
-        if region in _FLASH:
-            steps = [asked["operation"] for asked in mine]
-            if not _in_order(steps):
-                findings.missing(at_s, say("memory.cycle", region=name))
-            continue
-        patterns = {asked["pattern"] for asked in mine if asked["operation"] == _WRITE_READ}
-        for number, pattern in enumerate(PATTERNS):
-            if number not in patterns:
-                findings.missing(at_s, say("memory.pattern", region=name, pattern=pattern))
+def judge_flash(answers: Sequence[Answer], findings: Findings) -> None:
+    """Each FLASH goes through a whole cycle, and is erased as often as that was asked for."""
+    for region in _FLASH:
+        if not _in_order([answer.asked["operation"] for answer in answers if answer.asked.get("region") == region]):
+            findings.missing(answers[-1].exchange.begin_s, say("memory.cycle", region=REGIONS[region]))
+    for region in _FLASH:
+        _erases([answer for answer in answers if answer.asked.get("region") == region and answer.fields], findings)
 
 
 def _in_order(steps: Sequence[int]) -> bool:
@@ -143,65 +149,45 @@ def _erases(answers: Sequence[Answer], findings: Findings) -> None:
         )
 
 
-def judge_io(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_io(answer: Answer, rules: Rules, findings: Findings) -> None:
     """Each of the 12 ordered pairs of lines at both levels: the input reads the level, no other line follows."""
-    findings = Findings()
-    for answer in whole(answers, findings):
-        if answer.asked:
-            line = say("io.line", output=answer.asked["output"], input=answer.asked["input"])
-            level, read = answer.asked["level"], answer.fields["read"]
-            findings.expect(read == level, answer, say("io.level", line=line), level, read)
-            findings.expect(
-                answer.fields["others"] == 0, answer, say("io.others", line=line), 0, bin(answer.fields["others"])
-            )
-    asked = {(answer.asked.get("output"), answer.asked.get("input"), answer.asked.get("level")) for answer in answers}
-    for output, source in permutations(LINES, 2):
-        for level in (0, 1):
-            if (output, source, level) not in asked:
-                line = say("io.line", output=output, input=source)
-                findings.missing(answers[-1].exchange.begin_s, say("io.at_level", line=line, level=level))
-    return findings
+    if answer.asked:
+        line = say("io.line", output=answer.asked["output"], input=answer.asked["input"])
+        level, read = answer.asked["level"], answer.fields["read"]
+        findings.expect(read == level, answer, say("io.level", line=line), level, read)
+        findings.expect(
+            answer.fields["others"] == 0, answer, say("io.others", line=line), 0, bin(answer.fields["others"])
+        )
 
 
-def judge_spi(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_spi(answer: Answer, rules: Rules, findings: Findings) -> None:
     """The word comes back, and the IO lines beside the bus saw the same."""
-    findings = Findings()
-    for answer in whole(answers, findings):
-        word = answer.asked.get("word")
-        for name in ("received", "observed"):
-            value = answer.fields[name]
-            findings.expect(value == word, answer, say(f"spi.{name}"), _word(word), _word(value))
-    return findings
+    word = answer.asked.get("word")
+    for name in ("received", "observed"):
+        value = answer.fields[name]
+        findings.expect(value == word, answer, say(f"spi.{name}"), _word(word), _word(value))
 
 
-def judge_sci(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_sci(answer: Answer, rules: Rules, findings: Findings) -> None:
     """Return what was sent comes back unchanged, and it is not nothing."""
-    findings = Findings()
-    for answer in whole(answers, findings):
-        sent, echo = str(answer.asked.get("pattern", "")), str(answer.fields["echo"])
-        findings.expect(bool(sent), answer, say("sci.nothing"), say("sci.pattern"), say("sci.none"))
-        findings.expect(echo == sent, answer, say("sci.echo"), sent, echo)
-    return findings
+    sent, echo = str(answer.asked.get("pattern", "")), str(answer.fields["echo"])
+    findings.expect(bool(sent), answer, say("sci.nothing"), say("sci.pattern"), say("sci.none"))
+    findings.expect(echo == sent, answer, say("sci.echo"), sent, echo)
 
 
-def judge_can(answers: Sequence[Answer], limits: Limits) -> Findings:
-    """As SCI, and under the identifier it was sent with."""
-    findings = judge_sci(answers, limits)
+def judge_identifiers(answers: Sequence[Answer], findings: Findings) -> None:
+    """CAN answers under the identifier it was sent with."""
     for answer in answers:
         if answer.fields:
             sent, received = answer.asked.get("identifier"), answer.fields["identifier"]
             findings.expect(received == sent, answer, say("can.identifier"), sent, received)
-    return findings
 
 
-def judge_identity(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_identity(answer: Answer, rules: Rules, findings: Findings) -> None:
     """The serial number that the module gives is that of the unit that should be in the socket, its first 12 signs."""
-    findings = Findings()
-    for answer in whole(answers, findings):
-        unit = str(answer.exchange.conditions.get("unit", ""))[:_SERIAL_BYTES]
-        told = bytes.fromhex(answer.fields["unit_serial"]).decode("ascii", "replace").strip(" \0")
-        findings.expect(not unit or told == unit, answer, say("identify.serial"), unit, told)
-    return findings
+    unit = str(answer.exchange.conditions.get("unit", ""))[:_SERIAL_BYTES]
+    told = bytes.fromhex(answer.fields["unit_serial"]).decode("ascii", "replace").strip(" \0")
+    findings.expect(not unit or told == unit, answer, say("identify.serial"), unit, told)
 
 
 def _word(value: int | None) -> str:
@@ -224,27 +210,24 @@ _MEASURED = {"measure_voltage": ("supply_voltage", "V"), "measure_current": ("su
 _SENT = say("static.question")
 
 
-def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Document) -> Findings:
+def judge_imu(answer: Answer, rules: Rules, findings: Findings) -> None:
     """Ten values of a module at rest: rates small, 1 g in all, temperatures possible; nothing frozen or saturated."""
-    findings = Findings()
+    imu, limits, fields = rules.imu, rules.limits, answer.fields
     ranges = {"gyro": float(imu.get("gyro_range_deg_s", 400.0)), "accel": float(imu.get("accel_range_g", 50.0))}
-    for answer in whole(answers, findings):
-        fields = answer.fields
-        noise = {kind: _noise(fields, kind) for kind in ranges}
-        for k, (axis, rate) in enumerate(zip(AXES, fields["gyro"], strict=True)):
-            most = limits["gyro_at_rest"]
-            due = say("within.unit", most=most, unit="deg/s")
-            findings.expect(abs(rate) <= most, answer, say("imu.rate", axis=axis), due, f"{rate:.4f}")
-            findings.measured.append(Measured("imu_rate", "deg/s", rate, noise["gyro"][k], {"axis": axis}))
-        for k, (axis, force) in enumerate(zip(AXES, fields["accel"], strict=True)):
-            findings.measured.append(Measured("imu_acceleration", "g", force, noise["accel"][k], {"axis": axis}))
-        size, most = math.hypot(*fields["accel"]), limits["acceleration_error"]
-        due = say("within.of", due=1.0, most=most, unit="g")
-        findings.expect(abs(size - 1.0) <= most, answer, say("imu.force"), due, f"{size:.4f} g")
-        _temperatures(answer, limits, findings)
-        for kind, reach in ranges.items():
-            _alive(answer, kind, reach, findings)
-    return findings
+    noise = {kind: _noise(fields, kind) for kind in ranges}
+    for k, (axis, rate) in enumerate(zip(AXES, fields["gyro"], strict=True)):
+        most = limits["gyro_at_rest"]
+        due = say("within.unit", most=most, unit="deg/s")
+        findings.expect(abs(rate) <= most, answer, say("imu.rate", axis=axis), due, f"{rate:.4f}")
+        findings.measure("imu_rate", "deg/s", rate, noise["gyro"][k], {"axis": axis})
+    for k, (axis, force) in enumerate(zip(AXES, fields["accel"], strict=True)):
+        findings.measure("imu_acceleration", "g", force, noise["accel"][k], {"axis": axis})
+    size, most = math.hypot(*fields["accel"]), limits["acceleration_error"]
+    due = say("within.of", due=1.0, most=most, unit="g")
+    findings.expect(abs(size - 1.0) <= most, answer, say("imu.force"), due, f"{size:.4f} g")
+    _temperatures(answer, limits, findings)
+    for kind, reach in ranges.items():
+        _alive(answer, kind, reach, findings)
 
 
 def _noise(fields: Document, kind: str) -> list[float]:
@@ -262,7 +245,7 @@ def _temperatures(answer: Answer, limits: Limits, findings: Findings) -> None:
         value = answer.fields[f"{kind}_temperature"]
         due = say("between.unit", low=low, high=high, unit="degC")
         findings.expect(low <= value <= high, answer, say(f"imu.temperature.{kind}"), due, f"{value:.2f} degC")
-        findings.measured.append(Measured("imu_temperature", "degC", value, 0.0, {"kind": kind}))
+        findings.measure("imu_temperature", "degC", value, 0.0, {"kind": kind})
 
 
 def _alive(answer: Answer, kind: str, reach: float, findings: Findings) -> None:
@@ -280,26 +263,23 @@ def _alive(answer: Answer, kind: str, reach: float, findings: Findings) -> None:
         findings.expect(not saturated, answer, say("imu.saturated", sensor=sensor), due_text, span)
 
 
-def judge_gps(answers: Sequence[Answer], limits: Limits, site: Document) -> Findings:
+def judge_gps(answer: Answer, rules: Rules, findings: Findings) -> None:
     """A fix in three dimensions, satellites enough, and a position that can be that of the bench.
 
     The position of one fix may be off by five times the 1-sigma figures of table 3: enough to tell a receiver that
     works from one that does not, and no test of its accuracy.
     """
-    findings = Findings()
-    for answer in whole(answers, findings):
-        fields = answer.fields
-        findings.expect(fields["fix"] == _FIX_3D, answer, say("gps.fix"), say("gps.three"), fields["fix"])
-        least = int(limits["gps_satellites"])
-        due = say("gps.or_more", least=least)
-        findings.expect(fields["satellites"] >= least, answer, say("gps.satellites"), due, fields["satellites"])
-        _place(answer, limits, site, findings)
-        findings.measured.append(Measured("gps_satellites", "1", float(fields["satellites"])))
-        for name in ("latitude", "longitude"):
-            findings.measured.append(Measured(f"gps_{name}", "deg", fields[name]))
-        findings.measured.append(Measured("gps_height", "m", fields["height"]))
-        findings.measured.append(Measured("gps_time_to_fix", "s", fields["time_to_fix"] / 1000.0))
-    return findings
+    fields = answer.fields
+    findings.expect(fields["fix"] == _FIX_3D, answer, say("gps.fix"), say("gps.three"), fields["fix"])
+    least = int(rules.limits["gps_satellites"])
+    due = say("gps.or_more", least=least)
+    findings.expect(fields["satellites"] >= least, answer, say("gps.satellites"), due, fields["satellites"])
+    _place(answer, rules.limits, rules.site, findings)
+    findings.measure("gps_satellites", "1", float(fields["satellites"]))
+    for name in ("latitude", "longitude"):
+        findings.measure(f"gps_{name}", "deg", fields[name])
+    findings.measure("gps_height", "m", fields["height"])
+    findings.measure("gps_time_to_fix", "s", fields["time_to_fix"] / 1000.0)
 
 
 def _place(answer: Answer, limits: Limits, site: Document, findings: Findings) -> None:
@@ -327,28 +307,21 @@ def _place(answer: Answer, limits: Limits, site: Document, findings: Findings) -
     findings.expect(ok, answer, say("gps.height"), text, f"{height:.1f} m")
 
 
-def judge_ad(answers: Sequence[Answer], limits: Limits) -> Findings:
+def judge_ad(answer: Answer, rules: Rules, findings: Findings) -> None:
     """Each source on its own DIP switch and on no other channel; the floating channel is reported and never judged."""
-    findings = Findings()
-    for answer in whole(answers, findings):
-        volts, dip = answer.fields["volts"], answer.asked.get("dip", 0)
-        _field(answer, volts[:_MAGNETIC], limits, findings)
-        for switch, (name, source_V) in SOURCES_V.items():
-            value = volts[_MAGNETIC + switch - 1]
-            due = source_V if switch == dip else 0.0
-            most = max(limits["ad_ground"], limits["ad_tolerance"] * due)
-            what = say("ad.on" if switch == dip else "ad.off", source=name)
-            due_text = say("within.of", due=due, most=most, unit="V")
-            findings.expect(abs(value - due) <= most, answer, what, due_text, f"{value:.3f} V")
-            if switch == dip:
-                findings.measured.append(Measured("ad_volts", "V", value, 0.0, {"source": name}))
-        if dip == _FLOATING_DIP:
-            findings.remarks.append(say("ad.floating", value=volts[_MAGNETIC + _FLOATING_DIP - 1]))
-    asked = {answer.asked.get("dip") for answer in answers}
-    for switch, (name, _) in SOURCES_V.items():
-        if switch not in asked:
-            findings.missing(answers[-1].exchange.begin_s, say("ad.switch", switch=switch, source=name))
-    return findings
+    volts, dip, limits = answer.fields["volts"], answer.asked.get("dip", 0), rules.limits
+    _field(answer, volts[:_MAGNETIC], limits, findings)
+    for switch, (name, source_V) in SOURCES_V.items():
+        value = volts[_MAGNETIC + switch - 1]
+        due = source_V if switch == dip else 0.0
+        most = max(limits["ad_ground"], limits["ad_tolerance"] * due)
+        what = say("ad.on" if switch == dip else "ad.off", source=name)
+        due_text = say("within.of", due=due, most=most, unit="V")
+        findings.expect(abs(value - due) <= most, answer, what, due_text, f"{value:.3f} V")
+        if switch == dip:
+            findings.measure("ad_volts", "V", value, 0.0, {"source": name})
+    if dip == _FLOATING_DIP:
+        findings.remarks.append(say("ad.floating", value=volts[_MAGNETIC + _FLOATING_DIP - 1]))
 
 
 def _field(answer: Answer, volts: Sequence[float], limits: Limits, findings: Findings) -> None:
@@ -359,6 +332,50 @@ def _field(answer: Answer, volts: Sequence[float], limits: Limits, findings: Fin
     received = f"{size:.3f} gauss ({', '.join(f'{value:.3f} V' for value in volts)})"
     due = say("between.unit", low=low, high=high, unit="gauss")
     findings.expect(low <= size <= high, answer, say("ad.field"), due, received)
+
+
+JUDGES: Mapping[str, Callable[[Answer, Rules, Findings], None]] = {
+    # the six rows of table 1 of the GNC-module paper, then what its section 3 (2) adds
+    "cpu": judge_cpu,
+    "timer": judge_timer,
+    "memory": judge_memory,
+    "imu": judge_imu,
+    "gps": judge_gps,
+    "ad": judge_ad,
+    "io": judge_io,
+    "spi": judge_spi,
+    "sci": judge_sci,
+    "can": judge_sci,
+    IDENTITY: judge_identity,
+}
+_TOGETHER: Mapping[str, Callable[[Sequence[Answer], Findings], None]] = {
+    "memory": judge_flash,
+    "can": judge_identifiers,
+}
+# names of what a request says, and the sentence on each request that is due
+_DUE: Mapping[str, tuple[tuple[str, ...], Mapping[tuple[int, ...], str]]] = {
+    "timer": (("setting_us",), {(setting,): say("timer.setting", setting=setting) for setting in SETTINGS_us}),
+    "memory": (
+        ("region", "operation", "pattern"),
+        {
+            (region, _WRITE_READ, number): say("memory.pattern", region=REGIONS[region], pattern=pattern)
+            for region in _WRITTEN
+            for number, pattern in enumerate(PATTERNS)
+        },
+    ),
+    "ad": (
+        ("dip",),
+        {(switch,): say("ad.switch", switch=switch, source=name) for switch, (name, _) in SOURCES_V.items()},
+    ),
+    "io": (
+        ("output", "input", "level"),
+        {
+            (*pair, level): say("io.at_level", line=say("io.line", output=pair[0], input=pair[1]), level=level)
+            for pair in permutations(LINES, 2)
+            for level in (0, 1)
+        },
+    ),
+}
 
 
 def judge_supply(readings: Sequence[Reading], limits: Limits) -> tuple[Findings, list[Reading]]:
@@ -379,8 +396,8 @@ def judge_supply(readings: Sequence[Reading], limits: Limits) -> tuple[Findings,
             continue
         value, place = float(reading.value), {"role": reading.role}
         deviation = value / due - 1.0
-        findings.measured.append(Measured(quantity, unit, value, 0.0, place))
-        findings.measured.append(Measured(f"{quantity}_deviation", "1", deviation, 0.0, place, most))
+        findings.measure(quantity, unit, value, 0.0, place)
+        findings.measure(f"{quantity}_deviation", "1", deviation, 0.0, place, most)
         if not abs(deviation) <= most:
             findings.wrong.append(Wrong(reading.t_s, quantity_word(quantity), sent, due_text, f"{value:.4f} {unit}"))
     taken = {reading.name for reading in used}
@@ -407,8 +424,8 @@ def judge_static(given: Sequence[GivenValue], limits: Limits) -> Findings:
             )
             continue
         beyond = max(low - check.value, check.value - high, 0.0)
-        findings.measured.append(Measured(check.quantity, check.unit, check.value))
-        findings.measured.append(Measured(f"{check.quantity}_beyond_limits", check.unit, beyond, limit=0.0))
+        findings.measure(check.quantity, check.unit, check.value)
+        findings.measure(f"{check.quantity}_beyond_limits", check.unit, beyond, limit=0.0)
         if beyond > 0.0:
             received = plain_quantity(check.value, check.unit)
             findings.wrong.append(Wrong(check.t_s, quantity_word(check.quantity), _SENT, due, received))

@@ -2,48 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
 
-from bench.analysis import Document, Material, Reading
-from bench.systems.gnc.limits import Limits, limits_of
+from bench.analysis import Document, Exchange, GivenValue, Material, Reading
+from bench.systems.gnc.limits import limits_of
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Wrong, answers_of
-from bench.systems.gnc.unit_test.judges import (
-    judge_ad,
-    judge_can,
-    judge_cpu,
-    judge_gps,
-    judge_identity,
-    judge_imu,
-    judge_io,
-    judge_memory,
-    judge_sci,
-    judge_spi,
-    judge_static,
-    judge_supply,
-    judge_timer,
-)
+from bench.systems.gnc.unit_test.judges import IDENTITY, JUDGES, Rules, judge, judge_static, judge_supply
 from bench.systems.gnc.wording import say
 
-if TYPE_CHECKING:
-    from bench.analysis import Exchange, GivenValue
-
+Told = TypeVar("Told", Exchange, Reading, GivenValue)
 PASS, FAIL, NOT_TESTED = "pass", "fail", "not tested"
-STATIC, SUPPLY, IDENTITY = "static", "supply", "identify"
-# The six rows of table 1 of the GNC-module paper, then what its section 3 (2) adds.
-ITEMS: Mapping[str, str] = {
-    "cpu": "CPU",
-    "timer": "timer",
-    "memory": "memory",
-    "imu": "IMU",
-    "gps": "GPS",
-    "ad": "AD",
-    "io": "IO",
-    "spi": "SPI",
-    "sci": "SCI",
-    "can": "CAN",
-}
+STATIC, SUPPLY = "static", "supply"
+ITEMS = tuple(item for item in JUDGES if item != IDENTITY)
 
 
 @dataclass(frozen=True)
@@ -113,29 +85,37 @@ def unit_results(material: Material) -> list[UnitResult]:
 
     Raises: FitError B-GNC-001 for limits that are not usable.
     """
-    limits = limits_of(material.campaign)
-    default = str(material.campaign["uut"]["serial"])
-    exchanges: dict[str, list[Exchange]] = {}
-    readings: dict[str, list[Reading]] = {}
-    for exchange in material.exchanges:
-        if exchange.item:
-            exchanges.setdefault(unit_of(exchange.conditions, default), []).append(exchange)
-    for reading in material.readings:
-        readings.setdefault(unit_of(reading.conditions, default), []).append(reading)
-    given: dict[str, list[GivenValue]] = {}
-    for value in material.given:
-        given.setdefault(unit_of(value.conditions, default), []).append(value)
+    campaign = material.campaign
+    rules = Rules(limits_of(campaign), campaign.get("imu") or {}, campaign.get("site") or {})
+    default = str(campaign["uut"]["serial"])
+    exchanges = _by_unit([exchange for exchange in material.exchanges if exchange.item], default)
+    readings, given = _by_unit(material.readings, default), _by_unit(material.given, default)
     tested = exchanges or given
     names = dict.fromkeys([*given, *exchanges, *(name for name in readings if name in exchanges or not tested)])
-    units = [_unit(name, exchanges.get(name, []), readings.get(name, []), material, limits) for name in names]
-    if not given:
-        return units
-    return [replace(unit, static=_static(given.get(unit.unit, []), limits)) for unit in units]
+    units = []
+    for name in names:
+        by_item: dict[str, list[Exchange]] = {item: [] for item in ITEMS}
+        for exchange in exchanges.get(name, []):
+            by_item.setdefault(exchange.item, []).append(exchange)
+        items = [_item(item, own, rules, material) for item, own in by_item.items()]
+        supply = _read(SUPPLY, *judge_supply(readings.get(name, []), rules.limits))
+        values = given.get(name, [])
+        static = _read(STATIC, judge_static(values, rules.limits), values) if given else None
+        units.append(UnitResult(name, supply, tuple(items), static))
+    return units
 
 
-def _static(given: Sequence[GivenValue], limits: Limits) -> ItemResult:
-    times_s = (given[0].t_s, given[-1].t_s) if given else (None, None)
-    return ItemResult(STATIC, judge_static(given, limits), len(given), *times_s)
+def _by_unit(entries: Iterable[Told], default: str) -> dict[str, list[Told]]:
+    by_unit: dict[str, list[Told]] = {}
+    for entry in entries:
+        by_unit.setdefault(unit_of(entry.conditions, default), []).append(entry)
+    return by_unit
+
+
+def _read(item: str, findings: Findings, used: Sequence[Reading] | Sequence[GivenValue]) -> ItemResult:
+    """Return what was read or given of a unit as an item of its own."""
+    times_s = (used[0].t_s, used[-1].t_s) if used else (None, None)
+    return ItemResult(item, findings, len(used), *times_s)
 
 
 def unit_of(conditions: Document, default: str) -> str:
@@ -143,61 +123,21 @@ def unit_of(conditions: Document, default: str) -> str:
     return str(conditions.get("unit", default))
 
 
-def _unit(
-    name: str, exchanges: Sequence[Exchange], readings: Sequence[Reading], material: Material, limits: Limits
-) -> UnitResult:
-    by_item: dict[str, list[Exchange]] = {item: [] for item in ITEMS}
-    for exchange in exchanges:
-        by_item.setdefault(exchange.item, []).append(exchange)
-    judges = _judges(material)
-    items = [_item(item, own, judges.get(item), material, limits) for item, own in by_item.items()]
-    return UnitResult(name, judge_supply_item(readings, limits), tuple(items))
-
-
-def judge_supply_item(readings: Sequence[Reading], limits: Limits) -> ItemResult:
-    """Return the supply readings of a unit as an item of their own."""
-    findings, used = judge_supply(readings, limits)
-    if not used:
-        return ItemResult(SUPPLY, findings, 0)
-    return ItemResult(SUPPLY, findings, len(used), used[0].t_s, used[-1].t_s)
-
-
-def _judges(material: Material) -> Mapping[str, Callable[[Sequence[Answer], Limits], Findings]]:
-    site, imu = material.campaign.get("site") or {}, material.campaign.get("imu") or {}
-    return {
-        "cpu": judge_cpu,
-        "timer": judge_timer,
-        "memory": judge_memory,
-        "imu": lambda answers, limits: judge_imu(answers, limits, imu),
-        "gps": lambda answers, limits: judge_gps(answers, limits, site),
-        "ad": judge_ad,
-        "io": judge_io,
-        "spi": judge_spi,
-        "sci": judge_sci,
-        "can": judge_can,
-        IDENTITY: judge_identity,
-    }
-
-
-def _item(
-    item: str, exchanges: Sequence[Exchange], judge: Callable[[Sequence[Answer], Limits], Findings] | None,
-    material: Material, limits: Limits,
-) -> ItemResult:  # fmt: skip
+def _item(item: str, exchanges: Sequence[Exchange], rules: Rules, material: Material) -> ItemResult:
     if not exchanges:
         return ItemResult(item, Findings(), 0)
     answers = answers_of(exchanges, material.layouts)
-    findings = Findings(remarks=[say("remark.unjudged")]) if judge is None else _judged(item, answers, judge, limits)
+    known = item in JUDGES
+    findings = _judged(item, answers, rules) if known else Findings(remarks=[say("remark.unjudged")])
     retries = sum(exchange.attempts - 1 for exchange in exchanges)
     times_s = exchanges[0].begin_s, exchanges[-1].end_s
-    return ItemResult(item, findings, len(exchanges), *times_s, retries, judged=judge is not None)
+    return ItemResult(item, findings, len(exchanges), *times_s, retries, judged=known)
 
 
-def _judged(
-    item: str, answers: Sequence[Answer], judge: Callable[[Sequence[Answer], Limits], Findings], limits: Limits
-) -> Findings:
+def _judged(item: str, answers: Sequence[Answer], rules: Rules) -> Findings:
     """Return what the judge says of the commands of its item; another command under its name is a wrong result."""
     own = [answer for answer in answers if answer.exchange.name == item]
-    findings = judge(own, limits) if own else Findings()
+    findings = judge(item, own, rules) if own else Findings()
     for answer in answers:
         name = answer.exchange.name
         findings.expect(name == item, answer, say("wrong.other_item", name=name), say("wrong.command", item=item), name)

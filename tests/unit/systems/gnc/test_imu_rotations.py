@@ -68,7 +68,7 @@ def test_fifty_units(record_property: Keep, length_s: float) -> None:
     assert np.abs(off_ppm).max() < 50.0
     assert rms == pytest.approx(theory, rel=0.17)
     assert worst < 4.5
-    assert np.mean([f.noise for f in fits]) * 60.0 == pytest.approx(0.3, rel=0.02)
+    assert 3600.0 * np.median([f.triad.bias_std for f in fits]) == pytest.approx(theory, rel=0.02)
     assert sum(f.triad.inflated for f in fits) <= 1
 
 
@@ -91,8 +91,6 @@ def test_vertical_table_after_compensation(record_property: Keep) -> None:
     )
     assert np.abs(apart).max() < 0.2
     assert rms > 4.0
-    vague = fit_rotations(records, replace(SITE, latitude_std_deg=5.0, azimuth_std_deg=20.0), STEP).triad
-    assert np.all(vague.bias_std > 1.02 * two.triad.bias_std)  # latitude and azimuth go into the bias
 
 
 @pytest.mark.validates(
@@ -120,19 +118,6 @@ def test_intervals_cover(record_property: Keep, tilt_deg: float, units: int) -> 
         assert 200.0 < cross_ppm < 400.0
     assert units == 60 or np.all(np.abs(share - 95.0) <= 4.0)
     assert abs(share.mean() - 95.0) <= (4.0 if units == 60 else 1.5)
-
-
-def test_turns_that_are_not_exact_are_in_the_interval_if_declared() -> None:
-    rng = np.random.default_rng(77)
-    scores = []
-    for seed in range(25):
-        records = [
-            replace(r, rate=r.rate * (1.0 + rng.normal() * 0.02 / 1080.0 * (np.abs(r.rate) > 2.0)))
-            for r in rotations(unit_of(seed), rng)
-        ]
-        triad = fit_rotations(records, None, replace(STEP, turn_std_deg=0.02)).triad
-        scores.append((triad.sensitivity - unit_of(seed).sensitivity).diagonal() / triad.sensitivity_std.diagonal())
-    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.25
 
 
 def test_bias_that_wanders_unsaid_is_noticed() -> None:
@@ -168,8 +153,8 @@ def test_correlated_noise_at_rest_is_taken_in_full() -> None:
         rate = r.rate.copy()
         rate[1:] = 0.5 * (r.rate[1:] + r.rate[:-1])
         smooth.append(replace(r, rate=rate))
-    noise = fit_rotations(smooth, None, STEP).noise * 60.0
-    assert noise == pytest.approx(0.6, rel=0.15)
+    noise = [er.noise_density(er.good_samples(r), r.axis, r.name)[0].diagonal() for r in smooth]
+    assert 60.0 * np.sqrt(np.mean(noise, axis=0)) == pytest.approx(0.6, rel=0.15)
 
 
 def test_quiet_sensor_keeps_its_quantisation() -> None:
@@ -197,7 +182,6 @@ def test_a_longer_record_is_cut_at_its_end_and_duplicates_are_dropped() -> None:
     assert fit.trimmed_s["Y+1080"] == pytest.approx(3.7)
     assert fit.used["Y+1080"] == fit.used["Y-1080"] == 3060
     assert fit.trimmed_s["X+1080"] == 0.0
-    assert fit.duration_s == pytest.approx(15.3)
     again = picked(records[4], np.sort(np.concatenate([np.arange(3060), [100, 700, 701]])))
     fit = fit_rotations([*records[:4], again, records[5]], None, STEP)
     assert fit.duplicates == dict.fromkeys(fit.duplicates, 0) | {"Z+1080": 3}
@@ -291,14 +275,14 @@ def test_closed_forms() -> None:
 
 
 def test_covariance_by_trials() -> None:
-    """Latitude, azimuth and three small angles drawn; rotation of the unit by scipy."""
-    site, pose = Site(34.2, 50.0, 0.1, 0.5, 0.2), Pose(10.0, 20.0, 30.0, "z")
+    """Three small angles drawn; rotation of the unit by scipy."""
+    site, pose = Site(34.2, 50.0, 0.2), Pose(10.0, 20.0, 30.0, "z")
     rng = np.random.default_rng(4)
     seen = []
     for _ in range(4000):
         tilt = Rotation.from_rotvec(rng.normal(size=3) * 0.2, degrees=True)
-        body = body_to_local(pose, 50.0 + 0.5 * rng.normal()) * tilt
-        seen.append(body.inv().apply(local_rate_deg_s(34.2 + 0.1 * rng.normal())))
+        body = body_to_local(pose, 50.0) * tilt
+        seen.append(body.inv().apply(local_rate_deg_s(34.2)))
     spread, stated = np.cov(np.transpose(seen)), er.earth_rate_covariance(pose, site)
     size = np.sqrt(np.outer(stated.diagonal(), stated.diagonal()))
     assert np.abs((spread - stated) / size).max() < 0.07

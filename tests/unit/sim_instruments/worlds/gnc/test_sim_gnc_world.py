@@ -222,7 +222,7 @@ def test_positions_and_rotations_turn_indicated_into_true() -> None:
 
 def test_bias_of_rotations_leaves_out_the_axis_that_turns() -> None:
     """Each axis is averaged over the records about the other two, weighted by their lengths."""
-    unit = GncImu(3, "GNC-05")
+    unit = GncImu(3, "GNC-05", ImuOptions(), Table(), Site())
     spans = {"x": (1000, 1016), "y": (2000, 2004), "z": (3000, 3030)}
     found = estimates({"GNC-05": unit}, [window(*span, item="rotation", axis=axis) for axis, span in spans.items()])
 
@@ -251,7 +251,7 @@ def test_stability_is_what_many_units_scatter() -> None:
     """Four units over 20 minutes of rest: the ratio of what is found to the truth is 1 within its scatter."""
     ratios = []
     for serial in ("GNC-01", "GNC-02", "GNC-03", "GNC-04"):
-        unit = GncImu(8, serial)
+        unit = GncImu(8, serial, ImuOptions(), Table(), Site())
         unit.power.on(0)
         found = estimates({serial: unit}, [window(1000, 2200, item="stability")])
         counts = unit.sample(times_ns(1200.0, first_s=1000.0))
@@ -263,7 +263,7 @@ def test_stability_is_what_many_units_scatter() -> None:
 
 
 def test_repeatability_is_that_of_the_true_means() -> None:
-    unit = GncImu(8, "GNC-01")
+    unit = GncImu(8, "GNC-01", ImuOptions(), Table(), Site())
     for cycle in range(6):
         unit.power.on(cycle * 2000 * NS)
         unit.power.off((cycle * 2000 + 1900) * NS)
@@ -292,12 +292,12 @@ def test_magnetometer_in_the_plane_of_its_turn() -> None:
 
 def test_several_units() -> None:
     """Each by its own sensors, named in the conditions; a unit nobody knows and a record of no item give nothing."""
-    units = {serial: GncImu(1, serial, QUIET) for serial in ("GNC-01", "GNC-02")}
+    units = {serial: GncImu(1, serial, QUIET, Table(), Site()) for serial in ("GNC-01", "GNC-02")}
     records = [window(1, 2, item="bias", unit=serial) for serial in ("GNC-02", "GNC-01", "GNC-03")]
     found = estimates(units, records)
     for serial, unit in units.items():
         rates = [
-            GncImu(1, serial, QUIET, site=Site(90.0, 9.8, azimuth)).readings(np.array([NS])) for azimuth in (0, 180)
+            GncImu(1, serial, QUIET, Table(), Site(90.0, 9.8, azimuth)).readings(np.array([NS])) for azimuth in (0, 180)
         ]
         earth = unit.errors.gyro.sensitivity[2, 2] * 15.041067
         expected = np.mean([one.gyro_deg_s[0, 2] for one in rates]) * 3600 - earth  # at rest, without Earth's rate
@@ -310,12 +310,12 @@ def test_flip_and_random_walks() -> None:
     upright, turned = (
         module(posed(0, 0, inner), ImuOptions(noise=False)).readings(np.array([NS])).accel_g[0] for inner in (0, 180)
     )
-    mine = GncImu(11, "GNC-01", ImuOptions(noise=False))
+    mine = module(Table(), ImuOptions(noise=False))
     found = estimates({"": mine}, [window(1, 180, item="flip", up="+z"), window(200, 380, item="flip", up="-z")])
     assert bias(found, "accel_bias") == pytest.approx(-(upright + turned) / 2, abs=1e-12)
     assert not np.allclose(bias(found, "accel_bias"), -mine.accel_bias_g(np.array([NS]))[0], rtol=1e-3)
     assert bias(found, "angle_random_walk") == pytest.approx([0, 0, 0])
-    noisy = GncImu(1, "GNC-01")
+    noisy = GncImu(1, "GNC-01", ImuOptions(), Table(), Site())
     found = estimates({"": noisy}, [window(1, 180, item="bias")])
     assert bias(found, "angle_random_walk") == pytest.approx(noisy.errors.gyro.white * 60)
     assert bias(found, "velocity_random_walk") == pytest.approx([0.1, 0.1, 0.1])
