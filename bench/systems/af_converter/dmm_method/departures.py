@@ -10,19 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from bench.analysis import (
     Estimate,
     Estimates,
-    Residuals,
     Searched,
     departures_of,
     search,
 )
 from bench.maths.arrays import Flags, Floats
-from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.estimates import DmmFit
 from bench.systems.af_converter.estimators.dmm_method import Meter, reference_A_of
@@ -45,8 +44,8 @@ def searched_rows(
     ``again``: points that were taken again, with the readings beside their closed records.
     """
     rows = _rows_of(fits, again, campaign, register)
-    residuals, stated = rows.residuals(entries)
-    return Searched(search(residuals, departures_of(rows.labels())), stated, words_of(rows.groups))
+    residuals = rows.residuals(*rows.operators(entries))
+    return Searched(search(residuals, departures_of(rows.labels())), words_of(rows.groups))
 
 
 def _rows_of(
@@ -78,31 +77,14 @@ class _Rows(LevelRows):
     register: Mapping[float, RangeSpecification]
     std_A: Floats
 
+    @cached_property
     def noise_A2(self) -> Floats:
-        """Return the covariance of the readings, (r, r): those of a range have one scatter, as three tell it badly."""
+        """Covariance of the readings, (r, r): those of a range have one scatter, as three tell it badly."""
         range_A, variance = self.column("range_A"), self.std_A**2
         of_range = {full_A: variance[range_A == full_A].mean() for full_A in np.unique(range_A).tolist()}
-        return super().noise_A2() + np.diag([of_range[full_A] for full_A in range_A.tolist()])
+        return super().noise_A2 + np.diag([of_range[full_A] for full_A in range_A.tolist()])
 
-    def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
-        """Return the rows for a search, and the estimates that follow from them."""
-        noise_A2 = self.noise_A2()
-        whiten, white, design = self.whitened(noise_A2, self._free(), self._held())
-        operator, stated = self._operators(entries)
-        return (
-            Residuals(
-                readings=self.counted_A,
-                white=white,
-                design=design,
-                whiten=whiten,
-                operator=operator,
-                expanded=np.array([entry.expanded_uncertainty for entry in stated]),
-                noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator)),
-            ),
-            stated,
-        )
-
-    def _free(self) -> list[Floats]:
+    def free(self) -> list[Floats]:
         """Return what nobody knows: both counters and the leakage of each channel and temperature, the current of each
         visit.
         """
@@ -116,7 +98,7 @@ class _Rows(LevelRows):
                 columns.append(polarity * here)
         return columns
 
-    def _held(self) -> list[Floats]:
+    def held(self) -> list[Floats]:
         """Return one standard uncertainty of each error of the meter, its gains by range, and of what a counter may
         differ by when it is visited again.
         """
@@ -127,7 +109,7 @@ class _Rows(LevelRows):
             columns += [PPM * _AGAIN_ppm * side_A * (self.visit == at) for side_A in self.sides_A]
         return columns
 
-    def _operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
+    def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
         """Return what each estimate gains per ampere that is counted, (k, r), and those that follow from the rows."""
         found: list[tuple[Floats, Estimate]] = []
         for fitted, part in zip(self.fits, self.slices[: len(self.fits)], strict=True):
