@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +20,13 @@ from bench.analysis import (
     Estimates,
     Searched,
     departures_of,
+    operators_of,
     search,
 )
 from bench.maths.arrays import Flags, Floats
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.estimates import DmmFit
-from bench.systems.af_converter.estimators.dmm_method import Meter, reference_A_of
+from bench.systems.af_converter.estimators.dmm_method import Meter, by_range, reference_A_of
 from bench.systems.af_converter.estimators.readings import GAIN, RangeSpecification
 from bench.systems.af_converter.estimators.scale_factor import usable_rows
 from bench.systems.af_converter.groups import Group
@@ -104,20 +106,22 @@ class _Rows(LevelRows):
         """
         errors, range_A = self.of_standard(self.register), self.column("range_A")
         gain_A = errors.pop(GAIN, np.zeros(self.visit.size))
-        columns = [*errors.values(), *(gain_A * (range_A == full_A) for full_A in np.unique(range_A))]
+        columns = [*errors.values(), *by_range(gain_A, range_A).T]
         for at in range(len(self.fits), len(self.groups)):
             columns += [PPM * _AGAIN_ppm * side_A * (self.visit == at) for side_A in self.sides_A]
         return columns
 
     def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
         """Return what each estimate gains per ampere that is counted, (k, r), and those that follow from the rows."""
-        found: list[tuple[Floats, Estimate]] = []
+        of_place: dict[tuple[Any, ...], Floats] = {}
         for fitted, part in zip(self.fits, self.slices[: len(self.fits)], strict=True):
-            for entry in entries:
-                operator = fitted.fit.operators_ppm.get(entry.quantity)
-                at = entry.conditions.get("channel"), entry.conditions.get("temperature_degC")
-                if operator is not None and at == fitted.group.place[:2]:
-                    whole = np.zeros(self.visit.size)
-                    whole[part] = -operator[_usable(fitted.group, fitted.meter)]
-                    found.append((whole, entry))
-        return np.array([row for row, _ in found]).reshape(-1, self.visit.size), [entry for _, entry in found]
+            usable = _usable(fitted.group, fitted.meter)
+            for quantity, operator in fitted.fit.operators_ppm.items():
+                whole = of_place[quantity, *fitted.group.place[:2]] = np.zeros(self.visit.size)
+                whole[part] = -operator[usable]
+
+        def operator_of(entry: Estimate) -> Floats | None:
+            where = entry.conditions
+            return of_place.get((entry.quantity, where.get("channel"), where.get("temperature_degC")))
+
+        return operators_of(entries, operator_of, self.visit.size)

@@ -122,14 +122,14 @@ def fit_scale_factor(
         noise_ppm2=np.sum([to_ppm @ part @ to_ppm.T for part in problem.parts.values()], axis=0),
         shared_ppm=dict(zip(problem.effects.labels, shared.T, strict=True)),
         gains_ppm=gain_effects_ppm(to_ppm, problem.reference_A, problem.rows, standard),
-        operator_ppm=np.array([_spread(row, usable, 0.0) for row in to_ppm]),
+        operator_ppm=np.array([spread(row, usable, 0.0) for row in to_ppm]),
         drift_ppm_s=to_ppm @ (problem.reference_A / _PPM * (problem.rows.time_s - problem.rows.time_s.mean())),
         unreferred_degC=to_ppm @ problem.away_A,
         time_s=float(problem.rows.time_s.mean()),
         parts_ppm=_budget(to_ppm, problem.parts, problem.effects.labels, shared),
         unit_temperature_degC=problem.unit_temperature_degC,
-        residual_A=_spread(fit.residual, usable),
-        std_A=_spread(np.sqrt(np.diag(problem.covariance_A2)), usable),
+        residual_A=spread(fit.residual, usable),
+        std_A=spread(np.sqrt(np.diag(problem.covariance_A2)), usable),
         chi2=fit.chi2,
         dof=fit.dof,
         n=int(usable.sum()),
@@ -200,11 +200,16 @@ def usable_rows(rows: Readings) -> Flags:
     return np.asarray(finite & (rows.gate_s > 0) & (rows.af_count > 0))
 
 
-def reference_current_A(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Floats:
-    """Signed current the calibrator is believed to deliver, (m,): set-point corrected by its certificate."""
+def reference_current_A(
+    rows: Readings, standard: Mapping[float, RangeSpecification], zeroed: Flags | bool = False
+) -> Floats:
+    """Signed current the standard is believed to deliver, (m,): its level corrected by its certificate.
+
+    ``zeroed`` (m,): rows of which the offset is off already.
+    """
     entries = [specification(standard, float(range_A)) for range_A in rows.range_A]
     gain = np.array([entry.gain for entry in entries])
-    offset_A = np.array([entry.offset_A for entry in entries])
+    offset_A = np.where(zeroed, 0.0, [entry.offset_A for entry in entries])
     return np.asarray(rows.polarity * (rows.level_A * (1.0 + gain) + offset_A))
 
 
@@ -287,7 +292,8 @@ def gain_effects_ppm(
     return {label: to_ppm @ (reference_A * relative) for label, relative in errors.items()}
 
 
-def _spread(values: Floats, usable: Flags, elsewhere: float = np.nan) -> Floats:
+def spread(values: Floats, usable: Flags, elsewhere: float = np.nan) -> Floats:
+    """Put values (k,) where the mask (m,) is true, and another one ``elsewhere``."""
     everywhere = np.full(usable.size, elsewhere)
     everywhere[usable] = values
     return everywhere
