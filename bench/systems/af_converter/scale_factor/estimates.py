@@ -29,7 +29,7 @@ from bench.analysis import (
 from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof
 from bench.maths.verdict import coverage_factor
-from bench.systems.af_converter.coefficients import UNITS
+from bench.systems.af_converter.coefficients import UNITS, per_degC
 from bench.systems.af_converter.constants import (
     CALIBRATOR,
     FREQUENCY,
@@ -300,7 +300,7 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
                 of_campaign[_STEADY_DRIFT if order else _DRIFT] = drift_ppm
             dof = calibrator_dof(std, parts, standards, scatter)
             common = common_errors(standards.register, CALIBRATOR, parts, of_campaign)
-            name, unit = f"{quantity}_tc{order}", UNITS[quantity] + ("", "/degC", "/degC2")[order]
+            name, unit = f"{quantity}_tc{order}", per_degC(UNITS[quantity], order)
             entries.append(sharing(estimate(name, unit, value, std, conditions, n=len(visits), dof=dof), common))
     return entries
 

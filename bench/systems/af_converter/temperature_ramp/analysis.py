@@ -42,6 +42,7 @@ from bench.analysis import (
 )
 from bench.maths.arrays import rms
 from bench.systems.af_converter.bias_ramp.departures import Loop
+from bench.systems.af_converter.coefficients import per_degC
 from bench.systems.af_converter.estimators.drift_ramp import (
     BRANCH,
     DRIFT_NAMES,
@@ -363,8 +364,7 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
             entry(name.replace(" ", "_"), f"{unit}/{suffix}", fit.drift.estimate(name), {"reading": fit.name})
         )
     for order, name in enumerate(TEMPERATURE_NAMES[1:], 1):
-        per = "/degC" + (str(order) if order > 1 else "")
-        entries.append(entry(f"{fit.name}_tc{order}", f"{unit}{per}", fit.drift.estimate(name), about))
+        entries.append(entry(f"{fit.name}_tc{order}", per_degC(unit, order), fit.drift.estimate(name), about))
     return entries + [entry(*difference, {"reading": fit.name}) for difference in _joint_estimates(fit, unit)]
 
 
