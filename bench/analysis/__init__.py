@@ -29,7 +29,7 @@ from bench.analysis.coefficients import (
     of_session,
     sound_compensation,
 )
-from bench.analysis.departures import Departure, Residuals, operators_of, powers, search
+from bench.analysis.departures import Departure, Residuals, operators_of, powers, search, with_priors
 from bench.analysis.doubt import (
     DOUBTFUL,
     FALSE_DOUBT,
@@ -241,6 +241,7 @@ __all__ = [
     "value_and_uncertainty",
     "values_of",
     "weigh",
+    "with_priors",
     "with_uncertainty",
     "without_check_standard",
     "worded_figure",

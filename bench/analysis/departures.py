@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -32,6 +32,7 @@ _MOST = 20  # of them with shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
 _NOT_MISSED = 1e3  # noncentrality: seen by any search
 _SAME = 1e-4  # columns that differ by less are one
+_NONE = np.empty(0)
 
 
 OF_TIME = ("step", "step_in_a_visit", "visit", "drift", "warm_up", "cycle")
@@ -86,7 +87,7 @@ class Residuals:
     ``expanded``, ``noise`` (k,): its expanded uncertainty, and the part of it that the noise makes. ``on_curve`` (k,):
     coefficients of curves, which carry what these leave over. ``rest``: chi-square and degrees of freedom of what no
     departure enters, beside the rows. ``shift``: what an effect on the readings, (r,), moves the estimates by, (k,),
-    where that is known beyond the operator.
+    where that is known beyond the operator.   ``stated``: the estimates, (k,).
     """
 
     readings: Floats
@@ -101,6 +102,46 @@ class Residuals:
     noise_dof: float = math.inf
     rest: tuple[float, int] = (0.0, 0)
     shift: Callable[[Floats], Floats] | None = None
+    stated: Sequence[Estimate] = ()
+
+    @classmethod
+    def of(
+        cls, *, error: Floats, free: Floats, whiten: Callable[[Floats], Floats], stated: Sequence[Estimate],
+        std: Floats = _NONE, beside: Floats = _NONE, scatter: Floats | None = None, expanded: Floats | None = None,
+        noise: Floats | None = None, **about: Any,
+    ) -> Self:  # fmt: skip
+        """Whiten what a fit leaves over, and put what is known beforehand beneath the readings.
+
+        Args:    error (r,): what the fit, or a model that it starts from, leaves of the readings.   free (r, p):
+                 derivatives of the model, in units of the readings.   whiten: columns (r, c) to units of their noise.
+                 std (q,): how far the last q parameters are known.   beside: rows of ``white`` that are no readings.
+                 scatter: in units of the readings.   expanded: those of ``stated`` where none are given.   noise: all
+                 of them where none is given.   about: further fields, as they are.
+        Returns: Residuals; its rows are readings, priors, and those beside.
+        Raises:  nothing.
+        Source:  priors as pseudo-observations: Gelman et al., Bayesian Data Analysis (2013), 14.8.
+        """
+
+        def white(columns: Floats) -> Floats:
+            return np.vstack([whiten(columns), np.zeros((std.size + beside.size, columns.shape[1]))])
+
+        if expanded is None:
+            expanded = np.array([entry.expanded_uncertainty for entry in stated], float)
+        return cls(
+            white=np.concatenate([whiten(error[:, None])[:, 0], np.zeros(std.size), beside]),
+            design=np.vstack([with_priors(whiten(free), std), np.zeros((beside.size, free.shape[1]))]),
+            whiten=white,
+            scatter=None if scatter is None else white(scatter),
+            stated=stated,
+            expanded=expanded,
+            noise=expanded if noise is None else noise,
+            **about,
+        )
+
+
+def with_priors(design: Floats, std: Floats) -> Floats:
+    """Put a row beneath a design (n, p) for each of its last q parameters, which are known as far as ``std`` (q,)."""
+    return np.vstack([design, np.eye(design.shape[1])[design.shape[1] - std.size :] / std[:, None]])
 
 
 def operators_of(
@@ -151,6 +192,7 @@ class Search:
     ``unseen``: of each family what moves an estimate first, where it would not have been found then.
     ``unexplained`` (k,): by what part each uncertainty would grow if the noise were as large as what is left over;
     ``is_noise``: that may be chance.   ``together`` (k,): what rests on rows in which more than one thing departs.
+    ``stated``: the estimates, (k,).
     """
 
     findings: Sequence[Finding]
@@ -160,6 +202,7 @@ class Search:
     unexplained: Floats
     together: Flags
     unseen: Sequence[Unseen]
+    stated: Sequence[Estimate]
 
     @property
     def doubted(self) -> Flags:
@@ -207,7 +250,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
     ratio, chi2, dof = max(odd or parts, default=(1.0, 0.0, 0))
     excess = ratio - 1.0 if odd else 0.0
     grown = np.sqrt(1.0 + excess * (rows.noise / rows.expanded) ** 2) - 1.0
-    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, grown), together, unseen)
+    return Search(findings, chi2, dof, not odd, np.where(rows.on_curve, 0.0, grown), together, unseen, rows.stated)
 
 
 def _unseen(rows: Residuals, departures: Sequence[Departure], needed: Floats, left: _Left) -> list[Unseen]:

@@ -16,7 +16,6 @@ import numpy as np
 
 from bench.analysis.departures import OF_TIME, Departure, Search, Unseen
 from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
-from bench.analysis.estimates import Estimate
 from bench.analysis.figures import Table
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
@@ -33,20 +32,19 @@ def general_advice(departure: Departure) -> str:
 
 @dataclass(frozen=True)
 class Searched:
-    """A search, the estimates (k,) that follow from its rows, and how a person names its labels.
+    """A search and how a person names the labels of its rows.
 
     ``advice``: what to look for.
     """
 
     found: Search
-    stated: Sequence[Estimate]
     words: Words
     advice: Callable[[Departure], str] = general_advice
 
     @property
     def evidence(self) -> list[Evidence]:
         """Say what the search has against the estimates, one entry for each thing."""
-        found, stated, evidence = self.found, self.stated, []
+        found, stated, evidence = self.found, self.found.stated, []
         for finding in found.findings:
             moved = (finding.moves > LEAST_MOVE) & found.doubted
             if moved.any():
@@ -94,7 +92,7 @@ def unseen_tables(searches: Iterable[Searched]) -> list[Table]:
     rows = []
     for one, searched in first.values():
         name, unit = described(one.departure, searched.words), one.departure.unit
-        rows.append([name, searched.stated[one.first].quantity, size(one.size, unit), size(one.seen, unit)])
+        rows.append([name, searched.found.stated[one.first].quantity, size(one.size, unit), size(one.seen, unit)])
     heads = say.heads("unseen", "what", "first", "size", "seen")
     return [Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)] if rows else []
 

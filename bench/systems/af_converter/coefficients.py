@@ -40,6 +40,12 @@ SIGNS = {
 _NEXT = "merge one scale-factor and one bias session of the same unit"
 _CONSTANTS = {"dsf_n": "DSF_N_PPM", "dsf_p": "DSF_P_PPM", "bias": "BIAS_A", "master_clock": "MASTER_CLOCK_PPM"}
 
+
+def per_degC(unit: str, order: int) -> str:
+    """Return the unit of the coefficient of (T - T_ref)^order."""
+    return unit + ("", "/degC", f"/degC{order}")[min(order, 2)]
+
+
 _TYPE = """\
 /* coefficient[k] in the unit of the name per degC^k; T: the temperature that the unit's own sensor reads. */
 typedef struct {

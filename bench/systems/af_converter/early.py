@@ -41,20 +41,17 @@ def repeat_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) ->
     (taken as 95 %) explain a change; what is beyond them several times is drift.
     Source: JCGM 100:2008 section 5.1 (independent parts add in squares).
     """
-    worst, where = 0.0, ""
     groups: dict[tuple[Any, ...], list[RecordRow]] = {}
     for row in rows:
         if "channel" in row.window.conditions and row.frames:
             groups.setdefault(tuple(row.window.conditions.get(name) for name in POINT), []).append(row)
-    pairs = [pair for group in groups.values() for pair in pairwise(group)]
-    for first, second in pairs:
-        channel = campaign.channel(int(first.window.conditions["channel"]))
-        change = _change(first, second, channel.number, campaign)
-        if change > worst:
-            worst, where = change, f"records {first.window.number} and {second.window.number}, channel {channel.number}"
-    if not pairs:
-        return Check("repeated points", None, None, limit, "no point was measured twice yet")
-    return Check("repeated points", worst <= limit, worst, limit, f"{len(pairs)} pairs; largest: {where or 'none'}")
+    changes: list[tuple[float, str]] = []
+    for first, second in (pair for group in groups.values() for pair in pairwise(group)):
+        number = int(first.window.conditions["channel"])
+        where = f"records {first.window.number} and {second.window.number}, channel {number}"
+        changes.append((_change(first, second, number, campaign), where))
+    found = [(change, f"{len(changes)} pairs; largest: {where if change else 'none'}") for change, where in changes]
+    return _worst("repeated points", limit, found, "no point was measured twice yet")
 
 
 def scatter_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) -> Check:
@@ -62,55 +59,53 @@ def scatter_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) -
 
     The median keeps a slow change and a few bad records out of it.
     """
-    worst, where = 0.0, ""
-    for number, pairs in _neighbours(rows, campaign):
-        changes = [_change(first, second, number, campaign) for first, second in pairs]
-        if len(changes) >= _ENOUGH and (scatter := float(np.median(changes)) / _MAD) > worst:
-            worst, where = scatter, f"channel {number}, {len(changes)} neighbours"
-    if not where:
-        return Check("scatter of neighbours", None, None, limit, f"fewer than {_ENOUGH} neighbours so far")
-    return Check("scatter of neighbours", worst <= limit, worst, limit, where)
+    pairs, found = _neighbours(rows), []
+    for channel in campaign.channels if len(pairs) >= _ENOUGH else ():
+        scatter = float(np.median([_change(*pair, channel.number, campaign) for pair in pairs])) / _MAD
+        if scatter > 0.0:
+            found.append((scatter, f"channel {channel.number}, {len(pairs)} neighbours"))
+    return _worst("scatter of neighbours", limit, found, f"fewer than {_ENOUGH} neighbours so far")
 
 
 def residual_check(analysis: Analysis, limit: float) -> Check:
     """The largest residual of a partial fit, in the standard deviation that the declared noise gives it."""
-    judged = [
-        (abs(residual["residual_ppm"]) / residual["std_ppm"], residual)
-        for residual in analysis.residuals
-        if math.isfinite(residual["residual_ppm"]) and residual["std_ppm"] > 0
+    found = [
+        (
+            abs(one["residual_ppm"]) / one["std_ppm"],
+            f"record {one['number']}, channel {one['channel']} at {one['temperature_degC']:g} degC",
+        )
+        for one in analysis.residuals
+        if math.isfinite(one["residual_ppm"]) and one["std_ppm"] > 0
     ]
-    if not judged:
-        return Check("residuals", None, None, limit, "nothing is fitted yet")
-    worst, residual = max(judged, key=lambda pair: pair[0])
-    text = f"record {residual['number']}, channel {residual['channel']} at {residual['temperature_degC']:g} degC"
-    return Check("residuals", worst <= limit, worst, limit, text)
+    return _worst("residuals", limit, found, "nothing is fitted yet")
 
 
 def drift_check(analysis: Analysis, limit: float) -> Check:
     """Return the largest drift between a first visit and its repeat, in its own standard uncertainty."""
-    drifts = [
-        (abs(entry.value) / entry.std_uncertainty, entry)
+    found = [
+        (abs(entry.value) / entry.std_uncertainty, f"{entry.quantity} is {entry.value:.3g} {entry.unit}")
         for entry in analysis.estimates
         if str(entry.quantity).endswith("_drift") and entry.std_uncertainty
     ]
-    if not drifts:
-        return Check("drift", None, None, limit, "no channel was visited again yet")
-    worst, entry = max(drifts, key=lambda pair: pair[0])
-    return Check("drift", worst <= limit, worst, limit, f"{entry.quantity} is {entry.value:.3g} {entry.unit}")
+    return _worst("drift", limit, found, "no channel was visited again yet")
 
 
-def _neighbours(
-    rows: Iterable[RecordRow], campaign: Campaign
-) -> Iterator[tuple[int, list[tuple[RecordRow, RecordRow]]]]:
-    """Yield pairs of open records that follow each other without a gap, for every channel: a ramp's windows."""
+def _worst(name: str, limit: float, found: Sequence[tuple[float, str]], none: str) -> Check:
+    """Judge the largest figure that was found, with the words for it; ``none``: what to say without any."""
+    if not found:
+        return Check(name, None, None, limit, none)
+    worst, text = max(found, key=lambda pair: pair[0])
+    return Check(name, worst <= limit, worst, limit, text)
+
+
+def _neighbours(rows: Iterable[RecordRow]) -> list[tuple[RecordRow, RecordRow]]:
+    """Return pairs of open records that follow each other without a gap: a ramp's windows."""
     opened = [row for row in rows if row.window.conditions.get("route") == "open" and row.frames]
-    pairs = [
+    return [
         (first, second)
         for first, second in pairwise(opened)
         if second.window.first_counter == first.window.first_counter + first.window.frames
     ]
-    for channel in campaign.channels:
-        yield channel.number, pairs
 
 
 def _change(first: RecordRow, second: RecordRow, number: int, campaign: Campaign) -> float:

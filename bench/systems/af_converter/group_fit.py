@@ -12,13 +12,14 @@ Source: docs/decisions/0025-doubt.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from bench.analysis import Evidence
+from bench.analysis import Estimate, Evidence, estimate
 from bench.maths.arrays import Flags, Floats
 from bench.maths.least_squares import solve
 from bench.maths.tests import chi2_tail
@@ -125,6 +126,9 @@ ODD = "unlike all others of its group"
 UNKNOWN_SLOPE_ppm_degC = 100.0  # standard; larger than that of any converter, while nobody knows it
 NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
 LIKELY = 1e-3  # of that of the others, if one row alone is wrong
+_OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-006", "B-FIT-012", "B-FIT-050")
+Refused = list[tuple[Group, FitError]]
+Fit = TypeVar("Fit")
 
 
 @dataclass(frozen=True)
@@ -195,19 +199,28 @@ def fit_groups(groups: Iterable[Group], campaign: Campaign, standards: Standards
     return _fit_pass(members, campaign, standards, method, first)
 
 
-def _fit_pass(
-    groups: list[Group], campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None
-) -> Fitted:
-    fitted: list[GroupFit] = []
-    refused: list[tuple[Group, FitError]] = []
+def fit_each(groups: Iterable[Group], fit: Callable[[Group], Fit]) -> tuple[list[Fit], Refused]:
+    """Fit groups one by one; return their fits, and those that are not determined with what refuses them.
+
+    Raises: FitError of what is wrong with more than one group.
+    """
+    fits: list[Fit] = []
+    refused: Refused = []
     for group in groups:
         try:
-            fitted.append(_fit_one(group, campaign, standards, method, earlier))
+            fits.append(fit(group))
         except FitError as error:
-            if error.code not in ("B-FIT-001", "B-FIT-005", "B-FIT-006", "B-FIT-012"):
+            if error.code not in _OF_ONE_GROUP:
                 raise
             error.where = place_name(group.place)
             refused.append((group, error))
+    return fits, refused
+
+
+def _fit_pass(
+    groups: list[Group], campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None
+) -> Fitted:
+    fitted, refused = fit_each(groups, lambda group: _fit_one(group, campaign, standards, method, earlier))
     referring = [visit for visit in fitted if _refers(visit, campaign)] if earlier is None else fitted
     return Fitted(tuple(fitted), tuple(refused), _polynomials(referring, campaign))
 
@@ -299,6 +312,32 @@ def conditions_of(group: Group, unit_degC: float, campaign: Campaign) -> dict[st
         "temperature_degC": group.temperature_degC,
         "unit_temperature_degC": unit_degC,
     }
+
+
+def quality_of(group: Group, fit: ScaleFactor | DmmScaleFactor, campaign: Campaign) -> dict[str, Any]:
+    """Return how well a group fits, as results.json has it."""
+    return conditions_of(group, fit.unit_temperature_degC, campaign) | {
+        "repeat": group.repeat,
+        "reduced_chi2": fit.chi2 / fit.dof if fit.dof else float("nan"),
+        "dof": fit.dof,
+        "n": fit.n,
+        "dropped": group.dropped + fit.dropped,
+    }
+
+
+def bias_estimate(group: Group, unit_degC: float, bias: Bias, std_A: float, campaign: Campaign) -> Estimate:
+    """Return the bias of the open records of a group whose closed ones were at ``unit_degC``."""
+    conditions = conditions_of(group, unit_degC, campaign) | {"unit_temperature_degC": bias.unit_temperature_degC}
+    rows = group.opened.gate_s.size
+    return estimate("bias", "A", bias.value_A, std_A, conditions, n=rows, dropped=group.open_planned - rows)
+
+
+def left_out_notes(groups: Iterable[Group]) -> list[str]:
+    """Return a note on each reason for which records were left out."""
+    left_out: Counter[str] = Counter()
+    for group in groups:
+        left_out.update(group.left_out)
+    return [say("note.left_out", count=count, reason=reason) for reason, count in sorted(left_out.items())]
 
 
 def require_closed(group: Group) -> None:

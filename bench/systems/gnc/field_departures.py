@@ -147,7 +147,6 @@ def searches_of(turns: Sequence[Cloud], sphere: Cloud | None, unit: tuple[float,
     weight, behind = np.sqrt(count)[:, None] / noise, sum(len(cells.count) for cells in own)
     of_own = linalg.block_diag(*(cells.cloud.operator(cells) for cells in own))
     stated = [entry for cells in own for entry in cells.cloud.stated]
-    expanded = np.array([entry.expanded_uncertainty for entry in stated], float)
     own_count = np.concatenate([cells.count for cells in own])
     rows = Residuals(
         readings=np.concatenate([distance, np.zeros(behind)]),
@@ -156,9 +155,10 @@ def searches_of(turns: Sequence[Cloud], sphere: Cloud | None, unit: tuple[float,
         scatter=weight * _WANDER * noise * _octaves(len(distance)),
         whiten=lambda columns: weight * columns[: len(distance)],
         operator=np.hstack([np.zeros((len(stated), len(distance))), of_own]),
-        expanded=expanded,
+        expanded=np.array([entry.expanded_uncertainty for entry in stated], float),
         noise=coverage_factor() * noise * np.sqrt(of_own**2 @ (1.0 / own_count)),
         noise_dof=dof,
+        stated=stated,
     )
     searched = search(rows, _departures([*seen, *own], unit))
     of_noise = float(np.max(rows.noise / rows.expanded))
@@ -166,7 +166,7 @@ def searches_of(turns: Sequence[Cloud], sphere: Cloud | None, unit: tuple[float,
     for one in searched.findings:
         least = max(float(one.moves.max()), math.sqrt(one.gain) * of_noise / coverage_factor())
         findings.append(replace(one, moves=np.full_like(one.moves, least)) if _is_bend(one.departure) else one)
-    return [Searched(replace(searched, findings=findings), stated, _words([*turns, sphere]))]
+    return [Searched(replace(searched, findings=findings), _words([*turns, sphere]))]
 
 
 def _is_bend(one: Departure) -> bool:

@@ -70,7 +70,7 @@ def constants_depart(laser: LaserResult, share: float) -> tuple[Searched | None,
     rows = _residuals(turns, stated)
     found = search(rows, departures_of(_labels(turns)), share)
     changes = [one.departure.effect for one in found.findings if one.departure.is_of_time]
-    searched = Searched(found, stated, turns.words, lambda _: say("departs.advice"))
+    searched = Searched(found, turns.words, lambda _: say("departs.advice"))
     return searched, _changing(turns, rows, np.hstack(changes)) if changes else None
 
 
@@ -171,6 +171,7 @@ def _residuals(turns: _Turnarounds, stated: Estimates) -> Residuals:
         noise=coverage_factor() * units * np.sqrt(np.diag(whole @ covariance.sum(axis=0) @ whole)),
         noise_dof=min(2 * len(step) // 3 for step in steps),  # neighbours share a turnaround
         shift=shift,
+        stated=stated,
     )
 
 

@@ -78,7 +78,7 @@ def searches_of(solution: Solution, entries: Estimates, by_offset: Floats | None
             found += [finding.departure.effect for finding in outcome.findings]
             if kind == WAVEFORM and (len(outcome.findings) > 1 or not outcome.is_noise):  # no azimuth is sure
                 outcome = replace(outcome, together=np.abs(residuals.operator) @ rows.at(_BOTH) > 0.0)
-            yield Searched(outcome, rows.entries, rows.words)
+            yield Searched(outcome, rows.words)
 
 
 def _signal(solution: Solution) -> Iterator[Evidence]:
@@ -176,23 +176,18 @@ class Rows:
         weights = self._weights(kind)
         if not len(weights) or not self.entries:
             return None
-
-        def whiten(columns: Floats) -> Floats:
-            return np.vstack([weights @ columns, np.zeros((len(held), columns.shape[1]))])
-
-        design = whiten(np.reshape([*free, *held], (-1, self.found.size)).T)
-        design[len(weights) :, len(free) :] = np.eye(len(held))
         operator = np.array([self._operator(entry) for entry in self.entries])
         if self.by_offset is not None:
             operator[:, -self.by_offset.shape[1] :] = self.by_offset
-        return Residuals(
+        return Residuals.of(
             readings=np.zeros(self.found.size),  # nothing is in proportion to a reading
-            white=whiten(np.nan_to_num(self.readings).reshape(-1, 1))[:, 0],
-            design=design,
-            scatter=whiten(np.transpose(scatter)),
-            whiten=whiten,
+            error=np.nan_to_num(self.readings).ravel(),
+            free=np.reshape([*free, *held], (-1, self.found.size)).T,
+            std=np.ones(len(held)),
+            scatter=np.transpose(scatter),
+            whiten=lambda columns: weights @ columns,
             operator=operator,
-            expanded=np.array([float(entry.expanded_uncertainty) for entry in self.entries]),
+            stated=self.entries,
             noise=coverage_factor() * np.sqrt(operator**2 @ self.std.ravel() ** 2),
             noise_dof=self.azimuths[1].dof if kind == WAVEFORM else math.inf,
         )

@@ -72,7 +72,7 @@ def departures_of_fit(fit: Fitted, entries: Sequence[Estimate], share: float) ->
     if NONLINEARITY in fit.asked["expected"] or not noise.all() or not stated:
         return []
     found = search(_residuals(fit, stated, noise, dof), departures_of(_labels(fit)), share)
-    return [Searched(found, stated, _words(fit))]
+    return [Searched(found, _words(fit))]
 
 
 def _noise(fit: Fitted) -> tuple[Floats, float]:
@@ -99,22 +99,17 @@ def _residuals(fit: Fitted, stated: Sequence[Estimate], noise: Floats, dof: floa
     assert fit.curve is not None
     curve, (x, y) = fit.curve, fit.fitted_points
     held = np.column_stack([y.gain, y.floor, curve.slope * x.gain, curve.slope * x.floor])
-
-    def whiten(columns: Floats) -> Floats:
-        return np.vstack([columns / noise[:, None], np.zeros((held.shape[1], columns.shape[1]))])
-
     powers = (x.mean[:, None] / np.abs(x.mean).max()) ** np.array(curve.powers)
-    design = whiten(np.column_stack([powers, held]))
-    design[noise.size :, powers.shape[1] :] = np.eye(held.shape[1])
     operator = np.array([fit.operator_of(entry) for entry in stated])
-    return Residuals(
+    return Residuals.of(
         readings=y.mean,
-        white=whiten(curve.departure[:, None])[:, 0],
-        design=design,
-        scatter=whiten(np.diag(_floor(x, y, curve.slope)))[:, : noise.size * math.isfinite(dof)],
-        whiten=whiten,
+        error=curve.departure,
+        free=np.column_stack([powers, held]),
+        std=np.ones(held.shape[1]),
+        scatter=np.diag(_floor(x, y, curve.slope))[:, : noise.size * math.isfinite(dof)],
+        whiten=lambda columns: columns / noise[:, None],
         operator=operator,
-        expanded=np.array([entry.expanded_uncertainty for entry in stated]),
+        stated=stated,
         noise=coverage_factor() * np.sqrt(operator**2 @ noise**2),
         on_curve=True,
         noise_dof=dof,

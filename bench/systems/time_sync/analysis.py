@@ -42,8 +42,8 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
     seen = observability(filtering.run.covariance, filtering.run.first_covariance)
     result = SyncResult(taken.manoeuvre, ready, clocks, filtering, seen, image, demands, method)
     rows, entries = rows_of(result, densities, spread, taken), sync_estimates(result)
-    residuals, stated = rows.residuals(entries)
-    searched, (chi2, dof) = searched_rows(rows, residuals, stated), chi2_of(residuals)
+    residuals = rows.residuals(entries)
+    searched, (chi2, dof) = searched_rows(rows, residuals), chi2_of(residuals)
     return Analysis(
         campaign,
         method,

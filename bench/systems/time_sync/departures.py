@@ -10,7 +10,7 @@ Source: docs/decisions/0025 (doubt), 0052 (departures).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,9 +67,9 @@ _OWN = {"lever_arm": ("m", 1.0), "axes": _UNITS["attitude"]}  # scales in ppm
 _ADVICE = {"velocity": "position", "attitude": "position", "gyro_scale": "scale", "accelerometer_scale": "scale"}
 
 
-def searched_rows(rows: Rows, residuals: Residuals, stated: Sequence[Estimate]) -> Searched:
+def searched_rows(rows: Rows, residuals: Residuals) -> Searched:
     """Return the search of the rows of a recording."""
-    return Searched(search(residuals, rows.departures()), stated, _words, _advice)
+    return Searched(search(residuals, rows.departures()), _words, _advice)
 
 
 def implausible(result: SyncResult) -> list[Evidence]:
@@ -183,8 +183,8 @@ class Rows:
         drift = float(np.sum(of_blocks * self.seen.drifting))
         return self._all(of_blocks, -drift * self.imu.line[1], drift * self.egi.line[1])
 
-    def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
-        """Return the rows, and the estimates that follow from them."""
+    def residuals(self, entries: Estimates) -> Residuals:
+        """Return the rows."""
         seen, imu, egi, clocks = self.seen, self.imu, self.egi, self.result.clocks
         root = linalg.block_diag(linalg.cholesky(seen.covariance, lower=True), *map(np.diag, (imu.std_s, egi.std_s)))
         by_stamps = self._all(0.0, imu.line[0], -egi.line[0])
@@ -219,7 +219,8 @@ class Rows:
             operator=operator,
             expanded=np.array([entry.expanded_uncertainty or entry.value for entry in stated]),
             noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", of_blocks, seen.covariance, of_blocks)),
-        ), stated
+            stated=stated,
+        )
 
     def _operator(self, entry: Estimate, by_stamps: Floats) -> Floats | None:
         """Return what an estimate gains per unit of each reading, (r,); None of one that does not follow from them."""

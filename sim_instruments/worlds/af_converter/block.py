@@ -24,7 +24,7 @@ CHARGE_BITS = 40  # charge unit = design pulse charge / 2^40: 10 s at full scale
 _UNIFORM_SUM = 4 * 0xFFFF  # largest sum of four 16-bit numbers
 _UNIFORM_SIGMA = np.sqrt(4 * ((1 << 32) - 1) / 12)
 _K0_C = np.array([kind.k0_C for kind in KINDS])
-_GATES = np.arange(1, BLOCK_GATES + 1)
+_GATES, _NUMBERS = np.arange(1, BLOCK_GATES + 1), np.arange(1, CHANNELS + 1)
 _HALF_BLOCK_S = 0.5 * BLOCK_GATES * GATE_S
 
 
@@ -47,7 +47,7 @@ def quanta(truth: NguTruth, unit_degC: Floats) -> list[Quanta]:
     """Return pulse charges at each temperature; the AF clock sets the length of a reset, so its error is in them."""
     clock = 1.0 + truth.af_clock_error_ppm * 1e-6
     nominal = float(1 << CHARGE_BITS) / clock
-    q_n, q_p = np.rint(nominal * (1.0 + 1e-6 * truth.all_dsf_ppm(unit_degC))).astype(np.int64)
+    q_n, q_p = np.rint(nominal * (1.0 + 1e-6 * truth.dsf_ppm(_NUMBERS, unit_degC[:, None]))).astype(np.int64)
     units_A = float(1 << CHARGE_BITS) / (_K0_C * AF_CLOCK_HZ * clock)
     return [Quanta(n, p, units_A) for n, p in zip(q_n, q_p, strict=True)]
 
@@ -97,7 +97,8 @@ class BlockFactory:
         degC = np.array(middle_degC)
         starts_s = np.array(start_s_of)
         starts_ns = [self.epoch_ns + round(each_s * NS) for each_s in start_s_of]
-        bias_A = self._truth.all_bias_A(
+        bias_A = self._truth.bias_A(
+            _NUMBERS,
             degC[:, None],
             (np.array(starts_ns) / NS + _HALF_BLOCK_S)[:, None],
             self._truth.play_offset_degC(turns_degC, degC),
@@ -137,7 +138,7 @@ class BlockFactory:
             start_ns = self.epoch_ns + round(start_s * NS)
             now_degC, rate_degC_s = self._thermal.moment(start_ns)
             unit_degC = now_degC + _HALF_BLOCK_S * rate_degC_s
-            gate_s = GATE_S / (1.0 + 1e-6 * self._truth.master_ppm(unit_degC))
+            gate_s = GATE_S / (1.0 + 1e-6 * float(self._truth.master_error_ppm(unit_degC)))
             starts_s.append(start_s)
             gates_s.append(gate_s)
             middles_degC.append(unit_degC)

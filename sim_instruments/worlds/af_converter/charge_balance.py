@@ -58,31 +58,12 @@ class ChargeBalance:
         Returns:
             N and P pulses of each stretch, (C, n) each.
         """
-        self._require_room(int(clocks.sum()))
+        if (total := int(clocks.sum())) > self._max_clocks:
+            raise ValueError(f"{total} clocks in one call; at most {self._max_clocks} fit 64-bit charge")
         falling = np.asarray((charge <= 0).all(axis=1))
-        one_way = (falling | np.asarray((charge >= 0).all(axis=1))).all()
+        one_way = (falling | (charge >= 0).all(axis=1)).all()
         charge *= clocks
         return self._one_way(charge, falling) if one_way else self._any_way(charge)
-
-    def advance_one_way(self, steady: Integers, noise: NDArray[np.int32], clocks: Integers) -> tuple[Pulses, Pulses]:
-        """``advance`` with a charge of ``steady`` (C,) and ``noise`` (C, n), which is nowhere larger than the other."""
-        self._require_room(int(clocks.sum()))
-        charge = np.asarray(noise + steady[:, None])
-        charge *= clocks
-        return self._one_way(charge, steady < 0)
-
-    def advance_once(self, charge: Integers, clocks: int) -> tuple[Integers, Integers]:
-        """``advance`` for one stretch of time: ``charge`` (C,), N and P pulses (C,) each."""
-        self._require_room(clocks)
-        phi = self.residue + charge * clocks
-        n_pulses = np.maximum((phi - self._threshold + self._q_n - 1) // self._q_n, 0)
-        p_pulses = np.maximum((self._q_p - 1 - self._threshold - phi) // self._q_p, 0)
-        self.residue = phi - self._q_n * n_pulses + self._q_p * p_pulses
-        return n_pulses, p_pulses
-
-    def _require_room(self, clocks: int) -> None:
-        if clocks > self._max_clocks:
-            raise ValueError(f"{clocks} clocks in one call; at most {self._max_clocks} fit 64-bit charge")
 
     def _one_way(self, steps: Integers, falling: Flags) -> tuple[Pulses, Pulses]:
         """Every row only rises or only falls, so its extreme is its last value; of one that falls all is negative."""

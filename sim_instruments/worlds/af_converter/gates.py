@@ -137,11 +137,7 @@ class GateMachine:
     def _whole_gates(self, block: GateBlock, at: int, last: int) -> GateRows:
         bank, steady = self._load(block), self._charge(block)
         clocks = block.edges[at + 1 : last + 1] - block.edges[at:last]
-        noise = block.noise[:, at:last]
-        if (np.abs(steady) >= block.noise_peak).all():
-            npp, ppp = bank.advance_one_way(steady, noise, clocks)
-        else:
-            npp, ppp = bank.advance(np.add(noise, steady[:, None]), clocks)
+        npp, ppp = bank.advance(block.noise[:, at:last] + steady[:, None], clocks)
         self.state.edge, self.state.residue = int(block.edges[last]), bank.residue
         return self._rows(block, at, last, npp, ppp)
 
@@ -177,10 +173,10 @@ class GateMachine:
             bank = self._load(block)
             limit = np.minimum(block.quanta.q_n, block.quanta.q_p)
             first = np.rint(state.partial + charge * (1.0 - state.fraction)).astype(np.int64)
-            mixed = bank.advance_once(np.minimum(np.maximum(first, -limit), limit), 1)
-            rest = bank.advance_once(charge, edge - state.edge - 1)
-            state.n_pulses = state.n_pulses + mixed[0] + rest[0]
-            state.p_pulses = state.p_pulses + mixed[1] + rest[1]
+            steps = np.column_stack([np.minimum(np.maximum(first, -limit), limit), charge])
+            n_pulses, p_pulses = bank.advance(steps, np.array([1, edge - state.edge - 1]))
+            state.n_pulses = state.n_pulses + n_pulses.sum(axis=1, dtype=np.int64)
+            state.p_pulses = state.p_pulses + p_pulses.sum(axis=1, dtype=np.int64)
             state.edge, state.fraction, state.partial, state.residue = edge, 0.0, _none(), bank.residue
         state.partial = state.partial + np.rint(charge * (fraction - state.fraction)).astype(np.int64)
         state.fraction = fraction

@@ -305,10 +305,6 @@ class Ngu(PortedUnit):
         with self.lock:
             self._core.at(t_ns, lambda t: self._core.set_input(channel, current_A, t))
 
-    def set_open(self, channel: int, t_ns: int) -> None:
-        """Nothing is connected to a channel from ``t_ns`` on."""
-        self.set_input(channel, 0.0, t_ns)
-
     def set_fg(self, frequency_Hz: float, t_ns: int) -> None:
         """True frequency at the reference input from ``t_ns`` on, hertz; 0 without a signal."""
         with self.lock:

@@ -3,64 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from bench.model.arrays import Floats, Integers
+from bench.model.arrays import Integers
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
+from sim_instruments.worlds.af_converter.constants import REFERENCE_DEGC
+from sim_instruments.worlds.af_converter.unit_constants import NguTruth
+from sim_instruments.worlds.common.thermal import PlaceInAir, Thermal
 from sim_instruments.worlds.common.world import entry
 
-REFERENCE_TEMPERATURE_DEGC = 20.0
 _POINTS_PER_WINDOW = 11
 TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 _ORDERS = 4
-_REFERENCE = {"reference_temperature_degC": REFERENCE_TEMPERATURE_DEGC}
-
-
-class UnitTruth(Protocol):
-    """True parameters of the unit under test; channels are numbered from 1."""
-
-    af_clock_error_ppm: float
-    kinds: Sequence[str]  # of each channel
-    half_width_degC: Floats  # play of each channel's hysteresis
-    hysteresis_A: Floats  # falling minus rising branch of each channel's bias
-
-    def dsf_n_ppm(self, channel: Any, unit_degC: Any) -> Any:
-        """Return scale-factor error of the N pulses (positive currents), ppm."""
-
-    def dsf_p_ppm(self, channel: Any, unit_degC: Any) -> Any:
-        """Return scale-factor error of the P pulses, ppm."""
-
-    def tc_ppm(self, channel: int, polarity: str, about_degC: float) -> tuple[float, float]:
-        """Return coefficients of side "n" or "p" about a temperature: ppm/degC and ppm/degC²."""
-
-    def bias_A(self, channel: Any, unit_degC: Any, t_s: Any, play_offset_degC: Any = 0.0) -> Any:
-        """Return i_AFbias, ampere: the correction added to the reading, negative of the open-input reading."""
-
-    def bias_tc_A(self, channel: int, order: int) -> float:
-        """Return coefficient of (T - 20 degC)^order of the bias between the branches, A/degC^order."""
-
-    def master_error_ppm(self, unit_degC: Any) -> Any:
-        """Return relative error of the master oscillator, ppm."""
-
-    def master_tc_ppm(self, order: int) -> float:
-        """Return coefficient of (T - 20 degC)^order of that error, ppm/degC^order."""
-
-
-class UnitThermal(Protocol):
-    """True temperatures of the unit under test at bench times, ns."""
-
-    @property
-    def unit_lag_s(self) -> float:
-        """Return how far the unit lags behind the air, second."""
-
-    def unit_degC(self, t_ns: Any) -> Any:
-        """Return its temperature, degC."""
-
-    def play_offset_degC(self, t_ns: Any, half_width_degC: Any) -> Any:
-        """Return the play operator of its temperature minus that, degC."""
+_REFERENCE = {"reference_temperature_degC": REFERENCE_DEGC}
 
 
 def per_degC(unit: str, order: int) -> str:
@@ -73,7 +31,7 @@ def times_ns(windows: Sequence[RecordWindow]) -> Integers:
     return np.concatenate([np.linspace(w.t_start_ns, w.t_end_ns, _POINTS_PER_WINDOW).astype(np.int64) for w in windows])
 
 
-def estimates(truth: UnitTruth, thermal: UnitThermal, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+def estimates(truth: NguTruth, thermal: Thermal | PlaceInAir, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
     """Return true values in the contract's form, one block per channel and temperature of the measuring windows.
 
     Scale factors are those at the unit's true temperature averaged over the windows of that channel and temperature
@@ -109,11 +67,11 @@ def _groups(windows: Sequence[RecordWindow]) -> dict[tuple[int, str, float], lis
 
 
 def _at_temperature(
-    truth: UnitTruth, thermal: UnitThermal, windows: Sequence[RecordWindow], conditions: dict[str, Any]
+    truth: NguTruth, thermal: Thermal | PlaceInAir, windows: Sequence[RecordWindow], conditions: dict[str, Any]
 ) -> list[dict[str, Any]]:
     channel = conditions["channel"]
     unit_degC = float(thermal.unit_degC(times_ns(windows)).mean())
-    n_ppm, p_ppm = float(truth.dsf_n_ppm(channel, unit_degC)), float(truth.dsf_p_ppm(channel, unit_degC))
+    n_ppm, p_ppm = truth.dsf_ppm(channel, unit_degC).tolist()
     open_ns = times_ns([w for w in windows if w.conditions.get("route") == "open"] or windows)
     offset_degC = thermal.play_offset_degC(open_ns, truth.half_width_degC[channel - 1])
     bias_A = truth.bias_A(channel, thermal.unit_degC(open_ns), open_ns / NS, offset_degC).mean()
@@ -125,7 +83,7 @@ def _at_temperature(
     ]
 
 
-def _clocks(truth: UnitTruth, unit_degC: np.ndarray, conditions: dict[str, Any]) -> list[dict[str, Any]]:
+def _clocks(truth: NguTruth, unit_degC: np.ndarray, conditions: dict[str, Any]) -> list[dict[str, Any]]:
     master = truth.master_error_ppm(unit_degC) * 1e-6
     ratio = (1.0 + master) / (1.0 + truth.af_clock_error_ppm * 1e-6) - 1.0
     return [
@@ -134,11 +92,11 @@ def _clocks(truth: UnitTruth, unit_degC: np.ndarray, conditions: dict[str, Any])
     ]
 
 
-def _coefficients(truth: UnitTruth, channel: int, kind: str) -> list[dict[str, Any]]:
-    conditions = {"channel": channel, "kind": kind, "reference_temperature_degC": REFERENCE_TEMPERATURE_DEGC}
+def _coefficients(truth: NguTruth, channel: int, kind: str) -> list[dict[str, Any]]:
+    conditions = {"channel": channel, "kind": kind, "reference_temperature_degC": REFERENCE_DEGC}
     entries = []
     for side in ("n", "p"):
-        tc1, tc2 = truth.tc_ppm(channel, side, REFERENCE_TEMPERATURE_DEGC)
+        tc1, tc2 = truth.tc_ppm(channel, side)
         entries.append(entry(f"dsf_{side}_tc1", "ppm/degC", tc1, conditions))
         entries.append(entry(f"dsf_{side}_tc2", "ppm/degC2", tc2, conditions))
     return entries
@@ -149,7 +107,7 @@ def bias_windows(windows: Sequence[RecordWindow]) -> list[RecordWindow]:
     return [w for w in windows if "branch" in w.conditions and "channel" not in w.conditions]
 
 
-def bias_estimates(truth: UnitTruth, windows: Sequence[RecordWindow], unit_lag_s: float) -> list[dict[str, Any]]:
+def bias_estimates(truth: NguTruth, windows: Sequence[RecordWindow], unit_lag_s: float) -> list[dict[str, Any]]:
     """Return true values as in the contract, by channel and for the oscillator; ``unit_lag_s`` behind the air.
 
     ``bias`` is the curve between the branches with the mean of the random walk over the windows; a unit without
@@ -170,7 +128,7 @@ def bias_estimates(truth: UnitTruth, windows: Sequence[RecordWindow], unit_lag_s
     return entries
 
 
-def _of_channel(truth: UnitTruth, number: int, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+def _of_channel(truth: NguTruth, number: int, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
     channel = {"channel": number, "kind": truth.kinds[number - 1]}
     t_s = times_ns(windows) / NS
     entries = [

@@ -20,8 +20,6 @@ _STEP_S = 10.0
 _BLOCK = 4096
 _STEP_A = WALK_A_RTH * np.sqrt(_STEP_S / 3600.0)
 
-_ALL = np.arange(CHANNELS)
-
 
 class BiasWalk:
     """Walks of all channels, drawn on a 10 s grid of bench time and joined by straight lines.
@@ -117,22 +115,16 @@ class NguTruth:
         self._walk = BiasWalk(seed)
         self._play: tuple[Sequence[float], Floats] = ((), np.empty(0))
 
-    def dsf_n_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Floats:
-        """Return scale-factor error of the N pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
-        return self._dsf(0, channel, unit_degC)
+    def dsf_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Floats:
+        """Return scale-factor errors of the N and of the P pulses, (2, ...), ppm; the arguments broadcast."""
+        index, rise = np.asarray(channel) - 1, np.asarray(unit_degC, float) - REFERENCE_DEGC
+        sides = zip(self._dsf_ppm, self._dsf_tc1, self._dsf_tc2, strict=True)
+        return np.array([at[index] + rise * (tc1[index] + rise * tc2[index]) for at, tc1, tc2 in sides])
 
-    def dsf_p_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Floats:
-        """Return scale-factor error of the P pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
-        return self._dsf(1, channel, unit_degC)
-
-    def tc_ppm(self, channel: int, polarity: str, about_degC: float = REFERENCE_DEGC) -> tuple[float, float]:
-        """Return linear (ppm/degC) and quadratic (ppm/degC^2) coefficient of ``dsf_n`` ("n") or ``dsf_p`` ("p").
-
-        The linear one is the slope at ``about_degC``, so that dsf(T) = dsf(about) + tc1 dT + tc2 dT^2.
-        """
+    def tc_ppm(self, channel: int, polarity: str) -> tuple[float, float]:
+        """Return linear (ppm/degC) and quadratic (ppm/degC^2) coefficient about 20 degC of the N ("n") or P pulses."""
         row = "np".index(polarity)
-        tc1, tc2 = self._dsf_tc1[row, channel - 1], self._dsf_tc2[row, channel - 1]
-        return float(tc1 + 2 * tc2 * (about_degC - REFERENCE_DEGC)), float(tc2)
+        return float(self._dsf_tc1[row, channel - 1]), float(self._dsf_tc2[row, channel - 1])
 
     def bias_A(
         self, channel: ArrayLike, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0
@@ -142,8 +134,9 @@ class NguTruth:
         ``play_offset_degC`` is P - T (``play_offset_degC`` gives it); 0 is the centre of the loop.
         """
         index = np.asarray(channel) - 1
+        curve_A = _polynomial(self._bias_A[:, index], np.asarray(unit_degC, float) - REFERENCE_DEGC)
         offset_A = self._stiffness_A_degC[index] * np.asarray(play_offset_degC, float)
-        return self._curve_A(index, unit_degC) + offset_A + self._walk_A(index, np.asarray(t_s, float))
+        return curve_A + offset_A + self._walk_A(index, np.asarray(t_s, float))
 
     def bias_tc_A(self, channel: int, order: int) -> float:
         """Return coefficient of (T - 20 degC)^order of the centre curve of i_AFbias, ampere per degC^order."""
@@ -161,28 +154,9 @@ class NguTruth:
             state[row] = self._play[1] if turns else degC
         return follow(state, unit_degC[:, None], self.half_width_degC) - unit_degC[:, None]
 
-    def all_dsf_ppm(self, unit_degC: Floats) -> Floats:
-        """Return scale-factor errors of the N and the P pulses of all channels, (2, n, 10), ppm, at (n,) degC."""
-        rise = (unit_degC - REFERENCE_DEGC)[:, None]
-        constant, slope, square = (each[:, None, :] for each in (self._dsf_ppm, self._dsf_tc1, self._dsf_tc2))
-        return np.asarray(constant + rise * (slope + rise * square))
-
-    def all_bias_A(self, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0) -> Floats:
-        """Return i_AFbias of all channels, (..., 10), ampere; the arguments are (..., 1) or (..., 10)."""
-        unit_degC, t_s = np.asarray(unit_degC, float), np.asarray(t_s, float)
-        curve_A = _polynomial(self._bias_A, unit_degC - REFERENCE_DEGC)
-        return curve_A + self._stiffness_A_degC * play_offset_degC + self._walk_A(_ALL, t_s)
-
     def master_error_ppm(self, unit_degC: ArrayLike) -> Floats:
         """Return frequency error of the master oscillator, ppm; it sets the gate: t_gate = 10 ms / (1 + error)."""
-        rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
-        return np.asarray(_polynomial(self._master, rise))
-
-    def master_ppm(self, unit_degC: float) -> float:
-        """Return ``master_error_ppm`` at one temperature as a plain number."""
-        c0, c1, c2, c3 = self._master
-        rise = unit_degC - REFERENCE_DEGC
-        return c0 + rise * (c1 + rise * (c2 + rise * c3))
+        return _polynomial(self._master, np.asarray(unit_degC, float) - REFERENCE_DEGC)
 
     def master_tc_ppm(self, order: int) -> float:
         """Return coefficient of (T - 20 degC)^order of the master oscillator's error, ppm per degC^order."""
@@ -214,15 +188,6 @@ class NguTruth:
         half_width = rng.uniform(0.8, 1.2, CHANNELS) * [k.half_width_degC for k in KINDS]
         width = _signed(rng, (CHANNELS,), 1.0, 0.2) * [k.hysteresis_A for k in KINDS]
         return half_width, width * float(self.hysteresis)
-
-    def _curve_A(self, index: Integers, unit_degC: ArrayLike) -> Floats:
-        return np.asarray(_polynomial(self._bias_A[:, index], np.asarray(unit_degC, float) - REFERENCE_DEGC))
-
-    def _dsf(self, row: int, channel: ArrayLike, unit_degC: ArrayLike) -> Floats:
-        index = np.asarray(channel) - 1
-        rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
-        slope = self._dsf_tc1[row, index] + self._dsf_tc2[row, index] * rise
-        return np.asarray(self._dsf_ppm[row, index] + slope * rise)
 
     def _walk_A(self, index: Integers, t_s: Floats | float) -> Floats:
         """Return bias random walk, ampere."""

@@ -10,7 +10,7 @@ Unit number n from 0 is the one that a bench of a single unit has with the seed 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
@@ -18,8 +18,8 @@ from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.options import apart
-from sim_instruments.worlds.af_converter.truth import UnitTruth, estimates
-from sim_instruments.worlds.common.thermal import LAB_DEGC, PlaceInAir, SharedAir, TemperatureFunction, Thermal
+from sim_instruments.worlds.af_converter.truth import estimates
+from sim_instruments.worlds.common.thermal import LAB_DEGC, PlaceInAir, SharedAir, Thermal
 from sim_instruments.worlds.common.wiring import CHANNELS, Wiring
 from sim_instruments.worlds.common.world import Unit, World
 
@@ -40,10 +40,6 @@ class UnitsInSlots:
         """Current into a channel of one unit."""
         place, number = divmod(channel - 1, CHANNELS)
         self._units[place].set_input(number + 1, current_A, t_ns)
-
-    def set_open(self, channel: int, t_ns: int) -> None:
-        """Nothing is connected to a channel."""
-        self.set_input(channel, 0.0, t_ns)
 
     def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
         """Supply of all units at once."""
@@ -111,15 +107,6 @@ class AfSlots(World):
         return entries
 
 
-class AfUnit(Unit, Protocol):
-    """The unit under test, with the truth about it."""
-
-    truth: UnitTruth
-
-
-UnitFactory = Callable[[Clock, int, TemperatureFunction, Mapping[str, str]], AfUnit]
-
-
 class AfWorld(World):
     """One simulated bench of AF converters.
 
@@ -130,7 +117,9 @@ class AfWorld(World):
     ports: ClassVar[tuple[str, ...]] = ("port_a", "port_b")
     load = START_V, CURRENT_A
 
-    def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any], unit_factory: UnitFactory = Ngu) -> None:
+    def __init__(
+        self, *, clock: Clock, seed: int, options: Mapping[str, Any], unit_factory: Callable[..., Ngu] = Ngu
+    ) -> None:
         own, texts = apart(options)
         thermal = Thermal(float(own.get("time_constants", 1.0)))
         self.converters = unit_factory(clock, seed, thermal.unit, texts)

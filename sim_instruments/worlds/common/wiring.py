@@ -26,10 +26,7 @@ class UnitInputs(Protocol):
     """The inputs of the unit under test, as far as wires reach it."""
 
     def set_input(self, channel: int, current_A: float, t_ns: int) -> None:
-        """External current into a channel, ampere, positive = into the positive terminal."""
-
-    def set_open(self, channel: int, t_ns: int) -> None:
-        """Nothing is connected to the channel."""
+        """External current into a channel, ampere, positive = into the positive terminal; 0 if nothing is connected."""
 
 
 class Wiring:
@@ -97,7 +94,4 @@ class Wiring:
             if current_A == self._applied[channel]:
                 continue
             self._applied[channel] = current_A
-            if current_A is None:
-                self._unit.set_open(channel, t_ns)
-            else:
-                self._unit.set_input(channel, current_A, t_ns)
+            self._unit.set_input(channel, current_A or 0.0, t_ns)

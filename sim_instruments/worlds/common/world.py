@@ -46,9 +46,6 @@ class NoUnit:
     def set_input(self, channel: int, current_A: float, t_ns: int) -> None:
         """Nothing takes the current."""
 
-    def set_open(self, channel: int, t_ns: int) -> None:
-        """Nothing is connected anyway."""
-
     def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
         """Nothing is supplied."""
 

@@ -46,14 +46,11 @@ class PlainTruth:
     half_width_degC = np.full(10, 2.0)
     hysteresis_A = np.full(10, 8e-9)
 
-    def dsf_n_ppm(self, channel: Any, unit_degC: Any) -> Any:
-        return 100.0 * channel + unit_degC
+    def dsf_ppm(self, channel: Any, unit_degC: Any) -> Any:
+        return np.array([100.0 * channel + unit_degC, 50.0 * channel])
 
-    def dsf_p_ppm(self, channel: Any, unit_degC: Any) -> Any:
-        return 50.0 * channel + 0 * unit_degC
-
-    def tc_ppm(self, channel: int, polarity: str, about_degC: float) -> tuple[float, float]:
-        return (1.0 if polarity == "n" else 0.0, about_degC / 1000.0)
+    def tc_ppm(self, channel: int, polarity: str) -> tuple[float, float]:
+        return (1.0 if polarity == "n" else 0.0, 0.02)
 
     def bias_A(self, channel: Any, unit_degC: Any, t_s: Any, play_offset_degC: Any = 0.0) -> Any:
         return 1e-9 * channel + 0 * unit_degC + 1e-12 * t_s + 2e-9 * play_offset_degC
@@ -80,12 +77,8 @@ class RecordingUnit:
         self.fg: list[tuple[int, float]] = []
 
     def set_input(self, channel: int, current_A: float, t_ns: int) -> None:
-        self.inputs[channel] = current_A
-        self.history.append((t_ns, channel, current_A))
-
-    def set_open(self, channel: int, t_ns: int) -> None:
-        self.inputs[channel] = None
-        self.history.append((t_ns, channel, None))
+        self.inputs[channel] = current_A or None
+        self.history.append((t_ns, channel, current_A or None))
 
     def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
         self.power.append((t_ns, on, voltage_V))

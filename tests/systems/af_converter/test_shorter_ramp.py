@@ -127,9 +127,9 @@ def test_a_rival_is_seen_as_often_as_its_power_says(record_property: Callable[[s
     """Seed 49. A second lag that moves the width by its U, at the place where it is seen the least."""
     ramp = problem()._fitted(problem().today[0])
     rows = Rows(ramp.fits["gyro"], ramp.drive)
-    residuals, stated = rows.residuals(problem().estimates(*problem().today))
+    residuals = rows.residuals(problem().estimates(*problem().today))
     widths = np.array([entry.quantity == "hysteresis_width" and entry.conditions.get("temperature_degC", 20.0) == 20.0
-                       for entry in stated])  # fmt: skip
+                       for entry in residuals.stated])  # fmt: skip
     (power,) = (
         power.power
         for power in problem().powers(*problem().today)

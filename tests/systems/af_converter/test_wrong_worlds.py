@@ -311,10 +311,10 @@ def test_estimates_follow_the_readings_as_the_search_takes_them_to(monkeypatch: 
     monkeypatch.setattr(Rows, "residuals", lambda *of: given.append(residuals(*of)) or given[-1])
     for size in (0.0, 0.02):
         of_ramp.seen(2, SWITCHES[of_ramp]["second_lag"], size, noise_free=True)
-    (rows, before), (others, after) = given
+    rows, others = given
     moved = rows.operator @ (others.readings - rows.readings) / rows.expanded
-    changed = np.subtract([one.value for one in after], [one.value for one in before]) / rows.expanded
-    same = [one.quantity != "bias_residual" for one in before]
+    changed = np.subtract([one.value for one in others.stated], [one.value for one in rows.stated]) / rows.expanded
+    same = [one.quantity != "bias_residual" for one in rows.stated]
     assert np.abs(moved[same]).max() > 0.3
     assert moved[same] == pytest.approx(changed[same], abs=0.05)
 

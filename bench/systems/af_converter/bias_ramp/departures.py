@@ -10,7 +10,7 @@ Source: docs/decisions/0006 (joint fit), 0052 (departures); Krejci and Kuhnen, I
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,6 +25,7 @@ from bench.analysis import (
     Searched,
     departures_of,
     search,
+    with_priors,
 )
 from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
@@ -50,9 +51,8 @@ def searches_of(fits: Sequence[ChannelFit], drive: Drive, entries: Estimates) ->
     """Yield the search of every channel; all of them share the chance of a false doubt."""
     for channel in fits:
         rows = Rows(channel, drive)
-        residuals, stated = rows.residuals(entries)
-        loop = rows.loop
-        yield Searched(search(residuals, loop.departures(), share=1.0 / len(fits)), stated, loop.words)
+        found = search(rows.residuals(entries), rows.loop.departures(), share=1.0 / len(fits))
+        yield Searched(found, rows.loop.words)
 
 
 @dataclass(frozen=True)
@@ -165,34 +165,22 @@ class Rows:
         place, item = (fit.value(LAG), fit.value(HALF_WIDTH)), say("departs.channel", value=readings.channel.number)
         return Loop(model, readings.gates, place, self.channel.branch, "bias", "nA", _nA, item)
 
-    def _whiten(self, columns: Floats) -> Floats:
-        return np.vstack([self.channel.readings.noise.whiten(columns), np.zeros((2, columns.shape[1]))])
-
-    def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
-        """Return the rows for a search, those of the bounds of lag and half-width last, and the estimates of them."""
-        readings = self.channel.readings
-        problem = Problem(self.loop.model, readings.bias_A, readings.noise.whiten)
-        columns, residual = first_order(problem, *self.loop.place)
-        design = self._whiten(columns)
-        design[-2:, -2:] = np.diag(1.0 / self.channel.bounds.std)
+    def residuals(self, entries: Estimates) -> Residuals:
+        """Return the rows for a search, those of the bounds of lag and half-width last."""
+        readings, whiten, std = self.channel.readings, self.channel.readings.noise.whiten, self.channel.bounds.std
+        columns, residual = first_order(Problem(self.loop.model, readings.bias_A, whiten), *self.loop.place)
         number = readings.channel.number
         stated = [
             entry
             for entry in entries
             if entry.quantity in QUANTITIES and entry.conditions["channel"] == number and entry.expanded_uncertainty
         ]
-        operator, noise = self._operators(design, stated)
-        expanded = np.array([entry.expanded_uncertainty for entry in stated])
-        residuals = Residuals(
-            readings=readings.bias_A,
-            white=self._whiten(residual[:, None])[:, 0],
-            design=design,
-            whiten=self._whiten,
-            operator=operator,
-            expanded=expanded,
-            noise=np.minimum(coverage_factor() * noise, expanded),
-        )
-        return residuals, stated
+        operator, noise = self._operators(with_priors(whiten(columns), std), stated)
+        rows = Residuals.of(
+            readings=readings.bias_A, error=residual, free=columns, std=std, whiten=whiten, operator=operator,
+            stated=stated,
+        )  # fmt: skip
+        return replace(rows, noise=np.minimum(coverage_factor() * noise, rows.expanded))
 
     def _operators(self, design: Floats, stated: Sequence[Estimate]) -> tuple[Floats, Floats]:
         """Return what each estimate gains per ampere of a reading, (k, m), and the standard deviation of it, (k,)."""

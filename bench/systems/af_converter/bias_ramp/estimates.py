@@ -6,7 +6,7 @@ All temperatures of the estimates are those of the unit's own sensor, which is w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,11 @@ from scipy import special
 
 from bench.analysis import Document, Estimate, Estimates, Floats, estimate
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
-from bench.systems.af_converter.coefficients import compensation_entry
+from bench.systems.af_converter.coefficients import compensation_entry, per_degC
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, width_at, width_weights
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
-from bench.systems.af_converter.estimators.oscillator import GENERATOR, OscillatorFit
+from bench.systems.af_converter.estimators.oscillator import OscillatorFit
 from bench.systems.af_converter.wording import say
 
 STEP_degC = 15.0  # between the temperatures of the estimates, counted from the reference temperature
@@ -91,20 +91,24 @@ def channel_estimates(channel: ChannelFit, campaign: Campaign, dropped: int) -> 
 
 def _bias(channel: ChannelFit, campaign: Campaign, about: Document, counts: Mapping[str, int]) -> Estimates:
     coefficients, _ = on_sensor(channel)
-    reference_degC = campaign.reference_temperature_degC
+    reference_degC, orders = campaign.reference_temperature_degC, range(1, coefficients.size)
     entries = []
-    for at in temperatures(channel):
-        weights = (at - reference_degC) ** np.arange(coefficients.size, dtype=np.float64)
+    for quantity, unit, weights, where in _along("bias", "A", temperatures(channel), reference_degC, orders):
         std = float(np.linalg.norm(list(bias_parts(channel, weights, campaign).values())))
-        value = float(weights @ coefficients)
-        entries.append(estimate("bias", "A", value, std, {**about, "temperature_degC": at}, **counts))
-    conditions = {**about, "reference_temperature_degC": reference_degC}
-    for order in range(1, coefficients.size):
-        weights = np.eye(coefficients.size)[order]
-        std = float(np.linalg.norm(list(bias_parts(channel, weights, campaign).values())))
-        unit = "A/degC" if order == 1 else f"A/degC{order}"
-        entries.append(estimate(f"bias_tc{order}", unit, float(coefficients[order]), std, conditions, **counts))
+        entries.append(estimate(quantity, unit, float(weights @ coefficients), std, {**about, **where}, **counts))
     return entries
+
+
+def _along(
+    name: str, unit: str, at_degC: Sequence[float], reference_degC: float, orders: range
+) -> Iterator[tuple[str, str, Floats, Document]]:
+    """Yield of a polynomial its value at temperatures and its coefficients: quantity, unit, weights, conditions."""
+    for at in at_degC:
+        weights = (at - reference_degC) ** np.arange(orders.stop, dtype=np.float64)
+        yield name, unit, weights, {"temperature_degC": at}
+    for order in orders:
+        where = {"reference_temperature_degC": reference_degC}
+        yield f"{name}_tc{order}", per_degC(unit, order), np.eye(orders.stop)[order], where
 
 
 def _hysteresis(channel: ChannelFit, campaign: Campaign, about: Document, counts: Mapping[str, int]) -> Estimates:
@@ -204,18 +208,10 @@ def _residual(
 def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped: int) -> Estimates:
     """master_clock_error at temperatures, and its coefficients _tc0 ... about the reference temperature."""
     counts = {"n": fit.n_used, "dropped": fit.n_dropped + dropped}
-    name = "master_clock_error"
-    entries = []
-    for at in at_degC:
-        std = fit.std_ppm(at)
-        dof = fit.dof(std, fit.components_ppm(at)[GENERATOR])
-        entries.append(estimate(name, "ppm", fit.value_ppm(at), std, {"temperature_degC": at}, **counts, dof=dof))
-    reference = {"reference_temperature_degC": fit.reference_degC}
-    for order, value in enumerate(fit.coefficients_ppm):
-        unit = "ppm" + ("", "/degC")[order] if order < 2 else f"ppm/degC{order}"
-        std = fit.coefficient_std_ppm(order)
-        dof = fit.dof(std, fit.coefficient_components_ppm(order)[GENERATOR])
-        entries.append(estimate(f"{name}_tc{order}", unit, float(value), std, reference, **counts, dof=dof))
+    orders, entries = range(fit.coefficients_ppm.size), []
+    for quantity, unit, weights, where in _along("master_clock_error", "ppm", at_degC, fit.reference_degC, orders):
+        value_ppm, std_ppm = float(weights @ fit.coefficients_ppm), fit.std_ppm(weights)
+        entries.append(estimate(quantity, unit, value_ppm, std_ppm, where, **counts, dof=fit.dof(weights)))
     return entries
 
 

@@ -9,7 +9,6 @@ E_n.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -64,17 +63,17 @@ from bench.systems.af_converter.group_fit import (
     ODD,
     QUANTITIES,
     SCALE_FACTORS,
-    conditions_of,
+    fit_each,
+    left_out_notes,
     missing_groups,
     plausible,
     probability_of,
+    quality_of,
     require_closed,
 )
-from bench.systems.af_converter.groups import Group, campaign_rows, group_rows, place_name
+from bench.systems.af_converter.groups import Group, campaign_rows, group_rows
 from bench.systems.af_converter.wording import say
 
-_OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
-Refused = list[tuple[Group, FitError]]
 METHODS: tuple[str, ...] = FIT_METHODS
 STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
 _QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
@@ -98,7 +97,8 @@ def determine(material: Material, method: str) -> Determined:
     constants, register = read_campaign(material.campaign), read_ranges(material.standards, METER)
     chosen = campaign_rows(material.rows)
     groups, log = group_rows(chosen, constants.master_Hz), MeterLog(chosen, material.readings)
-    fits, refused = _fit_all(groups, log, constants, register, method)
+    first = [group for group in groups if not group.repeat]
+    fits, refused = fit_each(first, lambda group: _fit_one(group, log, constants, register, method))
     if not fits:
         raise refused[0][1]
     entries: Estimates = []
@@ -109,24 +109,6 @@ def determine(material: Material, method: str) -> Determined:
     first_visits = [row for row in chosen if not row.window.conditions.get("repeat")]
     missing = missing_groups(first_visits, {fitted.group.place for fitted in fits}, refused, constants)
     return Determined(fits, groups, log, entries, missing)
-
-
-def _fit_all(
-    groups: Iterable[Group], log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str
-) -> tuple[list[DmmFit], Refused]:
-    fits: list[DmmFit] = []
-    refused: Refused = []
-    for group in groups:
-        if group.repeat:
-            continue
-        try:
-            fits.append(_fit_one(group, log, campaign, register, method))
-        except FitError as error:
-            if error.code not in _OF_ONE_GROUP:
-                raise
-            error.where = place_name(group.place)
-            refused.append((group, error))
-    return fits, refused
 
 
 def _fit_one(
@@ -198,7 +180,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
             *expired(material, METER, {float(at) for fitted in fits for at in fitted.meter.range_A}, _QUANTITIES),
         ],
         components=budget(fits, constants),
-        groups=[_quality(fitted, constants) for fitted in fits],
+        groups=[quality_of(fitted.group, fitted.fit, constants) for fitted in fits],
         notes=[
             *(say("note.no_result", what=sentence) for sentence in missing),
             *notes(fits, groups, entries),
@@ -213,24 +195,11 @@ def _values_ppm(fit: DmmScaleFactor) -> Floats:
     return np.array([fit.value_ppm[name] for name in ("dsf_n", "dsf_p", "dsf_mean") if name in fit.value_ppm])
 
 
-def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
-    reduced = fitted.fit.chi2 / fitted.fit.dof if fitted.fit.dof else float("nan")
-    counted = {"dof": fitted.fit.dof, "n": fitted.fit.n, "dropped": fitted.group.dropped + fitted.fit.dropped}
-    return (
-        conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign)
-        | {"repeat": 0, "reduced_chi2": reduced}
-        | counted
-    )
-
-
 def notes(fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Estimates) -> list[str]:
     """Return all notes but those on missing groups."""
     sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
-    left_out: Counter[str] = Counter()
     fitted_groups = {fitted.group.place: fitted.group for fitted in fits}
-    for group in groups:
-        left_out.update(fitted_groups.get(group.place, group).left_out)
-    sentences += [say("note.left_out", count=count, reason=reason) for reason, count in sorted(left_out.items())]
+    sentences += left_out_notes(fitted_groups.get(group.place, group) for group in groups)
     without = sum(int(np.count_nonzero(np.isnan(fitted.meter.current_A))) for fitted in fits)
     if without:
         sentences.append(say("meter.no_reading", count=without))

@@ -10,22 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from bench.analysis import (
     Estimate,
     Estimates,
-    Residuals,
     Searched,
     departures_of,
+    operators_of,
     search,
 )
 from bench.maths.arrays import Flags, Floats
-from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.estimates import DmmFit
-from bench.systems.af_converter.estimators.dmm_method import Meter, reference_A_of
+from bench.systems.af_converter.estimators.dmm_method import Meter, by_range, reference_A_of
 from bench.systems.af_converter.estimators.readings import GAIN, RangeSpecification
 from bench.systems.af_converter.estimators.scale_factor import usable_rows
 from bench.systems.af_converter.groups import Group
@@ -45,8 +46,8 @@ def searched_rows(
     ``again``: points that were taken again, with the readings beside their closed records.
     """
     rows = _rows_of(fits, again, campaign, register)
-    residuals, stated = rows.residuals(entries)
-    return Searched(search(residuals, departures_of(rows.labels())), stated, words_of(rows.groups))
+    residuals = rows.residuals(*rows.operators(entries))
+    return Searched(search(residuals, departures_of(rows.labels())), words_of(rows.groups))
 
 
 def _rows_of(
@@ -78,31 +79,14 @@ class _Rows(LevelRows):
     register: Mapping[float, RangeSpecification]
     std_A: Floats
 
+    @cached_property
     def noise_A2(self) -> Floats:
-        """Return the covariance of the readings, (r, r): those of a range have one scatter, as three tell it badly."""
+        """Covariance of the readings, (r, r): those of a range have one scatter, as three tell it badly."""
         range_A, variance = self.column("range_A"), self.std_A**2
         of_range = {full_A: variance[range_A == full_A].mean() for full_A in np.unique(range_A).tolist()}
-        return super().noise_A2() + np.diag([of_range[full_A] for full_A in range_A.tolist()])
+        return super().noise_A2 + np.diag([of_range[full_A] for full_A in range_A.tolist()])
 
-    def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
-        """Return the rows for a search, and the estimates that follow from them."""
-        noise_A2 = self.noise_A2()
-        whiten, white, design = self.whitened(noise_A2, self._free(), self._held())
-        operator, stated = self._operators(entries)
-        return (
-            Residuals(
-                readings=self.counted_A,
-                white=white,
-                design=design,
-                whiten=whiten,
-                operator=operator,
-                expanded=np.array([entry.expanded_uncertainty for entry in stated]),
-                noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator)),
-            ),
-            stated,
-        )
-
-    def _free(self) -> list[Floats]:
+    def free(self) -> list[Floats]:
         """Return what nobody knows: both counters and the leakage of each channel and temperature, the current of each
         visit.
         """
@@ -116,26 +100,28 @@ class _Rows(LevelRows):
                 columns.append(polarity * here)
         return columns
 
-    def _held(self) -> list[Floats]:
+    def held(self) -> list[Floats]:
         """Return one standard uncertainty of each error of the meter, its gains by range, and of what a counter may
         differ by when it is visited again.
         """
         errors, range_A = self.of_standard(self.register), self.column("range_A")
         gain_A = errors.pop(GAIN, np.zeros(self.visit.size))
-        columns = [*errors.values(), *(gain_A * (range_A == full_A) for full_A in np.unique(range_A))]
+        columns = [*errors.values(), *by_range(gain_A, range_A).T]
         for at in range(len(self.fits), len(self.groups)):
             columns += [PPM * _AGAIN_ppm * side_A * (self.visit == at) for side_A in self.sides_A]
         return columns
 
-    def _operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
+    def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
         """Return what each estimate gains per ampere that is counted, (k, r), and those that follow from the rows."""
-        found: list[tuple[Floats, Estimate]] = []
+        of_place: dict[tuple[Any, ...], Floats] = {}
         for fitted, part in zip(self.fits, self.slices[: len(self.fits)], strict=True):
-            for entry in entries:
-                operator = fitted.fit.operators_ppm.get(entry.quantity)
-                at = entry.conditions.get("channel"), entry.conditions.get("temperature_degC")
-                if operator is not None and at == fitted.group.place[:2]:
-                    whole = np.zeros(self.visit.size)
-                    whole[part] = -operator[_usable(fitted.group, fitted.meter)]
-                    found.append((whole, entry))
-        return np.array([row for row, _ in found]).reshape(-1, self.visit.size), [entry for _, entry in found]
+            usable = _usable(fitted.group, fitted.meter)
+            for quantity, operator in fitted.fit.operators_ppm.items():
+                whole = of_place[quantity, *fitted.group.place[:2]] = np.zeros(self.visit.size)
+                whole[part] = -operator[usable]
+
+        def operator_of(entry: Estimate) -> Floats | None:
+            where = entry.conditions
+            return of_place.get((entry.quantity, where.get("channel"), where.get("temperature_degC")))
+
+        return operators_of(entries, operator_of, self.visit.size)

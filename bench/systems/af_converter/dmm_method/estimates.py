@@ -30,7 +30,7 @@ from bench.systems.af_converter.estimators.readings import (
     specification,
     white_A2,
 )
-from bench.systems.af_converter.group_fit import conditions_of
+from bench.systems.af_converter.group_fit import bias_estimate, conditions_of
 from bench.systems.af_converter.groups import Group
 from bench.systems.af_converter.wording import kind_name, say
 
@@ -171,12 +171,7 @@ def bias_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:
     if not fitted.group.opened.gate_s.size:
         return []
     bias = open_input_bias(fitted.group.opened, campaign.converter(fitted.group.channel))
-    rows = fitted.group.opened.gate_s.size
-    conditions = conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign) | {
-        "unit_temperature_degC": bias.unit_temperature_degC
-    }
-    dropped = fitted.group.open_planned - rows
-    return [estimate("bias", "A", bias.value_A, bias.std_uncertainty_A, conditions, n=rows, dropped=dropped)]
+    return [bias_estimate(fitted.group, fitted.fit.unit_temperature_degC, bias, bias.std_uncertainty_A, campaign)]
 
 
 def leakage_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:

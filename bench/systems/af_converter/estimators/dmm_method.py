@@ -14,7 +14,7 @@ Source: AF-converter paper equations (12) to (18), corrected as in docs/decision
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,12 @@ from bench.systems.af_converter.estimators.readings import (
     relative_errors,
     specification,
 )
-from bench.systems.af_converter.estimators.scale_factor import require_polarities, usable_rows
+from bench.systems.af_converter.estimators.scale_factor import (
+    reference_current_A,
+    require_polarities,
+    spread,
+    usable_rows,
+)
 
 METHODS: tuple[str, ...] = ("joint", "as_printed")
 LARGEST_CONDITION = (
@@ -155,7 +160,7 @@ def _set_up(
         pairs=pairs,
         level_A=level_A,
         parts=noise_parts(rows, converter) | meter_parts(rows, meter, standard),
-        gains_A=_gain_effects(reference_A * gains.pop(GAIN, 0.0), meter),
+        gains_A=by_range(reference_A * gains.pop(GAIN, 0.0), meter.range_A),
         labelled_A={label: reference_A * relative for label, relative in gains.items()},
     )
 
@@ -166,10 +171,8 @@ def reference_A_of(rows: Readings, meter: Meter, standard: Mapping[float, RangeS
     Raises: FitError B-FIT-003 for a range the register does not hold.
     Source: AF-converter paper equations (15), (16), for a meter before the switch (docs/decisions/0007).
     """
-    entries = [specification(standard, float(range_A)) for range_A in meter.range_A]
-    gain = np.array([entry.gain for entry in entries])
-    offset_A = np.where(np.isfinite(meter.zero_std_A), 0.0, [entry.offset_A for entry in entries])
-    return rows.polarity * (meter.current_A * (1.0 + gain) + offset_A)
+    read = replace(rows, level_A=meter.current_A, range_A=meter.range_A)
+    return reference_current_A(read, standard, np.isfinite(meter.zero_std_A))
 
 
 def pair_rows(rows: Readings) -> tuple[Floats, Floats]:
@@ -270,8 +273,12 @@ def _as_printed(problem: _Problem) -> _Solution:
     return _Solution(operators, fit, float("nan"), condition_number(design), refusal)
 
 
-def _gain_effects(error_A: Floats, meter: Meter) -> Floats:
-    return np.column_stack([error_A * (meter.range_A == range_A) for range_A in np.unique(meter.range_A)])
+def by_range(error_A: Floats, range_A: Floats) -> Floats:
+    """Return what an error (m,) makes of the rows of each range, (m, r).
+
+    Source: docs/decisions/0007-dmm-method.md (a gain of each range).
+    """
+    return np.column_stack([error_A * (range_A == full_A) for full_A in np.unique(range_A)])
 
 
 def _result(problem: _Problem, solution: _Solution, usable: Flags) -> DmmScaleFactor:
@@ -295,7 +302,7 @@ def _result(problem: _Problem, solution: _Solution, usable: Flags) -> DmmScaleFa
         },
         parts_ppm=parts,
         standard_ppm=standard,
-        operators_ppm={name: _everywhere(_PPM * operator, usable) for name, operator in solution.operators.items()},
+        operators_ppm={name: spread(_PPM * operator, usable, 0.0) for name, operator in solution.operators.items()},
         condition=solution.condition,
         refusal=solution.refusal,
         unit_temperature_degC=float(np.mean(problem.rows.unit_temperature_degC)),
@@ -304,12 +311,6 @@ def _result(problem: _Problem, solution: _Solution, usable: Flags) -> DmmScaleFa
         n=int(usable.sum()),
         dropped=int((~usable).sum()),
     )
-
-
-def _everywhere(values: Floats, usable: Flags) -> Floats:
-    everywhere = np.zeros(usable.size)
-    everywhere[usable] = values
-    return everywhere
 
 
 def _has_partner(rows: Readings, readable: Flags) -> Flags:

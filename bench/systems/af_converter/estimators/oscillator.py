@@ -74,43 +74,23 @@ class OscillatorFit:
         """Windows without generator pulses, gate or temperature."""
         return self.residual_ppm.size - self.n_used
 
-    def value_ppm(self, temperature_degC: float) -> float:
-        """dMSTR at a temperature of the unit."""
-        return float(self._powers(temperature_degC) @ self.coefficients_ppm)
-
-    def components_ppm(self, temperature_degC: float) -> dict[str, float]:
-        """Independent parts of the standard uncertainty of ``value_ppm``, by name."""
-        powers = self._powers(temperature_degC)
-        slope = powers[:-1] @ (np.arange(1, powers.size) * self.coefficients_ppm[1:])
+    def components_ppm(self, weights: Floats) -> dict[str, float]:
+        """Independent parts of the standard uncertainty of ``weights @ coefficients_ppm``, by name."""
+        moved = weights[:-1] @ (np.arange(1, weights.size) * self.coefficients_ppm[1:])  # by a sensor 1 degC off
         return {
-            FIT: float(np.sqrt(powers @ self.covariance_ppm2 @ powers)),
-            GENERATOR: self.generator_std_ppm,
-            SENSOR: abs(float(slope)) * self.sensor_std_degC,
+            FIT: float(np.sqrt(weights @ self.covariance_ppm2 @ weights)),
+            GENERATOR: float(weights[0]) * self.generator_std_ppm,
+            SENSOR: abs(float(moved)) * self.sensor_std_degC,
         }
 
-    def std_ppm(self, temperature_degC: float) -> float:
-        """Return standard uncertainty of ``value_ppm``, everything included."""
-        return float(np.linalg.norm(list(self.components_ppm(temperature_degC).values())))
+    def std_ppm(self, weights: Floats) -> float:
+        """Return standard uncertainty of ``weights @ coefficients_ppm``, everything included."""
+        return float(np.linalg.norm(list(self.components_ppm(weights).values())))
 
-    def dof(self, std_ppm: float, generator_ppm: float) -> float:
-        """Return degrees of freedom of a result to which the generator brings a standard uncertainty."""
-        return effective_dof(std_ppm**2, [(generator_ppm**2, self.generator_dof)])
-
-    def coefficient_components_ppm(self, order: int) -> dict[str, float]:
-        """Independent parts of the standard uncertainty of the coefficient of x^order, ppm/degC^order, by name."""
-        above = self.coefficients_ppm[order + 1 : order + 2]  # a sensor that reads d too high: c_k - (k + 1) d c_k+1
-        return {
-            FIT: float(np.sqrt(self.covariance_ppm2[order, order])),
-            GENERATOR: self.generator_std_ppm if order == 0 else 0.0,
-            SENSOR: float(np.abs(above).sum()) * (order + 1) * self.sensor_std_degC,
-        }
-
-    def coefficient_std_ppm(self, order: int) -> float:
-        """Return standard uncertainty of the coefficient of x^order, ppm/degC^order, everything included."""
-        return float(np.linalg.norm(list(self.coefficient_components_ppm(order).values())))
-
-    def _powers(self, temperature_degC: float) -> Floats:
-        return np.asarray((temperature_degC - self.reference_degC) ** np.arange(self.coefficients_ppm.size))
+    def dof(self, weights: Floats) -> float:
+        """Return degrees of freedom of that uncertainty."""
+        generator_ppm = self.components_ppm(weights)[GENERATOR]
+        return effective_dof(self.std_ppm(weights) ** 2, [(generator_ppm**2, self.generator_dof)])
 
 
 def fit_oscillator(

@@ -57,11 +57,6 @@ class RateEstimate:
         return self.end_s - self.start_s
 
     @property
-    def middle_s(self) -> Floats:
-        """Middle of the interval, (m, c), second after the first frame of the record began."""
-        return (self.start_s + self.end_s) / 2.0
-
-    @property
     def quantum_C(self) -> Floats:
         """Charge of the pulse that would give a gated count this quantisation: (quantum / length)^2 / 6; (m, c)."""
         return np.asarray(self.quantisation_A * self.length_s * np.sqrt(6.0))
@@ -247,8 +242,8 @@ class RecordRates(RateEstimate):
     """Best estimate of each record and channel, (m, c); ``estimator`` names it ("gated", "omega", "reciprocal").
 
     ``joined``: the interval begins with the very cut that ended the one before, so that their quantisation errors
-    telescope. For one channel ``gates.series_covariance`` takes the columns ``estimator``, ``middle_s``,
-    ``length_s``, ``quantum_C`` and ``joined``; times there are those of the records plus these.
+    telescope. For one channel ``gates.series_covariance`` takes the columns ``estimator``, ``length_s``, ``quantum_C``
+    and ``joined`` beside the middles of the intervals; times there are those of the records plus these.
     """
 
     estimator: NDArray[np.str_]

@@ -85,11 +85,6 @@ class ScaleFactor:
         """Signed one-sigma effect (2,) of every error of the calibrator, by label."""
         return {**self.gains_ppm, **self.shared_ppm}
 
-    @property
-    def reduced_chi2(self) -> float:
-        """chi2 / dof; expected 1."""
-        return self.chi2 / self.dof if self.dof else float("nan")
-
 
 def fit_scale_factor(
     rows: Readings,
@@ -122,14 +117,14 @@ def fit_scale_factor(
         noise_ppm2=np.sum([to_ppm @ part @ to_ppm.T for part in problem.parts.values()], axis=0),
         shared_ppm=dict(zip(problem.effects.labels, shared.T, strict=True)),
         gains_ppm=gain_effects_ppm(to_ppm, problem.reference_A, problem.rows, standard),
-        operator_ppm=np.array([_spread(row, usable, 0.0) for row in to_ppm]),
+        operator_ppm=np.array([spread(row, usable, 0.0) for row in to_ppm]),
         drift_ppm_s=to_ppm @ (problem.reference_A / _PPM * (problem.rows.time_s - problem.rows.time_s.mean())),
         unreferred_degC=to_ppm @ problem.away_A,
         time_s=float(problem.rows.time_s.mean()),
         parts_ppm=_budget(to_ppm, problem.parts, problem.effects.labels, shared),
         unit_temperature_degC=problem.unit_temperature_degC,
-        residual_A=_spread(fit.residual, usable),
-        std_A=_spread(np.sqrt(np.diag(problem.covariance_A2)), usable),
+        residual_A=spread(fit.residual, usable),
+        std_A=spread(np.sqrt(np.diag(problem.covariance_A2)), usable),
         chi2=fit.chi2,
         dof=fit.dof,
         n=int(usable.sum()),
@@ -146,6 +141,7 @@ class _Problem:
     reference_A: Floats  # (m,)
     readings_A: Floats  # (m,) reference minus counted current
     design_A: Floats  # (m, 4)
+    response_A_degC: Floats  # (m,) by the temperature coefficients, signed
     away_A: Floats  # (m, 2) for each ppm/degC of DSF_N, DSF_P, at the row's own temperature
     parts: Mapping[str, Floats]  # independent noise, (m, m) each
     effects: Effects
@@ -172,6 +168,7 @@ def _set_up(
         reference_A=reference_A,
         readings_A=reference_A - (n_A - p_A) - response_A_degC * (rows.unit_temperature_degC - at.to_degC),
         design_A=scale_design(rows, n_A, p_A),
+        response_A_degC=response_A_degC,
         away_A=away_A,
         parts=parts,
         effects=effects,
@@ -200,11 +197,16 @@ def usable_rows(rows: Readings) -> Flags:
     return np.asarray(finite & (rows.gate_s > 0) & (rows.af_count > 0))
 
 
-def reference_current_A(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Floats:
-    """Signed current the calibrator is believed to deliver, (m,): set-point corrected by its certificate."""
+def reference_current_A(
+    rows: Readings, standard: Mapping[float, RangeSpecification], zeroed: Flags | bool = False
+) -> Floats:
+    """Signed current the standard is believed to deliver, (m,): its level corrected by its certificate.
+
+    ``zeroed`` (m,): rows of which the offset is off already.
+    """
     entries = [specification(standard, float(range_A)) for range_A in rows.range_A]
     gain = np.array([entry.gain for entry in entries])
-    offset_A = np.array([entry.offset_A for entry in entries])
+    offset_A = np.where(zeroed, 0.0, [entry.offset_A for entry in entries])
     return np.asarray(rows.polarity * (rows.level_A * (1.0 + gain) + offset_A))
 
 
@@ -287,7 +289,8 @@ def gain_effects_ppm(
     return {label: to_ppm @ (reference_A * relative) for label, relative in errors.items()}
 
 
-def _spread(values: Floats, usable: Flags, elsewhere: float = np.nan) -> Floats:
+def spread(values: Floats, usable: Flags, elsewhere: float = np.nan) -> Floats:
+    """Put values (k,) where the mask (m,) is true, and another one ``elsewhere``."""
     everywhere = np.full(usable.size, elsewhere)
     everywhere[usable] = values
     return everywhere
@@ -331,33 +334,25 @@ class TrialModel:
         Raises:  FitError of ``zero_difference`` (B-FIT-006) for the methods that need zero rows.
         Source:  docs/decisions/0004, corrected equations (4) to (11).
         """
-        rows = self.rows.take(usable_rows(self.rows))
-        counted_A = pulse_currents_A(rows, self.converter)
-        n_A, p_A = _counted(generator, trials, rows, self.converter, counted_A)
-        reference_A = _reference(generator, trials, rows, self)
-        response_A_degC = thermal_response_A_degC(*counted_A, self.referral)
+        problem = _set_up(self.rows.take(usable_rows(self.rows)), self.converter, self.standard, self.referral)
+        rows = problem.rows
+        n_A, p_A = _counted(generator, trials, rows, self.converter)
+        reference_A = _reference(generator, trials, problem, self)
         warmth = rows.unit_temperature_degC - self.referral.to_degC + _interpolated(generator, trials, rows)
-        readings_A = reference_A - (n_A - p_A) - response_A_degC * warmth
-        away_A = self.referral.slope_std_ppm_degC * unreferred_A(rows, *counted_A, self.referral.to_degC)
+        readings_A = reference_A - (n_A - p_A) - problem.response_A_degC * warmth
+        away_A = self.referral.slope_std_ppm_degC * problem.away_A
         if away_A.any():  # else no draw is spent on it
             readings_A += generator.standard_normal((trials, 2)) @ away_A.T
-        dsf_ppm = 1e6 * _refit(self._transform(rows, response_A_degC, away_A), rows, n_A, p_A, readings_A)
+        dsf_ppm = 1e6 * _refit(self._transform(problem), problem.design_A[:, 2:], n_A, p_A, readings_A)
         sensor_degC = self.sensor_std_degC * generator.standard_normal((trials, 1))
         return np.asarray(dsf_ppm + sensor_degC * np.array(self.referral.slope_ppm_degC))
 
-    def _transform(self, rows: Readings, response_A_degC: Floats, away_A: Floats) -> Floats:
+    def _transform(self, problem: _Problem) -> Floats:
         """Return what the method multiplies design and readings with before it takes equal weights."""
-        if self.method != "gls":
-            difference = zero_difference(rows)
-            return difference / rows.level_A[rows.level_A > 0, None] if self.method == "paper" else difference
-        covariance = np.sum(list(noise_parts(rows, self.converter).values()), axis=0)
-        covariance += interpolation_A2(rows, response_A_degC) + away_A @ away_A.T
-        for full_A in np.unique(rows.range_A):
-            variance = (specification(self.standard, float(full_A)).floor_A / 2.0) ** 2
-            signed = rows.polarity * (rows.range_A == full_A)
-            same_level = np.equal.outer(rows.level_A, rows.level_A) & (rows.level_A > 0)
-            covariance += variance * np.outer(signed, signed) * (1.0 + same_level)
-        return np.linalg.inv(np.linalg.cholesky(covariance))
+        if self.method == "gls":
+            return np.linalg.inv(np.linalg.cholesky(problem.covariance_A2))
+        difference, level_A = zero_difference(problem.rows), problem.rows.level_A
+        return difference / level_A[level_A > 0, None] if self.method == "paper" else difference
 
 
 def _triangular(generator: Generator, shape: tuple[int, int]) -> Floats:
@@ -365,9 +360,7 @@ def _triangular(generator: Generator, shape: tuple[int, int]) -> Floats:
     return generator.random(shape) - generator.random(shape)
 
 
-def _counted(
-    generator: Generator, trials: int, rows: Readings, converter: Converter, counted_A: tuple[Floats, Floats]
-) -> tuple[Floats, Floats]:
+def _counted(generator: Generator, trials: int, rows: Readings, converter: Converter) -> tuple[Floats, Floats]:
     """Counted currents (trials, m) of N and P with quantisation, clock, white noise and walk on the counter in use."""
     m, declared = rows.gate_s.size, rows.scatter_dof == 0
     white_A2 = declared * converter.white_A_rtHz**2 / (2.0 * rows.gate_s) + _SMALLEST_VARIANCE_A2
@@ -379,32 +372,23 @@ def _counted(
     if not declared.all():
         scatter_A = np.sqrt(scatter_A2(rows, converter))[~declared]
         noise_A[:, ~declared] += scatter_A * _student_t(generator, trials, rows.scatter_dof[~declared])
-    n_A, p_A = counted_A
+    n_A, p_A = pulse_currents_A(rows, converter)
     forward = n_A > p_A
     return clock * n_A + noise_A * forward, clock * p_A - noise_A * ~forward
 
 
-def _reference(
-    generator: Generator,
-    trials: int,
-    rows: Readings,
-    model: TrialModel,
-) -> Floats:
+def _reference(generator: Generator, trials: int, problem: _Problem, model: TrialModel) -> Floats:
     """Current of the calibrator (trials, m): gains by label, one offset per range, one linearity error per level."""
-    standard = model.standard
+    rows, standard = problem.rows, model.standard
     certified = [specification(standard, float(full_A)).calibration for full_A in np.unique(rows.range_A)]
     dof_of = {calibration.label: calibration.dof for calibration in certified if calibration is not None}
     in_proportion = relative_errors(rows.range_A, standard)
-    effects = [*(rows.level_A * relative for relative in in_proportion.values()), rows.level_A * model.drift]
+    signed_A = rows.polarity * rows.level_A
+    effects = [*(signed_A * relative for relative in in_proportion.values()), signed_A * model.drift]
     dof = [*(dof_of.get(label, model.standard_dof) for label in in_proportion), math.inf]
-    for full_A in np.unique(rows.range_A):
-        sigma_A = specification(standard, float(full_A)).floor_A / 2.0
-        inside = rows.range_A == full_A
-        levels_A = np.unique(rows.level_A[inside & (rows.level_A > 0)])
-        effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == level_A)) for level_A in levels_A)]
+    effects += [*problem.effects.matrix.T]
     dof += [model.standard_dof] * (len(effects) - len(dof))
-    error_A = _student_t(generator, trials, np.array(dof)) @ np.array(effects)
-    return reference_current_A(rows, standard) + rows.polarity * error_A
+    return problem.reference_A + _student_t(generator, trials, np.array(dof)) @ np.array(effects)
 
 
 def _student_t(generator: Generator, trials: int, dof: Floats) -> Floats:
@@ -425,9 +409,9 @@ def _interpolated(generator: Generator, trials: int, rows: Readings) -> Floats:
     return drawn[:, place] * rows.temperature_std_degC
 
 
-def _refit(transform: Floats, rows: Readings, n_A: Floats, p_A: Floats, readings_A: Floats) -> Floats:
+def _refit(transform: Floats, offsets: Floats, n_A: Floats, p_A: Floats, readings_A: Floats) -> Floats:
     """DSF_N and DSF_P (trials, 2) by the normal equations of every trial, with columns of unit length."""
-    offsets = transform @ scale_design(rows, n_A[0], p_A[0])[:, 2:]
+    offsets = transform @ offsets
     offsets = offsets[:, np.linalg.norm(offsets, axis=0) > 1e-9 * np.linalg.norm(transform)]  # subtracted zeros: none
     offsets /= np.linalg.norm(offsets, axis=0)
     counted = [n_A @ transform.T, -p_A @ transform.T]

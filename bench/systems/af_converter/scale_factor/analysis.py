@@ -5,7 +5,6 @@ Source: AF-converter paper section 3; docs/decisions/0004-scale-factor-equations
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +24,9 @@ from bench.systems.af_converter.group_fit import (
     GroupFit,
     UNKNOWN_SLOPE_ppm_degC,
     conditions_of,
+    left_out_notes,
     missing_groups,
+    quality_of,
     refit,
 )
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
@@ -64,7 +65,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         evidence=heard,
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
-        groups=_quality_of_fit(fitted, constants),
+        groups=[quality_of(visit.group, visit.fit, constants) for visit in fitted.groups],
         notes=[
             *(say("note.no_result", what=sentence) for sentence in missing),
             *notes(fitted, constants, register, chosen),
@@ -75,20 +76,6 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         tables=[*budget_tables(fitted, constants, register, method), *zero_gain, *unseen_tables([searched])],
         compensation=scale_factor_compensation(fitted, constants),
     )
-
-
-def _quality_of_fit(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
-    return [
-        conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
-        | {
-            "repeat": visit.group.repeat,
-            "reduced_chi2": visit.fit.reduced_chi2,
-            "dof": visit.fit.dof,
-            "n": visit.fit.n,
-            "dropped": visit.group.dropped + visit.fit.dropped,
-        }
-        for visit in fitted.groups
-    ]
 
 
 def residuals(groups: Iterable[GroupFit], campaign: Campaign) -> list[dict[str, Any]]:
@@ -141,12 +128,8 @@ def _extrapolation(fitted: Fitted, campaign: Campaign) -> list[str]:
 
 
 def _records(fitted: Fitted, rows: Sequence[RecordRow]) -> list[str]:
-    notes: list[str] = []
     groups = [visit.group for visit in fitted.groups] + [group for group, _ in fitted.refused]
-    left_out: Counter[str] = Counter()
-    for group in groups:
-        left_out.update(group.left_out)
-    notes += [say("note.left_out", count=count, reason=reason) for reason, count in sorted(left_out.items())]
+    notes = left_out_notes(groups)
     interpolated = sum(
         int(np.count_nonzero(readings.temperature_std_degC))
         for group in groups

@@ -8,7 +8,7 @@ Source: docs/decisions/0004 (model), 0025 (doubt), 0052 (departures).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -70,9 +70,9 @@ def judged(
     fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, material: Material
 ) -> tuple[list[Evidence], Searched]:
     """Return what every check says of the estimates, those that found nothing included, and the search."""
-    rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
+    rows, departures = residuals_of(fitted, entries, campaign, standards)
     groups = [visit.group for visit in fitted.groups]
-    searched = Searched(search(rows, departures, SHARE), stated, words_of(groups))
+    searched = Searched(search(rows, departures, SHARE), words_of(groups))
     heard = [
         *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *(_whole_counts(visit) for visit in fitted.groups),
@@ -150,28 +150,23 @@ def words_of(groups: Sequence[Group]) -> Words:
 
 def residuals_of(
     fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards
-) -> tuple[Residuals, list[Departure], list[Estimate]]:
-    """Return the rows of a campaign, what could be true instead, and the estimates that follow from the rows."""
+) -> tuple[Residuals, list[Departure]]:
+    """Return the rows of a campaign, and what could be true instead."""
     rows = _rows_of(fitted, campaign, standards)
-    labels, noise_A2, free, held = rows.labels(), rows.noise_A2(), rows.free(), rows.held()
+    labels = rows.labels()
     halves = _Halves(rows, labels)
-    whiten, white, design = rows.whitened(noise_A2, free, held, halves.white.size)
-    white[noise_A2.shape[0] + len(held) :] = halves.white
     operator, stated = rows.operators(entries)
-    noise = np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator))
-    residuals = Residuals(
-        readings=rows.counted_A,
-        white=white,
-        design=design,
-        scatter=whiten(np.column_stack(list(rows.scatter()))),
-        whiten=whiten,
-        operator=operator,
+    noise = rows.noise_of(operator)
+    residuals = rows.residuals(
+        operator,
+        stated,
+        beside=halves.white,
+        scatter=np.column_stack(list(rows.scatter())),
         expanded=np.array([_expanded(entry, fitted, one) for entry, one in zip(stated, noise, strict=True)]),
-        noise=coverage_factor() * noise,
         on_curve=np.array(["_tc" in entry.quantity for entry in stated]),
         rest=halves.rest,
     )
-    return residuals, [*departures_of(labels), *halves.tails], stated
+    return residuals, [*departures_of(labels), *halves.tails]
 
 
 def _expanded(entry: Estimate, fitted: Fitted, noise: float) -> float:
@@ -285,8 +280,9 @@ class LevelRows:
         """Current of the record before, 0 where a visit begins."""
         return np.concatenate([np.append(0.0, self.reference_A[part][:-1]) for part in self.slices])
 
+    @cached_property
     def noise_A2(self) -> Floats:
-        """Return the covariance of what is counted, (r, r): that of each visit."""
+        """Covariance of what is counted, (r, r): that of each visit."""
         covariance = np.zeros((self.visit.size,) * 2)
         for group, rows, part in zip(self.groups, self.of_visits, self.slices, strict=True):
             parts = noise_parts(rows, self.campaign.converter(group.channel))
@@ -303,21 +299,32 @@ class LevelRows:
         relative = relative_errors(self.column("range_A"), register)
         return columns | {label: self.reference_A * part for label, part in relative.items()}
 
-    def whitened(
-        self, noise_A2: Floats, free: Sequence[Floats], held: Sequence[Floats], more: int = 0
-    ) -> tuple[Callable[[Floats], Floats], Floats, Floats]:
-        """Return what whitens columns of readings, residuals and design of the rows.
+    def free(self) -> list[Floats]:
+        """Return what nobody knows, (r,) each."""
+        raise NotImplementedError
 
-        What is ``held`` has a row of its own behind the readings; ``more`` rows stand behind these.
-        """
-        factor = np.linalg.inv(np.linalg.cholesky(noise_A2))
+    def held(self) -> list[Floats]:
+        """Return one standard uncertainty of what is known as far as that, (r,) each."""
+        raise NotImplementedError
 
-        def whiten(columns: Floats) -> Floats:
-            return np.vstack([factor @ columns, np.zeros((len(held) + more, columns.shape[1]))])
+    def noise_of(self, operator: Floats) -> Floats:
+        """Return the standard deviation by the noise, (k,), of what gains so much per ampere of each row, (k, r)."""
+        return np.asarray(np.sqrt(np.einsum("ki,ij,kj->k", operator, self.noise_A2, operator)))
 
-        design = whiten(np.column_stack([*free, *held]))
-        design[len(factor) : len(factor) + len(held), len(free) :] = np.eye(len(held))
-        return whiten, whiten((self.counted_A - self.reference_A)[:, None])[:, 0], design
+    def residuals(self, operator: Floats, stated: Sequence[Estimate], **about: Any) -> Residuals:
+        """Return the rows for a search, what is held behind the readings; ``about``: as ``Residuals.of``."""
+        factor, held = np.linalg.inv(np.linalg.cholesky(self.noise_A2)), self.held()
+        return Residuals.of(
+            readings=self.counted_A,
+            error=self.counted_A - self.reference_A,
+            free=np.column_stack([*self.free(), *held]),
+            std=np.ones(len(held)),
+            whiten=lambda columns: factor @ columns,
+            operator=operator,
+            stated=stated,
+            noise=coverage_factor() * self.noise_of(operator),
+            **about,
+        )
 
     def labels(self) -> Labels:
         """Return the labels of the readings."""

@@ -29,7 +29,7 @@ from bench.analysis import (
 from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof
 from bench.maths.verdict import coverage_factor
-from bench.systems.af_converter.coefficients import UNITS
+from bench.systems.af_converter.coefficients import UNITS, per_degC
 from bench.systems.af_converter.constants import (
     CALIBRATOR,
     FREQUENCY,
@@ -47,6 +47,7 @@ from bench.systems.af_converter.group_fit import (
     Fitted,
     GroupFit,
     TemperaturePolynomial,
+    bias_estimate,
     conditions_of,
     fit_groups,
     shared_ppm,
@@ -152,13 +153,7 @@ def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Estim
     slope_A_degC = polynomial.slope(at_degC) if polynomial else 0.0
     thermal_degC = np.hypot(campaign.thermal_std_degC, np.max(visit.group.opened.temperature_std_degC))
     std_A = float(np.hypot(visit.bias.std_uncertainty_A, slope_A_degC * thermal_degC))
-    conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign) | {
-        "unit_temperature_degC": at_degC
-    }
-    rows = visit.group.opened.gate_s.size
-    return [
-        estimate("bias", "A", visit.bias.value_A, std_A, conditions, n=rows, dropped=visit.group.open_planned - rows)
-    ]
+    return [bias_estimate(visit.group, visit.fit.unit_temperature_degC, visit.bias, std_A, campaign)]
 
 
 def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
@@ -305,7 +300,7 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
                 of_campaign[_STEADY_DRIFT if order else _DRIFT] = drift_ppm
             dof = calibrator_dof(std, parts, standards, scatter)
             common = common_errors(standards.register, CALIBRATOR, parts, of_campaign)
-            name, unit = f"{quantity}_tc{order}", UNITS[quantity] + ("", "/degC", "/degC2")[order]
+            name, unit = f"{quantity}_tc{order}", per_degC(UNITS[quantity], order)
             entries.append(sharing(estimate(name, unit, value, std, conditions, n=len(visits), dof=dof), common))
     return entries
 

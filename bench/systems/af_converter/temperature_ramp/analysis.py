@@ -22,7 +22,6 @@ import numpy as np
 from bench.analysis import (
     Analysis,
     Departure,
-    Estimate,
     Estimates,
     Figure,
     Floats,
@@ -37,11 +36,13 @@ from bench.analysis import (
     search,
     series,
     unseen_tables,
+    with_priors,
     worded_figure,
     worded_table,
 )
 from bench.maths.arrays import rms
 from bench.systems.af_converter.bias_ramp.departures import Loop
+from bench.systems.af_converter.coefficients import per_degC
 from bench.systems.af_converter.estimators.drift_ramp import (
     BRANCH,
     DRIFT_NAMES,
@@ -82,8 +83,8 @@ def searches_of(
     drive = ramp_drive(columns, blocks)
     for fit in fits:
         rows = _Rows(fit, columns, blocks, drive, reference_degC)
-        residuals, stated = rows.residuals([entry for entry in entries if entry.conditions["reading"] == fit.name])
-        yield Searched(search(residuals, rows.departures(), share=1.0 / len(fits)), stated, rows.loop.words)
+        residuals = rows.residuals([entry for entry in entries if entry.conditions["reading"] == fit.name])
+        yield Searched(search(residuals, rows.departures(), share=1.0 / len(fits)), rows.loop.words)
 
 
 @dataclass(frozen=True)
@@ -122,35 +123,25 @@ class _Rows:
         general = (one for one in found if one.carrier == "reading" and "value" not in one.about)
         return found if self.joint else list(general)
 
-    def residuals(self, entries: Estimates) -> tuple[Residuals, list[Estimate]]:
-        """Return the rows for a search, those of the bounds of lag and half-width last, and the estimates of them."""
+    def residuals(self, entries: Estimates) -> Residuals:
+        """Return the rows for a search, those of the bounds of lag and half-width last."""
         noise, t_s = (self.joint or self.fit.drift).noise, self.blocks.middle_s
         free, residual, std = self._free(noise.whitening(t_s).of)
         operators = self._operators(free, noise.whitening(t_s).of, std)
         known = [entry for entry in entries if entry.expanded_uncertainty]
         operator, stated = operators_of(known, lambda entry: operators.get(entry.quantity), t_s.size)
         alike = np.exp(-np.abs(t_s[:, None] - t_s) / noise.time_s) + _TINY * np.eye(t_s.size)
-
-        def whiten(columns: Floats) -> Floats:
-            return np.vstack([columns / np.sqrt(max(noise.white, _LEAST)), np.zeros((std.size, columns.shape[1]))])
-
-        design = whiten(free)
-        design[t_s.size :, free.shape[1] - std.size :] = np.diag(1.0 / std)
-        expanded = np.array([entry.expanded_uncertainty for entry in stated])
-        return (
-            Residuals(
-                readings=self.fit.readings,
-                white=whiten(residual[:, None])[:, 0],
-                design=design,
-                scatter=whiten(np.sqrt(noise.slow) * np.linalg.cholesky(alike)),
-                whiten=whiten,
-                operator=operator,
-                expanded=expanded,
-                noise=expanded,
-                noise_dof=float(t_s.size - free.shape[1]),
-                shift=lambda effect: operator @ effect,
-            ),
-            stated,
+        return Residuals.of(
+            readings=self.fit.readings,
+            error=residual,
+            free=free,
+            std=std,
+            scatter=np.sqrt(noise.slow) * np.linalg.cholesky(alike),
+            whiten=lambda columns: columns / np.sqrt(max(noise.white, _LEAST)),
+            operator=operator,
+            stated=stated,
+            noise_dof=float(t_s.size - free.shape[1]),
+            shift=lambda effect: operator @ effect,
         )
 
     def _free(self, whiten: Whiten) -> tuple[Floats, Floats, Floats]:
@@ -179,7 +170,7 @@ class _Rows:
         found |= {name.replace(" ", "_"): drift[name] for name in DRIFT_NAMES} | {_AFTER: drift[BRANCH]}
         if self.joint:
             names = (*self.loop.model.names, LAG, HALF_WIDTH)
-            design = np.vstack([whiten(free[:, -len(names) :]), np.eye(len(names))[-2:] / std[:, None]])
+            design = with_priors(whiten(free[:, -len(names) :]), std)
             scale = np.linalg.norm(design, axis=0)
             inverse = (np.linalg.pinv(design / scale) / scale[:, None])[:, :-2]
             of_fit = dict(zip(names, inverse @ whiten(np.eye(free.shape[0])), strict=True))
@@ -373,8 +364,7 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
             entry(name.replace(" ", "_"), f"{unit}/{suffix}", fit.drift.estimate(name), {"reading": fit.name})
         )
     for order, name in enumerate(TEMPERATURE_NAMES[1:], 1):
-        per = "/degC" + (str(order) if order > 1 else "")
-        entries.append(entry(f"{fit.name}_tc{order}", f"{unit}{per}", fit.drift.estimate(name), about))
+        entries.append(entry(f"{fit.name}_tc{order}", per_degC(unit, order), fit.drift.estimate(name), about))
     return entries + [entry(*difference, {"reading": fit.name}) for difference in _joint_estimates(fit, unit)]
 
 

@@ -49,14 +49,14 @@ SHARE = 0.5  # of a false doubt: the other triad has the other half
 def searches_of(parts: Calibration, limits: Limits, estimates: Estimates) -> Iterator[Searched]:
     """Yield the search of each triad."""
     for triad in triads(parts, limits):
-        rows, stated = triad.residuals(estimates)
+        rows = triad.residuals(estimates)
         if rows.noise.all():
             found = search(rows, triad.departures(), SHARE)
-            of_both = np.array([_is_of_both(entry) for entry in stated])
+            of_both = np.array([_is_of_both(entry) for entry in rows.stated])
             findings = [
                 replace(one, moves=one.moves * ~of_both) if _is_change(one.departure) else one for one in found.findings
             ]
-            yield Searched(replace(found, findings=findings), stated, triad.words)
+            yield Searched(replace(found, findings=findings), triad.words)
 
 
 def implausible(parts: Calibration, checked: Sequence[CheckedRow], limits: Limits) -> list[Evidence]:
@@ -87,8 +87,8 @@ class Triad:
         """The set of each row: 1 or 2."""
         return np.repeat(np.arange(len(self.rows)) + 1, [len(rows.input) for rows in self.rows])
 
-    def residuals(self, estimates: Estimates) -> tuple[Residuals, list[Estimate]]:
-        """Return the rows, and the estimates that follow from them."""
+    def residuals(self, estimates: Estimates) -> Residuals:
+        """Return the rows."""
         first, *again = (rows.output for rows in self.rows)
         outputs = np.concatenate([first @ self.fits[0].matrix.T, *again])
         noise = linalg.block_diag(*(rows.covariance for rows in self.rows))
@@ -98,18 +98,18 @@ class Triad:
         known = [one for one in estimates if one.expanded_uncertainty and one.quantity.startswith(self.prefix)]
         operator, stated = operators_of(known, self._operator, len(noise))
         widened = [math.sqrt(fit.chi2 / fit.residual_dof) if fit.inflated else 1.0 for fit in self.fits]
-        rows = Residuals(
+        return Residuals.of(
             readings=outputs.ravel(),
-            white=factor @ (outputs - self.input).ravel(),
-            design=factor @ np.kron(free, np.eye(3)),
-            scatter=factor @ np.kron(visits[:, None] == np.unique(visits), self.stability * np.eye(3)),
+            error=(outputs - self.input).ravel(),
+            free=np.kron(free, np.eye(3)),
+            scatter=np.kron(visits[:, None] == np.unique(visits), self.stability * np.eye(3)),
             whiten=lambda columns: factor @ columns,
             operator=operator,
+            stated=stated,
             expanded=np.array([one.expanded_uncertainty / widened[_is_of_both(one)] for one in stated]),
             noise=coverage_factor() * np.sqrt(np.einsum("ki,ij,kj->k", operator, noise, operator)),
             noise_dof=min(rows.dof for rows in self.rows),
         )
-        return rows, stated
 
     def _operator(self, entry: Estimate) -> Floats:
         """Return what an estimate gains per unit of each output, (3n,)."""

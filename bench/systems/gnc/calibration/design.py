@@ -157,12 +157,12 @@ class Calibrations:
         parts, found = self.nominal(candidate, length_s)[1], []
         for triad in triads(parts, limits_of(self._plan.campaign)):
             departures = [one for one in triad.departures() if len(one.effect.T) == 1]
-            rows, stated = triad.residuals(self.estimates(candidate, length_s))
+            rows = triad.residuals(self.estimates(candidate, length_s))
             for one, seen in zip(departures, powers(rows, departures, SHARE), strict=True):
                 name = _RIVALS.get((triad.prefix, one.family), "") if not one.about else ""
                 for quantity in _FOUND[: 2 if one.shape == "drift" else 3] if name else ():  # a bias is of its time
                     wanted = f"{triad.prefix}_{quantity}"
-                    of_it = [p for p, entry in zip(seen, stated, strict=True) if entry.quantity == wanted]
+                    of_it = [p for p, entry in zip(seen, rows.stated, strict=True) if entry.quantity == wanted]
                     found.append(Power(name, wanted, float(min(of_it))))
         return found
 

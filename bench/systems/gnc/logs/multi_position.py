@@ -92,15 +92,13 @@ def searches_of(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimate
         return
     jacobian, sigma = fit.jacobian(means), fit.residual_rms * math.sqrt(len(means) / fit.dof)
     operator = np.array([_gradient(fit, entry) for entry in stated]) @ -np.linalg.pinv(jacobian)
-    expanded = np.array([entry.expanded_uncertainty for entry in stated])
-    rows = Residuals(
+    rows = Residuals.of(
         readings=fit.residual + fit.gravity,
-        white=fit.residual / sigma,
-        design=jacobian / sigma,
+        error=fit.residual,
+        free=jacobian,
         whiten=lambda columns: columns / sigma,
         operator=operator,
-        expanded=expanded,
-        noise=expanded,
+        stated=stated,
         noise_dof=0.0,
     )
     along = (means - fit.zero) * fit.matrix.diagonal() / fit.gravity
@@ -114,7 +112,7 @@ def searches_of(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimate
         scales={f"along {axis}": (along[:, k], (3,)) for k, axis in enumerate(AXES)},
         steps_within=False,
     )
-    yield Searched(search(rows, departures_of(labels)), stated, _words)
+    yield Searched(search(rows, departures_of(labels)), _words)
 
 
 def _gradient(fit: NormFit, entry: Estimate) -> Floats:

@@ -368,7 +368,7 @@ def table_2(request: pytest.FixtureRequest) -> Table2:
             scores.setdefault(key, []).append(found_here)
         for visit in known.fitted.groups:
             kind = known.constants.channel(visit.group.channel).kind
-            chi2.setdefault(kind, []).append(visit.fit.reduced_chi2)
+            chi2.setdefault(kind, []).append(visit.fit.chi2 / visit.fit.dof)
     return found
 
 

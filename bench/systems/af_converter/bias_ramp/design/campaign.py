@@ -60,10 +60,10 @@ class Rivals:
     def __init__(self, channel: ChannelFit, ramp: Fitted, entries: Estimates, fits: int) -> None:
         """Whiten the columns of the fit."""
         rows = Rows(channel, ramp.drive)
-        self._channel, self._rows, (self._residuals, stated) = channel, rows, rows.residuals(entries)
+        self._channel, self._rows, self._residuals = channel, rows, rows.residuals(entries)
         scale = np.linalg.norm(self._residuals.design, axis=0)
         self._basis = np.linalg.qr(self._residuals.design / scale)[0]
-        reference_degC = channel.fit.reference_degC
+        reference_degC, stated = channel.fit.reference_degC, self._residuals.stated
         at_reference = [entry.conditions.get("temperature_degC", reference_degC) == reference_degC for entry in stated]
         quantities = np.array([entry.quantity for entry in stated])
         self._of = {name: np.flatnonzero((quantities == name) & at_reference) for name in QUANTITIES}

@@ -79,15 +79,6 @@ class HysteresisFit:
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
-    def combination(self, weights: Floats) -> tuple[float, float]:
-        """Return value and standard uncertainty of a linear combination of the leading parameters, weights (k,)."""
-        k = weights.size
-        return float(weights @ self.parameters[:k]), float(np.sqrt(weights @ self.covariance[:k, :k] @ weights))
-
-    def curve(self, temperature_degC: float) -> tuple[float, float]:
-        """Centre curve, b0 + b1 x + ..., at a lagged temperature, with its standard uncertainty."""
-        return self.combination((temperature_degC - self.reference_degC) ** np.arange(self.order + 1.0))
-
 
 def fit_hysteresis(
     readings: Floats,

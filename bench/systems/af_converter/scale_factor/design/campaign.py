@@ -242,17 +242,17 @@ class Campaigns:
     def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
         """Return how surely what departs would be seen if it moved a result by its U, or by that of today if larger."""
         known = self._determined(candidate, length_s)
-        rows, departures, stated = residuals_of(known.fitted, known.estimates, known.constants, known.standards)
+        rows, departures = residuals_of(known.fitted, known.estimates, known.constants, known.standards)
         today = reached(self.estimates(*self.today))
-        kinds = [str(entry.conditions["kind"]) for entry in stated]
-        asked = [today.get(Key(entry.quantity, "", kind), 0.0) for entry, kind in zip(stated, kinds, strict=True)]
+        kinds = [str(entry.conditions["kind"]) for entry in rows.stated]
+        asked = [today.get(Key(entry.quantity, "", kind), 0.0) for entry, kind in zip(rows.stated, kinds, strict=True)]
         rows = replace(rows, expanded=np.maximum(rows.expanded, asked))
         wanted = {quantity for quantity, _ in self.wanted}
         return weakest(
             (f"{one.family} ({kind})", entry.quantity, float(power))
             for one, of_it in zip(departures, powers(rows, departures, SHARE), strict=True)
             if _is_kept(one)
-            for power, entry, kind in zip(of_it, stated, kinds, strict=True)
+            for power, entry, kind in zip(of_it, rows.stated, kinds, strict=True)
             if entry.quantity in wanted and "repeat" not in entry.conditions
         )
 

@@ -86,13 +86,8 @@ def test_counts_equal_the_clock_by_clock_loop(shape, case):
 
 def test_a_call_that_could_leave_64_bits_is_refused():
     bank = ChargeBalance(np.array([1 << 40]))
-    for call in (
-        lambda: bank.advance(np.array([[1]]), np.array([1 << 23])),
-        lambda: bank.advance_one_way(np.array([1]), np.zeros((1, 1), np.int32), np.array([1 << 23])),
-        lambda: bank.advance_once(np.array([1]), 1 << 23),
-    ):
-        with pytest.raises(ValueError, match="clocks in one call"):
-            call()
+    with pytest.raises(ValueError, match="clocks in one call"):
+        bank.advance(np.array([[1]]), np.array([1 << 23]))
 
 
 SECONDS = 0.4
@@ -125,8 +120,7 @@ def _loop(truth, block, changes, channel):
     index = channel - 1
     k0_C = KINDS[index].k0_C
     clock_Hz = 256_000.0 * (1 + 1e-6 * truth.af_clock_error_ppm)
-    q_n = k0_C * (1 + 1e-6 * float(truth.dsf_n_ppm(channel, 31.0))) / (1 + 1e-6 * truth.af_clock_error_ppm)
-    q_p = k0_C * (1 + 1e-6 * float(truth.dsf_p_ppm(channel, 31.0))) / (1 + 1e-6 * truth.af_clock_error_ppm)
+    q_n, q_p = (k0_C * (1 + 1e-6 * truth.dsf_ppm(channel, 31.0)) / (1 + 1e-6 * truth.af_clock_error_ppm)).tolist()
     bias_A = float(truth.bias_A(channel, 31.0, 0.0))
     ampere_per_unit = k0_C * clock_Hz / 2**40
     steps = [(t / NS * clock_Hz, float(input_A[index])) for t, input_A in changes]

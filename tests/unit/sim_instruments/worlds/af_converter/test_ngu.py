@@ -68,7 +68,7 @@ def test_equation_1_holds_for_counts_of_100_s(clocks):
     for channel, current_A in enumerate(inputs_A, start=1):
         k0_C = KINDS[channel - 1].k0_C
         n, p = (frames.raw(name)[window, channel - 1].astype(np.int64).sum() for name in ("npp", "ppp"))
-        dsf_n, dsf_p = (1e-6 * of(channel, 31.0) for of in (unit.truth.dsf_n_ppm, unit.truth.dsf_p_ppm))
+        dsf_n, dsf_p = 1e-6 * unit.truth.dsf_ppm(channel, 31.0)
         reading_A = k0_C * rates * ((1 + dsf_n) * n - (1 + dsf_p) * p)
         truth_A = current_A - unit.truth.bias_A(channel, 31.0, 0.0)
         assert reading_A == pytest.approx(truth_A, abs=2 * k0_C / 100 + 5e-8 * abs(current_A)), channel
@@ -320,7 +320,7 @@ def _scenario(seed, period_s, *, observer, trips, integrated=False):
     def trip():
         if trips and clock.now_ns() >= trips[0]:
             trips.pop(0)
-            unit.set_open(3, clock.now_ns())
+            unit.set_input(3, 0.0, clock.now_ns())
 
     clock.every(0.013, trip, observer=True)  # breaks its promise: the unit has to go back
     if integrated:
@@ -364,7 +364,7 @@ def test_a_fault_and_a_trip_change_nothing_that_was_read():
     def lose_the_path():
         if not faults.silent:
             faults.silent = True
-            unit.set_open(1, clock.now_ns())
+            unit.set_input(1, 0.0, clock.now_ns())
 
     unit.set_input(1, 0.1, 0)
     clock.every(20.5, lose_the_path)
@@ -379,13 +379,13 @@ def test_a_trip_ends_the_pulses_at_its_time():
     received = []
     clock.every(1.0, lambda: received.append(unit.read("port_a", 10**7)))
     unit.set_input(1, 0.1, 0)
-    clock.every(33.333, lambda: unit.set_open(1, to_ns(33.333)), observer=True)
+    clock.every(33.333, lambda: unit.set_input(1, 0.0, to_ns(33.333)), observer=True)
     clock.sleep(60)
     npp = gate_frames(b"".join(received)).raw("npp")[:, 0].astype(np.int64)
     last = int(np.flatnonzero(npp > 10)[-1])
     assert last == int((33.333 - 1.0) * 100)
     assert npp.sum() == pytest.approx(
-        0.1 * (33.333 - 1.0) / (1.25e-6 * (1 + 1e-6 * unit.truth.dsf_n_ppm(1, 31.0))), rel=1e-4
+        0.1 * (33.333 - 1.0) / (1.25e-6 * (1 + 1e-6 * unit.truth.dsf_ppm(1, 31.0)[0])), rel=1e-4
     )
 
 
