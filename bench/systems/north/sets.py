@@ -360,8 +360,8 @@ def _still_or_pinned(waveform: Waveform) -> list[str]:
 def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int]) -> Flags | None:
     """Return which samples are unlike all others, (n,); None for none, or for more than one in a thousand."""
     theta = np.deg2rad(waveform.theta_deg)
-    left_V = waveform.u_V - float(fit.offset_V)
-    for order, phasor in ((1, complex(fit.phasor)), *zip(orders, fit.harmonics.tolist(), strict=True)):
+    left_V = waveform.u_V - fit.offset_V
+    for order, phasor in ((1, fit.phasor), *zip(orders, fit.harmonics.tolist(), strict=True)):
         left_V = left_V - phasor.real * np.sin(order * theta) - phasor.imag * np.cos(order * theta)
     beside_V = np.abs(left_V - np.median(left_V))
     far = np.asarray(beside_V > _FAR * float(scatter(beside_V)))

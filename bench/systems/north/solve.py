@@ -194,11 +194,11 @@ def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float] | None:
     leaves: where all turns together do not scatter as white noise would, their scatter is the uncertainty.
     Source: two-sided chi-square test of the variance of the turns; None where they do.
     """
-    judged = [waveform for waveform in raw if math.isfinite(float(waveform.whiteness))]
+    judged = [waveform for waveform in raw if math.isfinite(waveform.whiteness)]
     if not judged or len(judged) < len(raw):
         return None
-    dof = float(sum(int(waveform.turns) - 1 for waveform in judged))
-    ratio = sum(float(waveform.whiteness) * (int(waveform.turns) - 1) for waveform in judged) / dof
+    dof = float(sum(waveform.turns - 1 for waveform in judged))
+    ratio = sum(waveform.whiteness * (waveform.turns - 1) for waveform in judged) / dof
     if chi2_both(ratio * dof, dof) > _FALSE_ALARM:
         return None
     return math.sqrt(ratio), dof / len(judged)

@@ -6,6 +6,7 @@ Nothing here comes from bench.systems or sim_instruments. East, north, up.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from bench.systems.north.estimators.phasors import (
     angle_deg,
     eight,
     eight_sample_north,
+    half_width_deg,
     lock_in_phasors,
     wrapped_deg,
 )
@@ -177,6 +179,8 @@ def record_row(
 SIGMA_V = 0.5**0.5
 TURNS = 20
 KINDS = ("constant", "slow", "step", "linear", "white", "double")
+OF_FITS = ("phi_deg", "std_deg", "white_std_deg", "bound_deg", "whiteness", "widened", "dof", "samples", "dropped")
+half_widths_deg = np.vectorize(half_width_deg)
 
 
 def single_north(u1: ArrayLike, u2: ArrayLike, *, f2_deg: float = 0.0) -> North:
@@ -191,6 +195,12 @@ def single_north(u1: ArrayLike, u2: ArrayLike, *, f2_deg: float = 0.0) -> North:
     phasor = np.asarray(lock_in_phasors(first, second)[0] * np.exp(-1j * np.deg2rad(f2_deg)))
     noise, std_deg = propagated(lambda a, b: lock_in_phasors(a, b)[0], first, second)
     return North("single", angle_deg(phasor), std_deg, DOF, phasor, noise, first.mean(-1), second.mean(-1))
+
+
+def likelihoods(u_V: np.ndarray, theta_deg: np.ndarray, **about: Any) -> Any:
+    """Attributes of the fits of raw samples (r, n) against one encoder, (r,) each."""
+    fits = [likelihood_north(one, theta_deg, **about) for one in u_V]
+    return SimpleNamespace(**{name: np.array([getattr(fit, name) for fit in fits]) for name in OF_FITS})
 
 
 def wander(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -259,7 +269,7 @@ def errors_deg(
             "quadrant": quadrant_north(*eight),
             "single": single_north(*eight),
             "least_squares": eight_sample_north(*eight),
-            "likelihood": likelihood_north(u, theta_deg),
+            "likelihood": likelihoods(u, theta_deg),
         }
         for name, one in each.items():
             found.setdefault(name, []).append(wrapped_deg(one.phi_deg - phi_deg))

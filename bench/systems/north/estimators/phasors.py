@@ -78,10 +78,6 @@ class North:
         """Amplitude of the lock-ins' outputs, unit of the samples."""
         return np.abs(self.phasor)
 
-    def half_width_deg(self, probability: float = 0.95) -> Floats:
-        """Half the interval that covers phi with this probability, degrees; 180 where the signal drowns in noise."""
-        return half_width_deg(self.std_deg, self.dof, probability)
-
 
 def eight(u1: ArrayLike, u2: ArrayLike) -> tuple[Floats, Floats]:
     """Return samples of both lock-ins as arrays (..., 4).
@@ -154,26 +150,22 @@ def left_over(u1: Floats, u2: Floats, of_1: Complex, of_2: Complex) -> Floats:
     return np.asarray(np.sqrt((np.square(first).sum(-1) + np.square(second).sum(-1)) / DOF))
 
 
-def angle_deg(phasor: Complex) -> Floats:
+def angle_deg(phasor: Complex | complex) -> Floats:
     """Return angle of a phasor in -180 (excluded) to 180 degrees; NaN for one of no length, which points nowhere."""
     direction_deg = wrapped_deg(np.rad2deg(np.angle(phasor)))
     return np.where(np.abs(phasor) > 0.0, direction_deg, np.nan)
 
 
-def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95) -> Floats:
+def half_width_deg(std_deg: float, dof: float, probability: float = 0.95) -> float:
     """Half a coverage interval of the direction of a phasor.
 
     Args:    std_deg: standard uncertainty of the component across the phasor over its length, degrees.
-             dof: its degrees of freedom, one or as many.   probability: of the interval.
+             dof: its degrees of freedom.   probability: of the interval.
     Returns: degrees, arcsin(t u); 180 where t u reaches the phasor's length: every direction is possible.
     Source:  Fieller's theorem for a direction: |Z| |sin(error)| <= t s; JCGM 100:2008 annex G for t.
     """
-    std, freedom = np.broadcast_arrays(np.asarray(std_deg, np.float64), np.asarray(dof, np.float64))
-    each, which = np.unique(freedom, return_inverse=True)
-    factors = np.array([coverage_factor(float(number), probability) for number in each])
-    sine = np.deg2rad(std) * factors[which].reshape(std.shape)
-    width = np.rad2deg(np.arcsin(np.minimum(sine, 1.0)))
-    return np.where(sine >= 1.0, 180.0, width)
+    sine = np.deg2rad(std_deg) * coverage_factor(dof, probability)
+    return 180.0 if sine >= 1.0 else float(np.rad2deg(np.arcsin(sine)))
 
 
 def _checked(sense: int) -> int:
