@@ -10,8 +10,8 @@ import numpy as np
 
 from bench.analysis import Figure, Floats, Series, band, series, worded_figure
 from bench.maths.arrays import rms
-from bench.systems.north.estimators.phasors import IndexCalibration, heading_deg, phase_deg, wrapped_deg
-from bench.systems.north.sets import POSITIONS, TEST, Waveform, waveform_of
+from bench.systems.north.estimators.phasors import POSITIONS, IndexCalibration, heading_deg, phase_deg, wrapped_deg
+from bench.systems.north.sets import TEST, Waveform, waveform_of
 from bench.systems.north.solution import (
     COVERAGE,
     LEAST_SQUARES,

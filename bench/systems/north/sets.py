@@ -29,6 +29,7 @@ from bench.maths.tests import f_tail, of_many
 from bench.model.errors import FitError
 from bench.model.quantities import Quality
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
+from bench.systems.north.estimators.phasors import POSITIONS
 from bench.systems.north.wording import item_name, say
 
 _SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
@@ -47,7 +48,6 @@ CALIBRATION, TEST, SEARCH = "calibration", "test", "search"
 ITEMS = (CALIBRATION, TEST, SEARCH)
 LOG = "log"  # a set that is a part of one
 SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"
-POSITIONS = 4
 VARYING = "TVP"  # parameters of a set whose amplitude and swing vary
 SENSES = {1: "counter-clockwise", -1: "clockwise"}  # of the table, seen from above
 MOST_OFF = 2e-3  # of the turning frequency: a lock-in that reads another one follows something else

@@ -28,7 +28,6 @@ from bench.model.errors import FitError
 from bench.systems.north.estimators.phasors import Complex, angle_deg
 
 SQUARE_PENALTY = math.pi / math.sqrt(8.0)  # of the standard deviation: mean noise power 1, of the sine's share 8/pi^2
-METHOD = "likelihood"
 LEAST_SEPARATION = 0.05  # smallest singular value over the largest, columns of unit size
 FEWEST_TURNS = 5  # whose scatter says anything
 SIGNIFICANCE = 0.01
