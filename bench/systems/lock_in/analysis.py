@@ -167,7 +167,7 @@ def _material(results: Sequence[LaserResult]) -> Table:
         unused = (say(f"unused.{name}", count=count) for name, count in sorted(sums.counts.items()) if count)
         why = say.listed(unused, "list.comma")
         cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "0"]
-        lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.breaks + sums.repaired]
+        lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.missing]
         rows.append([[*cells, *lost]])
     headers = say.heads(
         "",
@@ -339,7 +339,7 @@ def analysis_of(
     missing = missing + [
         say("missing.method", name=laser.name, method=label(method), why=laser.missing.get(method, no_walk))
         for laser in results
-        if laser.record.place(laser.clock_Hz) | {"method": method} not in told
+        if laser.place | {"method": method} not in told
     ]
     heard, searches = evidence(results)
     return Analysis(

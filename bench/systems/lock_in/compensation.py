@@ -18,7 +18,6 @@ from bench.maths.samples import few
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
 from bench.systems.lock_in.estimators.random_walk import (
-    CycleIncrements,
     cycle_increments,
     net_angle,
     odd_steps,
@@ -65,6 +64,7 @@ class Compensated:
     turnaround that a compensator could not estimate stays as it is.
     ``constants``: of the global fit, one per stretch.   ``refused``: method to reason.   ``counts``: why turnarounds
     were not used.   ``swing_rad``: mean peak-to-peak phase of a dither period, from the counted levels.
+    ``missing``: edges lost inside stretches.
     ``dither_scatter``: of its amplitude from turnaround to turnaround, relative, from the curvatures.
     ``odd_s``: when the count went odd, from the beginning of its stretch; few are left out (``odd_left_out``).
     """
@@ -81,8 +81,7 @@ class Compensated:
     counts: Counter[str] = field(default_factory=Counter)
     grazing: int = 0
     edges: int = 0
-    repaired: int = 0
-    breaks: int = 0
+    missing: int = 0
     seconds: float = 0.0
     swing_rad: float = 0.0
     dither_scatter: float | None = None
@@ -90,36 +89,23 @@ class Compensated:
     odd_left_out: bool = True
 
 
-@dataclass(frozen=True)
-class _Counted:
-    """One stretch behind its edges, which take more room than all that follows and are gone here."""
+@dataclass
+class _Part:
+    """One stretch behind its edges, which take more room than all that follows, and through every compensator."""
 
     turns: Turnarounds
     psi_rad: Floats
     pickoff_rising: Flags
     swing_rad: float
     edges: int
-    repaired: int
-    breaks: int
+    missing: int
     seconds: float
-    odd: Integers
     odd_s: list[float]
-
-
-@dataclass(frozen=True)
-class _Part:
-    """One stretch through every compensator."""
-
-    counted: _Counted
-    jumps: Mapping[str, Jumps]
-    constants: GlobalConstants | None
-    increments: Mapping[str, CycleIncrements]
-    refused: Mapping[str, str]
-
-    @property
-    def turns(self) -> Turnarounds:
-        """The turnarounds of the stretch."""
-        return self.counted.turns
+    odd_left_out: bool
+    jumps: dict[str, Jumps] = field(default_factory=dict)
+    constants: list[GlobalConstants] = field(default_factory=list)
+    increments: dict[str, Floats] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
 
 
 def compensated(stretches: list[Stretch], counts: Events, number: int) -> Compensated:
@@ -136,7 +122,7 @@ def compensated(stretches: list[Stretch], counts: Events, number: int) -> Compen
             stretches.pop(0)
             continue
         try:
-            parts.append(_part(_counted(stretches.pop(0), counts.clock_Hz)))
+            parts.append(_compensate(_counted(stretches.pop(0), counts.clock_Hz)))
         except FitError as error:
             refused.append(f"{error.message} ({error.code})")
     if not parts:
@@ -144,37 +130,47 @@ def compensated(stretches: list[Stretch], counts: Events, number: int) -> Compen
     return _joined(parts)
 
 
-def _counted(stretch: Stretch, clock_Hz: float) -> _Counted:
+def _counted(stretch: Stretch, clock_Hz: float) -> _Part:
     edges = edge_levels(stretch.ticks, stretch.rising, stretch.cosine)
     turns = turnarounds(edges, stretch.pickoff_ticks, stretch.pickoff_rising, clock_Hz)
     half_cycles = max(1, stretch.pickoff_ticks.size - 1)
     psi_rad = net_angle(edges, stretch.pickoff_ticks)
     odd = odd_steps(psi_rad, stretch.pickoff_rising, turns.regular)
+    odd_left_out = left_out(odd, turns.usable.size)
+    if odd_left_out:
+        psi_rad[odd + 1] = np.nan  # the steps to it and from it are not known
     inside = (edges.tick >= stretch.pickoff_ticks[0]) & (edges.tick <= stretch.pickoff_ticks[-1])
-    return _Counted(
+    return _Part(
         turns=turns,
         psi_rad=psi_rad,
         pickoff_rising=stretch.pickoff_rising,
         swing_rad=float(np.pi * np.count_nonzero(inside) / half_cycles),
         edges=int(edges.tick.size),
-        repaired=edges.repaired,
-        breaks=int(edges.breaks.size),
+        missing=edges.repaired + int(edges.breaks.size),
         seconds=float(edges.tick[-1] - edges.tick[0]) / clock_Hz,
-        odd=odd,
         odd_s=((stretch.pickoff_ticks[odd] - edges.tick[0]) / clock_Hz).tolist(),
+        odd_left_out=odd_left_out,
     )
 
 
-def _part(counted: _Counted) -> _Part:
-    turns, psi_rad, rising = counted.turns, counted.psi_rad, counted.pickoff_rising
-    if left_out(counted.odd, turns.usable.size):
-        psi_rad[counted.odd + 1] = np.nan  # the steps to it and from it are not known
-    jumps, constants, refused = _all_jumps(turns)
-    increments = {RAW: cycle_increments(psi_rad, rising, turns)}
-    for name, jump in jumps.items():
+def _compensate(part: _Part) -> _Part:
+    """Add what every compensator makes of a stretch."""
+    turns = part.turns
+    try:
+        part.constants.append(global_constants(turns))
+        part.jumps[GLOBAL] = part.constants[0].jumps
+    except FitError as error:
+        part.refused[GLOBAL] = say("error", why=error.message, code=error.code)
+    for name, compensator in SINGLE.items():
+        try:
+            part.jumps[name] = compensator(turns)
+        except FitError as error:
+            part.refused[name] = say("error", why=error.message, code=error.code)
+    part.increments[RAW] = cycle_increments(part.psi_rad, part.pickoff_rising, turns)
+    for name, jump in part.jumps.items():
         taken_off = replace(jump, dpsi_rad=np.nan_to_num(jump.dpsi_rad))  # nothing where nothing could be estimated
-        increments[name] = cycle_increments(psi_rad, rising, turns, taken_off)
-    return _Part(counted, jumps, constants, increments, refused)
+        part.increments[name] = cycle_increments(part.psi_rad, part.pickoff_rising, turns, taken_off)
+    return part
 
 
 def left_out(odd: Integers, of: int) -> bool:
@@ -185,47 +181,29 @@ def left_out(odd: Integers, of: int) -> bool:
     return few(np.count_nonzero(np.diff(odd, prepend=-2) > 1), of)
 
 
-def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | None, dict[str, str]]:
-    jumps: dict[str, Jumps] = {}
-    constants, refused = None, {}
-    try:
-        constants = global_constants(turns)
-        jumps[GLOBAL] = constants.jumps
-    except FitError as error:
-        refused[GLOBAL] = say("error", why=error.message, code=error.code)
-    for name, compensator in SINGLE.items():
-        try:
-            jumps[name] = compensator(turns)
-        except FitError as error:
-            refused[name] = say("error", why=error.message, code=error.code)
-    return jumps, constants, refused
-
-
 def _joined(parts: Sequence[_Part]) -> Compensated:
-    first = parts[0]
     joined = Compensated(
-        interval_s=float(np.mean([part.increments[RAW].interval_s for part in parts])),
+        interval_s=float(np.mean([2.0 * np.pi / part.turns.omega_rad_s for part in parts])),
         omega_rad_s=float(np.mean([part.turns.omega_rad_s for part in parts])),
         increments={name: _with_holes(parts, name) for name in (RAW, *COMPENSATORS)},
-        swing_rad=float(np.mean([part.counted.swing_rad for part in parts])),
+        swing_rad=float(np.mean([part.swing_rad for part in parts])),
         stretches=len(parts),
-        shown=_shown(first),
+        shown=_shown(parts[0]),
         dither_scatter=_scatter(parts),
+        odd_left_out=all(part.odd_left_out for part in parts),
     )
     for part in parts:
         joined.turnarounds += int(part.turns.usable.size)
         for name, jumps in part.jumps.items():
             joined.used[name] = joined.used.get(name, 0) + int(np.isfinite(jumps.dpsi_rad).sum())
-        joined.constants += [part.constants] if part.constants is not None else []
+        joined.constants += part.constants
         joined.refused.update(part.refused)
         joined.counts.update(part.turns.counts)
         joined.grazing += int(part.turns.grazing.sum())
-        joined.edges += part.counted.edges
-        joined.repaired += part.counted.repaired
-        joined.breaks += part.counted.breaks
-        joined.seconds += part.counted.seconds
-        joined.odd_s += part.counted.odd_s
-        joined.odd_left_out &= left_out(part.counted.odd, part.turns.usable.size)
+        joined.edges += part.edges
+        joined.missing += part.missing
+        joined.seconds += part.seconds
+        joined.odd_s += part.odd_s
     return joined
 
 
@@ -239,10 +217,8 @@ def _with_holes(parts: Sequence[_Part], name: str) -> Floats:
     """Return increments of all stretches with one NaN between two; of a stretch that a method refused, NaN alone."""
     pieces: list[Floats] = []
     for part in parts:
-        increments = part.increments.get(name)
-        nothing = np.full(part.increments[RAW].increment_rad.size, np.nan)
         pieces += [np.array([np.nan])] if pieces else []
-        pieces.append(nothing if increments is None else increments.increment_rad)
+        pieces.append(part.increments.get(name, np.full_like(part.increments[RAW], np.nan)))
     return np.concatenate(pieces)
 
 
@@ -254,7 +230,7 @@ def _shown(part: _Part) -> Shown:
         phase_rad=part.turns.phase_rad[:_SHOWN].copy(),
         jumps={name: jumps.dpsi_rad[:_SHOWN].copy() for name, jumps in part.jumps.items()},
         psi0_rad=nothing if reference is None else reference.psi0_rad,
-        left_rad=nothing if part.constants is None else part.constants.residual_jump_rad,
+        left_rad=part.constants[0].residual_jump_rad if part.constants else nothing,
     )
 
 

@@ -7,28 +7,20 @@ the dither pick-off. The other columns of a row are empty.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from bench.analysis import Analysis, Floats, Material
 from bench.model.errors import FitError
+from bench.model.ports import RecordWindow
+from bench.model.quantities import Quality
+from bench.record import RecordRow
 from bench.systems.lock_in.analysis import METHODS, analysis_of
 from bench.systems.lock_in.records import Events, LaserRecord, Stretch, step_ticks
 from bench.systems.lock_in.result import laser_result, requirement_of
 
 _STAMP_Hz = 1_000_000_000  # times of rows are whole nanoseconds
-
-
-@dataclass(frozen=True)
-class LoggedLaser(LaserRecord):
-    """A laser whose edges stand in a log."""
-
-    logged: Events = field(kw_only=True)
-
-    def events(self) -> Events:
-        """Return the edges."""
-        return self.logged
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -38,7 +30,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """
     laser = material.campaign["laser"]
     requirement = requirement_of({"site": {"latitude_deg": laser["latitude_deg"]}})
-    record = LoggedLaser(None, float(laser["path_length_m"]), None, logged=_events(material.series))
+    events, row = _events(material.series), RecordRow(RecordWindow(1, "", 0, 0, 0, 0), {}, 0, 0, 0, Quality.GOOD)
+    record = LaserRecord(row, lambda: events, float(laser["path_length_m"]), None)
     return analysis_of("rlg_edge_log", material, [laser_result(record)], [], requirement, method)
 
 

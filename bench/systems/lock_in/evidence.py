@@ -216,7 +216,7 @@ BIASES = ("bias_instability", "bias_alignment_error")
 WALKS = ("angle_random_walk", "quantisation_noise", "alignment_time", "path_length_exponent", *BIASES, *RATIOS)
 _SENSOR_OFF = 0.05  # of the dither amplitude, five times what its sensor is good to
 _LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/ring-laser.md)
-_MOST_JUMP_rad = 0.5  # the fit is of first order in it
+_NO_LOCK_IN, _MOST_JUMP_rad = "implausible_lock_in", 0.5  # the fit is of first order in it
 _MOST_STEP_rad = 0.2  # of the phase in one step of the time stamps, where the rate is largest
 _MOST_REPEATED = 0.01  # of the blocks
 _SHARE = 0.5  # of the chance of a false doubt: that of all constants; the other checks have theirs
@@ -226,52 +226,32 @@ _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the fits cost 
 
 def implausible(laser: LaserResult) -> Iterator[Evidence]:
     """Yield what cannot be, of one record."""
-    yield from _counts(laser)
-    yield from _dither(laser)
-    yield from _stamps(laser)
-    yield from _lock_in(laser)
-
-
-def _certain(code: str, sentence: str, figure: float, laser: LaserResult, quantities: Sequence[str] = ()) -> Evidence:
-    return Evidence(code, sentence, figure, 0.0, math.inf, quantities, laser.record.place(laser.clock_Hz))
-
-
-def _counts(laser: LaserResult) -> Iterator[Evidence]:
-    odd, repeated, blocks = len(laser.found.odd_s), laser.events.repeated, laser.record.blocks
-    if not laser.found.odd_left_out:
-        sentence = say("evidence.count_odd", name=laser.name, count=odd)
-        yield _certain("count_odd", sentence, float(odd), laser, WALKS)
-    if not few(repeated, blocks, _MOST_REPEATED):
-        sentence = say("evidence.repeated_blocks", repeated=repeated, blocks=blocks, name=laser.name)
-        yield _certain("repeated_blocks", sentence, float(repeated), laser)
-
-
-def _dither(laser: LaserResult) -> Iterator[Evidence]:
-    sensed, counted, scatter = laser.record.dither_deg_s, laser.counted_dither_deg_s, laser.found.dither_scatter
-    if sensed is not None and abs(counted / sensed - 1.0) > _SENSOR_OFF:
-        sentence = say("evidence.dither_disagrees", name=laser.name, counted=counted, sensed=sensed)
-        yield _certain("dither_disagrees", sentence, counted / sensed - 1.0, laser)
-    if scatter is not None and scatter < _LEAST_SCATTER:
-        percent = {"scatter": 100 * scatter, "least": 100 * _LEAST_SCATTER}
-        sentence = say("evidence.dither_too_regular", name=laser.name, **percent)
-        yield _certain("dither_too_regular", sentence, scatter, laser, (*WALKS, *CONSTANTS))
-
-
-def _stamps(laser: LaserResult) -> Iterator[Evidence]:
-    step = laser.events.step_ticks
-    turned = laser.found.swing_rad * laser.found.omega_rad_s / 2.0 * step / laser.clock_Hz
-    if turned > _MOST_STEP_rad:
-        sentence = say("evidence.coarse_time_stamps", name=laser.name, step=step, turned=turned)
-        yield _certain("coarse_time_stamps", sentence, turned, laser)
-
-
-def _lock_in(laser: LaserResult) -> Iterator[Evidence]:
-    squares = [2.0 * float(np.nanmean(np.square(fit.jumps.dpsi_rad))) for fit in laser.found.constants]
+    found, events, record, counted = laser.found, laser.events, laser.record, laser.counted_dither_deg_s
+    odd, repeated, blocks = len(found.odd_s), events.repeated, record.blocks
+    sensed, scatter = record.dither_deg_s, found.dither_scatter
+    off = 0.0 if sensed is None else counted / sensed - 1.0
+    scatter = math.inf if scatter is None else scatter
+    turned = found.swing_rad * found.omega_rad_s / 2.0 * events.step_ticks / laser.clock_Hz
+    squares = [2.0 * float(np.nanmean(np.square(fit.jumps.dpsi_rad))) for fit in found.constants]
     largest = math.sqrt(max(squares, default=0.0))
-    if largest > _MOST_JUMP_rad:
-        sentence = say("evidence.implausible_lock_in", name=laser.name, largest=largest, most=_MOST_JUMP_rad)
-        place = laser.record.place(laser.clock_Hz)
-        yield Evidence("implausible_lock_in", sentence, largest, 0.0, math.inf, CONSTANTS, place, refuses=True)
+    checks: tuple[tuple[str, bool, float, Sequence[str], dict[str, Any]], ...] = (
+        ("count_odd", not found.odd_left_out, float(odd), WALKS, {"count": odd}),
+        (
+            "repeated_blocks", not few(repeated, blocks, _MOST_REPEATED), float(repeated), (),
+            {"repeated": repeated, "blocks": blocks},
+        ),
+        ("dither_disagrees", abs(off) > _SENSOR_OFF, off, (), {"counted": counted, "sensed": sensed}),
+        (
+            "dither_too_regular", scatter < _LEAST_SCATTER, scatter, (*WALKS, *CONSTANTS),
+            {"scatter": 100 * scatter, "least": 100 * _LEAST_SCATTER},
+        ),
+        ("coarse_time_stamps", turned > _MOST_STEP_rad, turned, (), {"step": events.step_ticks, "turned": turned}),
+        (_NO_LOCK_IN, largest > _MOST_JUMP_rad, largest, CONSTANTS, {"largest": largest, "most": _MOST_JUMP_rad}),
+    )  # fmt: skip
+    for code, wrong, figure, quantities, fields in checks:
+        if wrong:
+            sentence, refuses = say(f"evidence.{code}", name=laser.name, **fields), code == _NO_LOCK_IN
+            yield Evidence(code, sentence, figure, 0.0, math.inf, quantities, laser.place, refuses)
 
 
 def evidence(results: Sequence[LaserResult]) -> tuple[list[Evidence], list[Searched]]:
@@ -288,10 +268,6 @@ def evidence(results: Sequence[LaserResult]) -> tuple[list[Evidence], list[Searc
         for method, walk in laser.walks.items():
             heard += _output(laser, method, walk)
     return heard, searches
-
-
-def _place(laser: LaserResult) -> dict[str, Any]:
-    return laser.record.place(laser.clock_Hz)
 
 
 def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evidence]:
@@ -346,7 +322,7 @@ def _of_walk(
     laser: LaserResult, method: str, code: str, sentence: str, figure: float, probability: float, move: float
 ) -> Iterator[Evidence]:
     """Yield a check of one output; what casts doubt on the walk before compensation does so on every ratio to it."""
-    place, chance = _place(laser), probability
+    place, chance = laser.place, probability
     yield Evidence(code, sentence, figure, chance, move, WALKS, place | {"method": method})
     if method == RAW:
         yield Evidence(code, sentence, figure, chance, move, RATIOS, place)

@@ -71,7 +71,6 @@ def predicted(planned: Planned) -> Prediction:
 
 def _result(record: LaserRecord, declared: Document) -> LaserResult:
     """Return what a record will say. Raises: FitError B-FIT-097 to -099 for a weak dither or a record too short."""
-    assert record.row is not None
     window, path_m = record.row.window, record.path_length_m
     clock_Hz, dither_deg_s = float(window.conditions[CLOCK]), float(declared["dither_deg_s"])
     shorter, interval_s = (float(declared["path_length_m"]) / path_m) ** 2, 1.0 / float(declared["dither_Hz"])

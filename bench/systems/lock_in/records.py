@@ -8,8 +8,9 @@ of the block.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -43,10 +44,11 @@ _BLOCKS = 100  # of the tagger that are decoded at once
 class LaserRecord:
     """A record and the laser it is of. ``several``: another record has the same path, clock and phase setting.
 
-    ``row``: None of an imported log, which holds its events itself.
+    ``events``: decodes them. Raises: FitError B-RLG-001 to -003.
     """
 
-    row: RecordRow | None
+    row: RecordRow
+    events: Callable[[], Events]
     path_length_m: float
     phase_setting_deg: float | None
     several: bool = False
@@ -54,33 +56,28 @@ class LaserRecord:
     @property
     def number(self) -> int:
         """Of the record in its session."""
-        return 1 if self.row is None else self.row.window.number
+        return self.row.window.number
 
     @property
     def blocks(self) -> int:
         """Blocks of the tagger."""
-        return 0 if self.row is None else self.row.frames
+        return self.row.frames
 
     def sensed(self, name: str) -> float | None:
         """Return the mean of the housekeeping over the record, None if the record has no housekeeping."""
-        value = None if self.row is None else self.row.context.get(name)
+        value = self.row.context.get(name)
         return None if value is None else float(value)
 
     @property
     def backscatter_deg(self) -> float | None:
         """Backscatter phase that the mirrors are set to, None if the conditions do not say it."""
-        value = None if self.row is None else self.row.window.conditions.get(_BACKSCATTER)
+        value = self.row.window.conditions.get(_BACKSCATTER)
         return self.phase_setting_deg if value is None else float(value)
 
     @property
     def dither_deg_s(self) -> float | None:
         """Mean amplitude of the dither rate by the sensor of the unit."""
         return self.sensed(_DITHER)
-
-    def events(self) -> Events:
-        """Decode its events. Raises: FitError B-RLG-001 to -003."""
-        assert self.row is not None
-        return record_events(self.row)
 
     def place(self, clock_Hz: float) -> dict[str, Any]:
         """Return conditions that tell its estimates from those of the others."""
@@ -103,20 +100,21 @@ def laser_records(material: Material) -> list[LaserRecord]:
             next_step=f"look at the session with 'bench recover'; records need 'samples: true', {PATH} and {CLOCK}",
         )
     times = Counter(_key(row) for row in rows)
-    return [LaserRecord(row, _path_m(row), _phase_deg(row), times[_key(row)] > 1) for row in rows]
+    return [
+        LaserRecord(row, partial(record_events, row), _path_m(row), _phase_deg(row), times[_key(row)] > 1)
+        for row in rows
+    ]
 
 
 def flagged(records: Sequence[LaserRecord]) -> dict[int, str]:
     """Records that must not be used, by number, with what they are flagged for; losses of the link are no reason."""
-    flags = {record.number: Quality(record.row.quality) & ~_HARMLESS for record in records if record.row is not None}
+    flags = {record.number: Quality(record.row.quality) & ~_HARMLESS for record in records}
     return {number: str(flag.name).replace("|", ", ") for number, flag in flags.items() if flag}
 
 
 def not_recorded(records: Sequence[LaserRecord]) -> list[str]:
     """Combinations of path and clock that the others promise and that no record is of."""
-    there = {
-        (record.path_length_m, record.row.window.conditions.get(CLOCK)) for record in records if record.row is not None
-    }
+    there = {(record.path_length_m, record.row.window.conditions.get(CLOCK)) for record in records}
     paths, clocks = ([*dict.fromkeys(column)] for column in zip(*sorted(there, key=str), strict=True))
     return [
         say("missing.no_record", path=100 * path, clock=float(clock) / 1e6)

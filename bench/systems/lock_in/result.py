@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -140,6 +141,11 @@ class LaserResult:
         if record.phase_setting_deg is not None:
             name = say("name.phase", **place, phase=record.phase_setting_deg)
         return say("name.record", name=name, number=record.number) if record.several else name
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """Conditions that tell its estimates from those of the others."""
+        return self.record.place(self.clock_Hz)
 
     @property
     def gain(self) -> float:
@@ -312,7 +318,7 @@ def _bias(laser: LaserResult, method: str, requirement: Requirement) -> Estimate
     bias = laser.biases.get(method)
     if bias is None or not bias.significant:
         return []
-    place, n = laser.record.place(laser.clock_Hz) | {"method": method}, laser.found.turnarounds
+    place, n = laser.place | {"method": method}, laser.found.turnarounds
     error_deg, std_deg = (
         bias_alignment_error_deg(size, requirement.latitude_deg) for size in (bias.coefficient, bias.std_uncertainty)
     )
@@ -325,7 +331,7 @@ def _bias(laser: LaserResult, method: str, requirement: Requirement) -> Estimate
 def _of_method(
     laser: LaserResult, method: str, walk: RandomWalk, requirement: Requirement, limit_s: float | None
 ) -> Estimates:
-    place = laser.record.place(laser.clock_Hz) | {"method": method}
+    place = laser.place | {"method": method}
     used = laser.found.turnarounds if method == RAW else laser.found.used[method]
     counted = {"n": used, "dropped": laser.found.turnarounds - used}
     time, dof = alignment_s(walk, requirement), walk_dof(walk)
@@ -351,7 +357,7 @@ def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
 
 def constant_estimates(laser: LaserResult) -> Estimates:
     """Lock-in rate and backscatter phase of one record; none where no two constants could be fitted."""
-    place, of_all = laser.record.place(laser.clock_Hz), laser.found.turnarounds
+    place, of_all = laser.place, laser.found.turnarounds
     counted = {"n": of_all, "dropped": of_all - max(laser.found.used.values(), default=0)}
     rate, phase = laser.lock_in_deg_s, laser.backscatter_deg
     if rate is None or phase is None:

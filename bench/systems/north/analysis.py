@@ -106,9 +106,9 @@ def _waveform(solution: Solution) -> Estimates:
     raw = [waveform for waveform in solution.raw if waveform is not None]
     if not raw:
         return []
-    amplitude = np.array([float(waveform.amplitude) for waveform in raw])
-    noise = np.array([float(waveform.noise_V) for waveform in raw])
-    samples = int(sum(int(waveform.samples) for waveform in raw))
+    amplitude = np.array([waveform.amplitude for waveform in raw])
+    noise = np.array([waveform.noise_V for waveform in raw])
+    samples = sum(waveform.samples for waveform in raw)
     bound_std = math.sqrt(0.5 + 2.0 * float(np.mean((noise / amplitude) ** 2))) / math.sqrt(samples)
     bound_deg = float(np.sqrt(np.nanmean(solution.bound_deg**2)))
     noise_V, about = rms(noise), {"source": "waveform"}

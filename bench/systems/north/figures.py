@@ -10,8 +10,8 @@ import numpy as np
 
 from bench.analysis import Figure, Floats, Series, band, series, worded_figure
 from bench.maths.arrays import rms
-from bench.systems.north.estimators.phasors import IndexCalibration, heading_deg, phase_deg, wrapped_deg
-from bench.systems.north.sets import POSITIONS, TEST, Waveform, waveform_of
+from bench.systems.north.estimators.phasors import POSITIONS, IndexCalibration, heading_deg, phase_deg, wrapped_deg
+from bench.systems.north.sets import TEST, Waveform, waveform_of
 from bench.systems.north.solution import (
     COVERAGE,
     LEAST_SQUARES,
@@ -74,7 +74,7 @@ def _earth_signal(solution: Solution, kind: str) -> list[Figure]:
     at_deg, mean_V, scatter_V, _ = _folded(azimuth_deg - waveform.theta_deg, waveform.u_V)
     parts = [series(say("signal.mean"), at_deg, mean_V, "points")]
     if fit is not None:
-        curve_V = float(fit.offset_V) + float(fit.amplitude) * np.cos(np.deg2rad(_TURN_deg))
+        curve_V = fit.offset_V + fit.amplitude * np.cos(np.deg2rad(_TURN_deg))
         parts.append(series(say("signal.fit"), _TURN_deg, curve_V, "line"))
     parts.append(band(say("signal.scatter"), at_deg, mean_V - scatter_V, mean_V + scatter_V))
     caption = say("signal.caption", seconds=waveform.seconds, name=solution.sets[k].name)
@@ -131,8 +131,8 @@ def _residual(solution: Solution) -> list[Figure]:
     for north_set, fit in zip(solution.sets, solution.raw, strict=True):
         waveform = waveform_of(north_set)
         if waveform is not None and fit is not None:
-            turn = np.deg2rad(waveform.theta_deg + float(fit.phi_deg))
-            beside_V = waveform.u_V - float(fit.offset_V) - float(fit.amplitude) * np.sin(turn)
+            turn = np.deg2rad(waveform.theta_deg + fit.phi_deg)
+            beside_V = waveform.u_V - fit.offset_V - fit.amplitude * np.sin(turn)
             kept = np.isfinite(beside_V)
             left_V.append(beside_V[kept])
             angle_deg.append(waveform.theta_deg[kept])

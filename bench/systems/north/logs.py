@@ -40,6 +40,7 @@ from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihoo
 from bench.systems.north.estimators.phasors import (
     POSITIONS,
     eight_sample_north,
+    half_width_deg,
     heading_deg,
     oriented,
     wrapped_deg,
@@ -77,22 +78,19 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
     output, unit = material.series[columns["output"]["name"]], str(columns["output"]["unit"])
     theta_deg = material.series[columns["encoder"]["name"]]
     found = likelihood_north(output, theta_deg, harmonics=_HARMONICS)
-    north_deg, std_deg, dof = float(heading_deg(found.phi_deg, 1)), float(found.std_deg), float(found.dof)
-    counted = {"n": int(found.samples), "dropped": int(found.dropped)}
+    north_deg = float(heading_deg(found.phi_deg, 1))
+    counted = {"n": found.samples, "dropped": found.dropped}
     place = {"kind": "gyro", "method": "likelihood"}
-    amplitude_std = float(found.noise_V) * np.sqrt(2.0 / counted["n"])
+    amplitude_std = found.noise_V * np.sqrt(2.0 / found.samples)
     entries = [
-        estimate("azimuth", "deg", north_deg, std_deg, place, dof=dof, **counted),
-        estimate("amplitude", unit, float(found.amplitude), amplitude_std, place, **counted),
+        estimate("azimuth", "deg", north_deg, found.std_deg, place, dof=found.dof, **counted),
+        estimate("amplitude", unit, found.amplitude, amplitude_std, place, **counted),
     ]
-    notes = [
-        say("log.turns", turns=int(found.turns)),
-        say("log.tilt"),
-    ]
-    if bool(found.widened):
+    notes = [say("log.turns", turns=found.turns), say("log.tilt")]
+    if found.widened:
         notes.append(say("log.widened"))
-    figure = _samples(output, theta_deg, float(found.amplitude), unit)
-    open_north = _no_signal(float(found.half_width_deg()))
+    figure = _samples(output, theta_deg, found.amplitude, unit)
+    open_north = _no_signal(half_width_deg(found.std_deg, found.dof))
     searches = [] if open_north else _searches(entries, material.series["t_s"], output, theta_deg, found)
     return _analysis(material, entries, open_north, searches, notes, [figure])
 
@@ -161,7 +159,7 @@ def _searches(
     columns = np.array([np.sin(angle), np.cos(angle), np.ones(angle.size)])
     hats = np.array([columns @ np.interp(t_s, middle_s, one) for one in np.eye(len(raw))])
     turn = np.exp(-1j * np.deg2rad(found.phi_deg)) * (np.linalg.solve(columns @ columns.T, hats.T)[:2].T @ [1.0, 1.0j])
-    by_offset = np.array([np.rad2deg(turn.imag), float(found.amplitude) * turn.real]) / 100.0
+    by_offset = np.array([np.rad2deg(turn.imag), found.amplitude * turn.real]) / 100.0
     return list(searches_of(_solution(middle_s, LIKELIHOOD, azimuths, raw), entries, by_offset))
 
 

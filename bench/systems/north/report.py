@@ -191,10 +191,10 @@ def harmonic_table(solution: Solution) -> list[Table]:
     raw = [waveform for waveform in solution.raw if waveform is not None]
     if not raw:
         return []
-    amplitude_V = float(np.mean([float(waveform.amplitude) for waveform in raw]))
+    amplitude_V = float(np.mean([waveform.amplitude for waveform in raw]))
     power_V2 = np.mean([np.abs(waveform.harmonics) ** 2 for waveform in raw], axis=0)
     noise_V2 = float(np.mean([_harmonic_noise_V2(waveform) for waveform in raw]))
-    dof = float(np.sum([int(waveform.samples) - 3 - 2 * len(HARMONICS) for waveform in raw]))
+    dof = float(np.sum([waveform.samples - 3 - 2 * len(HARMONICS) for waveform in raw]))
     floor = 100.0 * math.sqrt(noise_V2 * _most_by_chance(len(raw), dof)) / amplitude_V
     rows = []
     for order, power in zip(HARMONICS, power_V2.tolist(), strict=True):
@@ -211,8 +211,8 @@ def harmonic_table(solution: Solution) -> list[Table]:
 
 def _harmonic_noise_V2(waveform: LikelihoodNorth) -> float:
     """Return the mean square of a harmonic by noise alone; as much larger as the turns scatter, where it has colour."""
-    colour = float(waveform.whiteness) if waveform.widened else 1.0
-    return 4.0 * float(waveform.noise_V) ** 2 / int(waveform.samples) * max(1.0, colour)
+    colour = waveform.whiteness if waveform.widened else 1.0
+    return 4.0 * waveform.noise_V**2 / waveform.samples * max(1.0, colour)
 
 
 def _most_by_chance(waveforms: int, dof: float) -> float:
@@ -296,7 +296,7 @@ def _whiteness(solution: Solution) -> list[str]:
     if math.isfinite(by_waveform.dof):
         ratio = by_waveform.noise_deg / float(np.sqrt(np.nanmean(solution.bound_deg**2)))
         return [say("note.turns_not_white", ratio=ratio, method=method_name(LIKELIHOOD))]
-    widened = sum(bool(waveform.widened) for waveform in solution.raw if waveform is not None)
+    widened = sum(waveform.widened for waveform in solution.raw if waveform is not None)
     if not widened:
         return []
     return [say("note.not_white", count=widened, of=len(solution.sets), method=method_name(LIKELIHOOD))]

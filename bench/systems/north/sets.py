@@ -29,6 +29,7 @@ from bench.maths.tests import f_tail, of_many
 from bench.model.errors import FitError
 from bench.model.quantities import Quality
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
+from bench.systems.north.estimators.phasors import POSITIONS
 from bench.systems.north.wording import item_name, say
 
 _SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
@@ -47,7 +48,6 @@ CALIBRATION, TEST, SEARCH = "calibration", "test", "search"
 ITEMS = (CALIBRATION, TEST, SEARCH)
 LOG = "log"  # a set that is a part of one
 SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"
-POSITIONS = 4
 VARYING = "TVP"  # parameters of a set whose amplitude and swing vary
 SENSES = {1: "counter-clockwise", -1: "clockwise"}  # of the table, seen from above
 MOST_OFF = 2e-3  # of the turning frequency: a lock-in that reads another one follows something else
@@ -360,8 +360,8 @@ def _still_or_pinned(waveform: Waveform) -> list[str]:
 def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int]) -> Flags | None:
     """Return which samples are unlike all others, (n,); None for none, or for more than one in a thousand."""
     theta = np.deg2rad(waveform.theta_deg)
-    left_V = waveform.u_V - float(fit.offset_V)
-    for order, phasor in ((1, complex(fit.phasor)), *zip(orders, fit.harmonics.tolist(), strict=True)):
+    left_V = waveform.u_V - fit.offset_V
+    for order, phasor in ((1, fit.phasor), *zip(orders, fit.harmonics.tolist(), strict=True)):
         left_V = left_V - phasor.real * np.sin(order * theta) - phasor.imag * np.cos(order * theta)
     beside_V = np.abs(left_V - np.median(left_V))
     far = np.asarray(beside_V > _FAR * float(scatter(beside_V)))

@@ -329,8 +329,8 @@ def _noise_dof(solution: Solution, method: str) -> float:
 def _samples_dof(solution: Solution) -> float:
     """Return the degrees of freedom of the mean variance of likelihood. Source: JCGM 100:2008, equation (G.2b)."""
     raw = [waveform for waveform in solution.raw if waveform is not None]
-    variance = np.array([float(waveform.std_deg) ** 2 for waveform in raw])
-    dof = np.array([float(waveform.dof) for waveform in raw])
+    variance = np.array([waveform.std_deg**2 for waveform in raw])
+    dof = np.array([waveform.dof for waveform in raw])
     share = float(np.sum(variance**2 / dof))
     return float(np.sum(variance)) ** 2 / share if share > 0.0 else math.inf
 
@@ -385,8 +385,7 @@ def _pieces(north_set: NorthSet, waveform: Waveform) -> list[tuple[float, float]
             length = len(u_V) // parts
             if length < _LEAST_TURNS * per_turn:
                 break
-            shape = (parts, length)
-            cut_V, cut_deg = u_V[: parts * length].reshape(shape), theta_deg[: parts * length].reshape(shape)
-            fit = likelihood_north(cut_V, cut_deg)
-            pieces += [(length / waveform.rate_Hz, phi) for phi in np.atleast_1d(fit.phi_deg).tolist()]
+            for begin in range(0, parts * length, length):
+                own = slice(begin, begin + length)
+                pieces.append((length / waveform.rate_Hz, likelihood_north(u_V[own], theta_deg[own]).phi_deg))
     return pieces

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from bench.model.errors import FitError
 from bench.systems.north.estimators.formulas import literal_north, quadrant_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import (
+    DOF,
+    IDEAL,
     IndexCalibration,
     alternating,
     calibrate_index,
@@ -162,7 +164,7 @@ def _calibrate(solution: Solution, noise_V: float | None) -> None:
         apparent_deg = solution.known_deg[use] - solution.tilt_deg[use]
         try:
             calibrations[sense] = calibrate_index(
-                solution.u1_V[use], solution.u2_V[use], phase_deg(apparent_deg, sense), noise=noise_V
+                solution.u1_V[use], solution.u2_V[use], phase_deg(apparent_deg, sense), noise_V
             )
         except FitError as error:
             _refuse_samples(solution, sense, say("fault.calibration", why=error.message, code=error.code))
@@ -194,11 +196,11 @@ def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float] | None:
     leaves: where all turns together do not scatter as white noise would, their scatter is the uncertainty.
     Source: two-sided chi-square test of the variance of the turns; None where they do.
     """
-    judged = [waveform for waveform in raw if math.isfinite(float(waveform.whiteness))]
+    judged = [waveform for waveform in raw if math.isfinite(waveform.whiteness)]
     if not judged or len(judged) < len(raw):
         return None
-    dof = float(sum(int(waveform.turns) - 1 for waveform in judged))
-    ratio = sum(float(waveform.whiteness) * (int(waveform.turns) - 1) for waveform in judged) / dof
+    dof = float(sum(waveform.turns - 1 for waveform in judged))
+    ratio = sum(waveform.whiteness * (waveform.turns - 1) for waveform in judged) / dof
     if chi2_both(ratio * dof, dof) > _FALSE_ALARM:
         return None
     return math.sqrt(ratio), dof / len(judged)
@@ -210,29 +212,27 @@ def _by_eight_samples(solution: Solution, noise_V: float | None) -> dict[str, Fo
     at_deg = {method: np.full(n, math.nan) for method in METHODS}
     std_deg = {method: np.full(n, math.nan) for method in METHODS}
     failures: dict[str, Floats] = {}
-    dof = 1.0
     for sense in (1, -1):
         use: Flags = solution.sense == sense
         if not use.any():
             continue
-        u1_V, u2_V, index = solution.u1_V[use], solution.u2_V[use], solution.calibrations.get(sense)
-        f2_deg, f5_deg, gains = (0.0, 0.0, None) if index is None else (index.f2_deg, index.f5_deg, index.gains)
-        literal = literal_north(u1_V, u2_V, f5_deg=f5_deg, noise=noise_V)
-        eight = eight_sample_north(u1_V, u2_V, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg, noise=noise_V)
-        wider = 1.0 if index is None or noise_V is not None else _left_by_calibration(solution, use, index.sets)
-        for method, north in (
-            (LEAST_SQUARES, eight),
-            (QUADRANT, quadrant_north(u1_V, u2_V, f5_deg=f5_deg, noise=noise_V)),
-            (LITERAL, literal.north),
+        u1_V, u2_V, index = solution.u1_V[use], solution.u2_V[use], solution.calibrations.get(sense, IDEAL)
+        literal_deg, failed = literal_north(u1_V, u2_V, index.f5_deg)
+        quadrant = quadrant_north(u1_V, u2_V, index.f5_deg, noise_V)
+        eight = eight_sample_north(u1_V, u2_V, index, noise_V)
+        wider = 1.0 if index is IDEAL or noise_V is not None else _left_by_calibration(solution, use, index.sets)
+        for method, phi_deg, north in (
+            (LEAST_SQUARES, eight.phi_deg, eight),
+            (QUADRANT, quadrant.phi_deg, quadrant),
+            (LITERAL, literal_deg, quadrant),
         ):
             with np.errstate(divide="ignore", invalid="ignore"):  # theirs takes misplaced pulses for noise
                 share = np.where(north.noise > 0.0, eight.noise / north.noise, 1.0)
-            at_deg[method][use], std_deg[method][use] = heading_deg(north.phi_deg, sense), north.std_deg * share / wider
-            dof = float(north.dof)
-        for name, flags in asdict(literal.failures).items():
+            at_deg[method][use], std_deg[method][use] = heading_deg(phi_deg, sense), north.std_deg * share / wider
+        for name, flags in failed.items():
             failures.setdefault(name, np.zeros(n))[use] = flags
     solution.failures = failures
-    dof = _without_calibration(solution, dof)
+    dof = _without_calibration(solution)
     return {method: (at_deg[method], std_deg[method], dof) for method in METHODS}
 
 
@@ -246,18 +246,18 @@ def _left_by_calibration(solution: Solution, use: Flags, sets: int) -> Floats:
     return np.sqrt(1.0 + np.where(solution.of(CALIBRATION)[use], -0.5, 0.5) / sets)
 
 
-def _without_calibration(solution: Solution, dof: float) -> float:
+def _without_calibration(solution: Solution) -> float:
     """Return the degrees of freedom of one set without what the error of the calibration, common to all, takes.
 
     Source: variance of the mean of residual variances that share a part with two degrees of freedom, as
     ``_left_by_calibration`` has it.
     """
     sets = int(np.count_nonzero(solution.good))
-    variance = 2.0 / (dof * sets) if sets else 0.0
+    variance = 2.0 / (DOF * sets) if sets else 0.0
     for sense, index in solution.calibrations.items():
         others = int(np.count_nonzero(solution.good & (solution.sense == sense) & ~solution.of(CALIBRATION)))
         variance += (others / sets / (1.0 + 2.0 * index.sets)) ** 2
-    return 2.0 / variance / sets if sets else dof
+    return 2.0 / variance / sets if sets else DOF
 
 
 def _across(solution: Solution, apparent: dict[str, Found]) -> dict[str, Found]:
@@ -268,11 +268,10 @@ def _across(solution: Solution, apparent: dict[str, Found]) -> dict[str, Found]:
     across_deg, rest_deg2 = (np.full(len(solution.sets), math.nan) for _ in range(2))
     fitted = 0
     for sense in (1, -1):
-        index = solution.calibrations.get(sense)
-        f2_deg, f5_deg, gains = (0.0, 0.0, None) if index is None else (index.f2_deg, index.f5_deg, index.gains)
         use: Flags = (solution.sense == sense) & np.isfinite(apparent[LEAST_SQUARES][0])
         if use.any():
-            parts = alternating(solution.u1_V[use], solution.u2_V[use], gains=gains, f2_deg=f2_deg, f5_deg=f5_deg)
+            index = solution.calibrations.get(sense, IDEAL)
+            parts = alternating(solution.u1_V[use], solution.u2_V[use], index)
             across_deg[use], rank = _without_twice(parts[0], apparent[LEAST_SQUARES][0][use])
             rest_deg2[use], fitted = parts[1], fitted + rank
     sets = int(np.isfinite(across_deg).sum())

@@ -6,10 +6,11 @@ Nothing here comes from bench.systems or sim_instruments. East, north, up.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from bench.analysis import Material, Reading
 from bench.maths.verdict import coverage_factor
@@ -19,11 +20,9 @@ from bench.record import RecordRow, Samples
 from bench.systems.north.estimators.formulas import literal_north, propagated, quadrant_north
 from bench.systems.north.estimators.likelihood import likelihood_north
 from bench.systems.north.estimators.phasors import (
-    DOF,
     North,
-    angle_deg,
-    eight,
     eight_sample_north,
+    half_width_deg,
     lock_in_phasors,
     wrapped_deg,
 )
@@ -177,20 +176,26 @@ def record_row(
 SIGMA_V = 0.5**0.5
 TURNS = 20
 KINDS = ("constant", "slow", "step", "linear", "white", "double")
+OF_FITS = ("phi_deg", "std_deg", "white_std_deg", "bound_deg", "whiteness", "widened", "dof", "samples", "dropped")
+half_widths_deg = np.vectorize(half_width_deg)
 
 
-def single_north(u1: ArrayLike, u2: ArrayLike, *, f2_deg: float = 0.0) -> North:
+def single_north(u1: np.ndarray, u2: np.ndarray, f2_deg: float = 0.0) -> North:
     """Phase by (17) with atan2: lock-in 1 alone, as a scheme with one lock-in has it.
 
     Args:    u1, u2: oriented samples, (..., 4); lock-in 2 only for the noise.   f2_deg: placement of its index pulse.
     Returns: North.
-    Raises:  FitError B-FIT-110 for another shape.
     Source:  FOG paper (002) equation (17).
     """
-    first, second = eight(u1, u2)
-    phasor = np.asarray(lock_in_phasors(first, second)[0] * np.exp(-1j * np.deg2rad(f2_deg)))
-    noise, std_deg = propagated(lambda a, b: lock_in_phasors(a, b)[0], first, second)
-    return North("single", angle_deg(phasor), std_deg, DOF, phasor, noise, first.mean(-1), second.mean(-1))
+    phasor = np.asarray(lock_in_phasors(u1, u2)[0] * np.exp(-1j * np.deg2rad(f2_deg)))
+    noise, std_deg = propagated(lambda a, b: lock_in_phasors(a, b)[0], u1, u2)
+    return North(phasor, std_deg, noise)
+
+
+def likelihoods(u_V: np.ndarray, theta_deg: np.ndarray, **about: Any) -> Any:
+    """Attributes of the fits of raw samples (r, n) against one encoder, (r,) each."""
+    fits = [likelihood_north(one, theta_deg, **about) for one in u_V]
+    return SimpleNamespace(**{name: np.array([getattr(fit, name) for fit in fits]) for name in OF_FITS})
 
 
 def wander(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -255,14 +260,14 @@ def errors_deg(
     for phi_deg, u, theta_deg in runs(kind, count, fs=fs, noise=noise, seed=seed):
         eight = lock_ins(u, fs)
         each = {
-            "literal": literal_north(*eight).north,
-            "quadrant": quadrant_north(*eight),
-            "single": single_north(*eight),
-            "least_squares": eight_sample_north(*eight),
-            "likelihood": likelihood_north(u, theta_deg),
+            "literal": literal_north(*eight)[0],
+            "quadrant": quadrant_north(*eight).phi_deg,
+            "single": single_north(*eight).phi_deg,
+            "least_squares": eight_sample_north(*eight).phi_deg,
+            "likelihood": likelihoods(u, theta_deg).phi_deg,
         }
         for name, one in each.items():
-            found.setdefault(name, []).append(wrapped_deg(one.phi_deg - phi_deg))
+            found.setdefault(name, []).append(wrapped_deg(one - phi_deg))
     errors = {name: np.concatenate(some) for name, some in found.items()}
     return errors | {"literal, half turns removed": wrapped_deg(2 * errors["literal"]) / 2}
 

@@ -56,7 +56,6 @@ class GlobalConstants:
         jumps: of all turnarounds.
         kappa_rad_s, beta_rad: lock-in rate in phase (K W_L) and backscatter phase, of the whole stretch, beta in
             (-pi, pi]; with standard uncertainties.
-        blocks: constants of each block.
         residual_jump_rad: step at the zero-rate instant that the crossings still show, (n,): what the model lacks.
         score, information: what each usable turnaround says against the constants of its time, (u, 2), and with what
             weight, (u, 2, 2); ``information`` times a change of (kc, ks) is the score that it explains.
@@ -68,7 +67,6 @@ class GlobalConstants:
     kappa_std_rad_s: float
     beta_rad: float
     beta_std_rad: float
-    blocks: Constants
     residual_jump_rad: Floats
     score: Floats
     information: Floats
@@ -110,18 +108,16 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
     """
     time_s = turns.inner(turns.crossings)[0]
     require_turnarounds(len(time_s))
-    block, middle_s, when_s = _blocks(turns, block_s)
-    fit = _settled(turns, lambda both: _constants(both, block, middle_s.size), middle_s, when_s)
-    kappa, kappa_std, beta, beta_std = _constants(fit.projected, np.zeros_like(block), 1).polar()
+    fit = _settled(turns, block_s)
+    kappa, kappa_std, beta, beta_std = _constants(fit.projected, np.zeros(len(time_s), np.int64), 1).polar()
     steps = _steps_left(fit.projection, fit.left, time_s, fit.motion)
     lock_in = fit.projected[:, :, :2]
     return GlobalConstants(
-        jumps=jumps_of("global_constants", turns.usable, fit.step, fit.motion),
+        jumps=jumps_of(turns.usable, fit.step, fit.motion),
         kappa_rad_s=float(kappa[0]),
         kappa_std_rad_s=float(kappa_std[0]),
         beta_rad=float(beta[0]),
         beta_std_rad=float(beta_std[0]),
-        blocks=_constants(fit.projected, block, middle_s.size),
         residual_jump_rad=spread(turns.usable, steps),
         score=np.asarray(np.einsum("ukp,uk->up", lock_in, fit.left)),
         information=np.asarray(lock_in.transpose(0, 2, 1) @ lock_in),
@@ -158,10 +154,9 @@ class _Settled:
     local: Floats
 
 
-def _settled(
-    turns: Turnarounds, constants_of: Callable[[Floats], Constants], middle_s: Floats, when_s: Floats
-) -> _Settled:
+def _settled(turns: Turnarounds, block_s: float) -> _Settled:
     """Shapes, constants and local dithers by turns until they settle."""
+    block, middle_s, when_s = _blocks(turns, block_s)
     time_s, phase = turns.inner(turns.crossings)
     projection, dithered = Projection(time_s, turns.omega_rad_s), phase - turns.rate_rad_s * time_s
     motion = stepped_motion(turns, turns.crossings)[1]
@@ -169,7 +164,7 @@ def _settled(
         shapes = lock_in_shapes(time_s, motion)
         lock_in = shapes.columns
         both = projection.residual(np.concatenate((lock_in, dithered[:, :, None]), axis=-1))
-        local = _between(constants_of(both).value, middle_s, when_s)
+        local = _between(_constants(both, block, middle_s.size).value, middle_s, when_s)
         bare = dithered - np.einsum("ukp,up->uk", lock_in, local)
         solved = projection.solve(bare[:, :, None])[:, :, 0]
         motion = DitherMotion(solved, motion.sign, motion.omega_rad_s, motion.rate_rad_s)
@@ -261,7 +256,7 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
     moves the crossings, by a hundredth of the distance to the next where the jump is 0.07 rad, is left out.
 
     Args:    turnarounds: of the record.
-    Returns: GlobalConstants with one block and no residuals; jumps, score and information of 128 turnarounds.
+    Returns: GlobalConstants without residuals; jumps, score and information of 128 turnarounds.
     Raises:  FitError B-FIT-097 if the dither has not 16 crossings on each side of a turnaround, B-FIT-098 as
              ``global_constants``.
     Source:  as ``global_constants``; variance of a step of the clock, tick^2 / 12; covariance of a random walk.
@@ -274,16 +269,14 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
     scatter = columns.transpose(0, 2, 1) @ _noise(laser, time_s) @ columns
     covariance = covariance_of(information.sum(axis=0), scatter.sum(axis=0)) * sides / turnarounds
     value = laser.kappa_rad_s * np.array([[math.cos(laser.beta_rad), math.sin(laser.beta_rad)]])
-    constants = Constants(value, covariance[None])
-    kappa, kappa_std, beta, beta_std = constants.polar()
+    kappa, kappa_std, beta, beta_std = Constants(value, covariance[None]).polar()
     local = np.repeat(value, sides, axis=0)
     return GlobalConstants(
-        jumps=jumps_of("global_constants", np.ones(sides, bool), shapes.jump(local), motion),
+        jumps=jumps_of(np.ones(sides, bool), shapes.jump(local), motion),
         kappa_rad_s=float(kappa[0]),
         kappa_std_rad_s=float(kappa_std[0]),
         beta_rad=float(beta[0]),
         beta_std_rad=float(beta_std[0]),
-        blocks=constants,
         residual_jump_rad=np.zeros(sides),
         score=np.zeros((sides, 2)),
         information=information,

@@ -36,19 +36,6 @@ _BESIDE, _ODD_SCATTERS, _ODD_rad = 5, 12.0, 0.3
 TERMS = ("quantisation_noise", "white_noise")
 
 
-@dataclass(frozen=True)
-class CycleIncrements:
-    """Net phase of each dither period, mean of the one from rising to rising and the one from falling to falling zero.
-
-    ``increment_rad`` (c,), NaN where a turnaround in it is not usable or events are lost; ``interval_s``: the mean
-    period; ``start`` (c,): the rising pick-off edge at which each begins.
-    """
-
-    increment_rad: Floats
-    interval_s: float
-    start: Integers
-
-
 def net_angle(edges: EdgeLevels, pickoff_tick: Integers) -> Floats:
     """Phase at the edges of the pick-off: the latched count, and what the edges round it say of the rest of a turn.
 
@@ -126,7 +113,7 @@ def odd_steps(psi_rad: Floats, pickoff_rising: ArrayLike, regular: ArrayLike) ->
 
 def cycle_increments(
     psi_rad: Floats, pickoff_rising: ArrayLike, turns: Turnarounds, jumps: Jumps | None = None
-) -> CycleIncrements:
+) -> Floats:
     """Net phase of each dither period, less what a compensator says that lock-in added.
 
     Both senses of the pick-off are used: an error of its time stamp, times the rate, has the other sign in the other
@@ -135,6 +122,8 @@ def cycle_increments(
 
     Args:    psi_rad: of ``net_angle``, (n + 1,).   pickoff_rising: (n + 1,).   turns: of the same pick-off.
              jumps: of a compensator; None leaves the lock-in errors in.
+    Returns: mean of the period from rising to rising and the one from falling to falling zero, (c,), radian; NaN where
+             a turnaround in it is not usable or events are lost.
     Source:  lock-in paper (9) and figure 11: the error is taken off at each turnaround.
     """
     upward = np.asarray(pickoff_rising, bool)
@@ -142,8 +131,7 @@ def cycle_increments(
     step = np.where(turns.regular, np.diff(psi_rad), np.nan)
     if jumps is not None:
         step = step - jumps.dpsi_rad
-    increment = (step[start] + step[start + 2]) / 2.0 + step[start + 1]
-    return CycleIncrements(increment, float(2.0 * np.pi / turns.omega_rad_s), start)
+    return np.asarray((step[start] + step[start + 2]) / 2.0 + step[start + 1])
 
 
 @dataclass(frozen=True)
@@ -177,15 +165,6 @@ def gyro_gain(path_length_m: float) -> float:
     Source:  Sagnac effect; helium-neon line 632.8 nm.
     """
     return float(np.pi * path_length_m / (2.0 * WAVELENGTH_m))
-
-
-def lock_in_rate_deg_s(kappa_rad_s: float, path_length_m: float) -> float:
-    """Lock-in rate W_L = kappa / K, degree per second.
-
-    Args:    kappa_rad_s: of ``GlobalConstants``.   path_length_m: perimeter.
-    Source:  lock-in paper equation (10).
-    """
-    return float(np.rad2deg(kappa_rad_s / gyro_gain(path_length_m)))
 
 
 def walk_of_phase_deg_rth(walk_rad_rt_s: float, path_length_m: float) -> float:

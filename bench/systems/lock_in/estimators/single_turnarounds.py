@@ -159,7 +159,7 @@ def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
     """Return two parabolas, carried on to the instant midway between their vertices; their difference is the jump.
 
     Args:    turns: at least that many crossings a side.   crossings: on each side, 3 or 4.
-    Returns: Jumps, method "parabolas".
+    Returns: Jumps.
     Source:  lock-in paper equations (7) to (9); Lim, EP 0103080 A2 (1982).
     """
     time_s, phase = turns.inner(crossings)
@@ -167,13 +167,8 @@ def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
     behind = _parabola(time_s[:, crossings:], phase[:, crossings:])
     zero = (_vertex(before) + _vertex(behind)) / 2.0
     at_before, at_behind = _value(before, zero), _value(behind, zero)
-    columns = (
-        at_behind - at_before,
-        (at_before + at_behind) / 2.0,
-        np.abs(before[:, 2] + behind[:, 2]),
-        zero,
-    )
-    return Jumps("parabolas", *(spread(turns.usable, column) for column in columns))
+    columns = (at_behind - at_before, (at_before + at_behind) / 2.0, np.abs(before[:, 2] + behind[:, 2]))
+    return Jumps(*(spread(turns.usable, column) for column in columns))
 
 
 def _parabola(time_s: Floats, phase: Floats) -> Floats:
@@ -193,11 +188,10 @@ def dither_shape(turns: Turnarounds, crossings: int = 4) -> Jumps:
     """Return phase = (c before | c behind) + s A (1 - cos w (t - t0)) + input rate, four unknowns, all linear.
 
     Args:    turns: at least that many crossings a side.   crossings: on each side, 4 or 16.
-    Returns: Jumps, method "dither_shape", or "dither_shape_16" with 16 crossings.
+    Returns: Jumps.
     Source:  lock-in paper section III with the dither's own shape in place of the parabola; least squares in time.
     """
-    name = "dither_shape" if crossings == 4 else f"dither_shape_{crossings}"
-    return jumps_of(name, turns.usable, *stepped_motion(turns, crossings))
+    return jumps_of(turns.usable, *stepped_motion(turns, crossings))
 
 
 def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Floats, DitherMotion]:
@@ -216,13 +210,13 @@ def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Floats, DitherMo
     return solved[:, 1], motion
 
 
-def jumps_of(method: str, usable: Flags, step: Floats, motion: DitherMotion) -> Jumps:
+def jumps_of(usable: Flags, step: Floats, motion: DitherMotion) -> Jumps:
     """Jumps from what was found of the usable turnarounds, (u,).
 
     Source: none; bookkeeping.
     """
-    columns = (step, motion.psi0_rad, motion.curvature_rad_s2, motion.zero_rate_s)
-    return Jumps(method, *(spread(usable, column) for column in columns))
+    columns = (step, motion.psi0_rad, motion.curvature_rad_s2)
+    return Jumps(*(spread(usable, column) for column in columns))
 
 
 def fresnel(turns: Turnarounds) -> Jumps:
@@ -231,7 +225,7 @@ def fresnel(turns: Turnarounds) -> Jumps:
     A crossing counts by its phase noise: that of one tick at its rate, and 1e-3 rad besides.
 
     Args:    turns: with 16 crossings a side, at least 4.
-    Returns: Jumps, method "fresnel".
+    Returns: Jumps.
     Source:  stationary phase of the ring laser's equation, lock-in paper (10); Abramowitz and Stegun 7.3.
     """
     time_s, phase = turns.inner(turns.crossings)
@@ -245,4 +239,4 @@ def fresnel(turns: Turnarounds) -> Jumps:
         solved = solve_rows(design, phase - turns.rate_rad_s * time_s, weight)
         motion = DitherMotion(solved[:, :3], motion.sign, motion.omega_rad_s, motion.rate_rad_s)
     step = 2.0 * (solved[:, 3] * lock_in.sine_end + solved[:, 4] * lock_in.cosine_end)
-    return jumps_of("fresnel", turns.usable, step, motion)
+    return jumps_of(turns.usable, step, motion)

@@ -67,16 +67,13 @@ class Jumps:
     """Jumps of the phase at each turnaround by one compensator, (n,); NaN where it is not usable.
 
     Attributes:
-        method: its name.   dpsi_rad: phase behind less phase before, both carried on to the zero-rate instant.
+        dpsi_rad: phase behind less phase before, both carried on to the zero-rate instant.
         psi0_rad: phase there, between the two.   curvature_rad_s2: size of its second derivative.
-        zero_rate_s: the instant, about the reference tick.
     """
 
-    method: str
     dpsi_rad: Floats
     psi0_rad: Floats
     curvature_rad_s2: Floats
-    zero_rate_s: Floats
 
 
 def spread(usable: Flags, values: Floats) -> Floats:
@@ -89,26 +86,24 @@ def spread(usable: Flags, values: Floats) -> Floats:
     return placed
 
 
-def turnarounds(
-    edges: EdgeLevels, pickoff_tick: Integers, pickoff_rising: ArrayLike, clock_Hz: float, crossings: int = CROSSINGS
-) -> Turnarounds:
+def turnarounds(edges: EdgeLevels, pickoff_tick: Integers, pickoff_rising: ArrayLike, clock_Hz: float) -> Turnarounds:
     """Find the turnarounds and the crossings round them.
 
     Args:    edges: of the beat, one unbroken stretch.   pickoff_tick: edges of the pick-off of the dither angle in it,
              (n + 1,), in order.   pickoff_rising: (n + 1,), True where the rate is at its positive maximum.
-             clock_Hz: of the ticks.   crossings: M, those used on each side.
+             clock_Hz: of the ticks.
     Raises:  FitError B-FIT-096 if there are too few pick-off edges to tell the dither's period, B-FIT-097 if no
-             turnaround has M crossings on each side.
+             turnaround has ``CROSSINGS`` on each side.
     Source:  Lim, EP 0103080 A2 (1982): fits before and behind the same zero-rate instant.
     """
     pickoff, upward = np.asarray(pickoff_tick, np.int64), np.asarray(pickoff_rising, bool)
     half = half_period_ticks(pickoff)
     sign = np.where(upward[:-1], -1, 1)
     begin, end = np.searchsorted(edges.tick, pickoff[:-1]), np.searchsorted(edges.tick, pickoff[1:])
-    before, behind, grazing, enough = _crossings(edges, begin, end, sign, crossings)
+    before, behind, grazing, enough = _crossings(edges, begin, end, sign)
     regular = (np.abs(np.diff(pickoff) / half - 1.0) < _REGULAR) & (upward[1:] != upward[:-1])
-    torn = _any_within(edges.suspect, before - crossings + 1, before + 1)
-    torn |= _any_within(edges.suspect, behind, behind + crossings)
+    torn = _any_within(edges.suspect, before - CROSSINGS + 1, before + 1)
+    torn |= _any_within(edges.suspect, behind, behind + CROSSINGS)
     broken = np.zeros(edges.tick.size, bool)
     broken[edges.breaks] = True
     reasons = {"pickoff": ~regular, "few_crossings": ~enough, "break": _any_within(broken, begin, end), "suspect": torn}
@@ -116,12 +111,12 @@ def turnarounds(
     for reason, refused in reasons.items():
         counts[reason] = int((usable & refused).sum())
         usable &= ~refused
-    _require(usable, crossings, counts)
-    place = np.arange(crossings)
-    index = np.column_stack((before[:, None] - crossings + 1 + place, behind[:, None] + place))
+    _require(usable, counts)
+    place = np.arange(CROSSINGS)
+    index = np.column_stack((before[:, None] - CROSSINGS + 1 + place, behind[:, None] + place))
     index = np.where(usable[:, None], index, 0)
-    reference = (edges.tick[index[:, crossings - 1]] + edges.tick[index[:, crossings]]) // 2
-    level0 = edges.level[index[:, crossings]].astype(np.int64) // 2 * 2
+    reference = (edges.tick[index[:, CROSSINGS - 1]] + edges.tick[index[:, CROSSINGS]]) // 2
+    level0 = edges.level[index[:, CROSSINGS]].astype(np.int64) // 2 * 2
     return Turnarounds(
         clock_Hz=clock_Hz,
         omega_rad_s=float(np.pi * clock_Hz / half),
@@ -165,13 +160,13 @@ def _mean_rate(edges: EdgeLevels, pickoff: Integers, upward: Flags) -> float:
 
 
 def _crossings(
-    edges: EdgeLevels, begin: Integers, end: Integers, sign: Integers, crossings: int
+    edges: EdgeLevels, begin: Integers, end: Integers, sign: Integers
 ) -> tuple[Integers, Integers, Flags, Flags]:
     """Last edge before and first behind each turnaround, whether an inner pair was left out, whether there are M."""
     before, behind, bounced = _innermost(edges, begin, end, sign)
-    reach = crossings + 1  # one more for a pair that is left out
+    reach = CROSSINGS + 1  # one more for a pair that is left out
     enough = (before - reach + 1 >= begin) & (behind + reach - 1 < end)
-    grazing = bounced | (enough & _grazing(edges, before, behind, enough, crossings))
+    grazing = bounced | (enough & _grazing(edges, before, behind, enough))
     return before - grazing, behind + grazing, grazing, enough
 
 
@@ -201,12 +196,12 @@ def _picked(values: Integers, place: Integers, otherwise: int) -> Integers:
     return picked
 
 
-def _grazing(edges: EdgeLevels, before: Integers, behind: Integers, enough: Flags, crossings: int) -> Flags:
+def _grazing(edges: EdgeLevels, before: Integers, behind: Integers, enough: Flags) -> Flags:
     """Whether the phase passes the innermost level by less than ``GRAZING_rad``: half curvature times time squared."""
-    inner, outer = np.where(enough, before, crossings), np.where(enough, behind, 0)
+    inner, outer = np.where(enough, before, CROSSINGS), np.where(enough, behind, 0)
     near = (edges.tick[outer] - edges.tick[inner]).astype(np.float64)
-    far = (edges.tick[np.where(enough, outer + crossings, 0)] - edges.tick[inner - crossings]).astype(np.float64)
-    past = crossings * np.pi * near**2 / np.maximum(far**2 - near**2, 1.0)
+    far = (edges.tick[np.where(enough, outer + CROSSINGS, 0)] - edges.tick[inner - CROSSINGS]).astype(np.float64)
+    past = CROSSINGS * np.pi * near**2 / np.maximum(far**2 - near**2, 1.0)
     return np.asarray((past < GRAZING_rad) & (edges.level[inner] == edges.level[outer]))
 
 
@@ -216,12 +211,12 @@ def _any_within(flags: Flags, first: Integers, behind: Integers) -> Flags:
     return np.searchsorted(set_at, behind) > np.searchsorted(set_at, first)
 
 
-def _require(usable: Flags, crossings: int, counts: Mapping[str, int]) -> None:
+def _require(usable: Flags, counts: Mapping[str, int]) -> None:
     if not usable.any():
         reasons = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise FitError(
             "B-FIT-097",
-            f"none of {usable.size} dither turnarounds has {crossings} good crossings on each side ({reasons})",
+            f"none of {usable.size} dither turnarounds has {CROSSINGS} good crossings on each side ({reasons})",
             next_step="look at the beat's edges and at the pick-off in the record: the dither's amplitude, lost "
             "events, and whether the channels are exchanged",
         )

@@ -20,49 +20,45 @@ White noise behind the low-pass filters of a lock-in amplifier.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.systems.north.estimators.phasors import (
-    DOF,
     Complex,
     LARGEST_deg,
     North,
     angle_deg,
-    eight,
     left_over,
     lock_in_phasors,
     wrapped_deg,
 )
 
-QUADRANT = "quadrant"
 _STEP = 1e-6  # of the amplitude, for derivatives
-LITERAL = "literal"
 _NOTHING = 1e-9  # relative: below it a quotient is of rounding errors
 _WRONG_AMPLITUDE = 0.1
 _GRID = 20_001
 
 
-def quadrant_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0, noise: float | None = None) -> North:
+def quadrant_north(u1: Floats, u2: Floats, f5_deg: float = 0.0, noise: float | None = None) -> North:
     """Return phase by (21) with both quadrants kept; noisier than least squares, and off where the amplitude drifts.
 
     Args:    u1, u2: oriented samples, (..., 4).   f5_deg: placement of the index pulse of lock-in 2.
              noise: declared standard deviation of one output; None for what the samples leave over.
     Returns: North, NaN in the rows whose samples say |f2 - f5| >= 90 degrees; noise as of least squares.
-    Raises:  FitError B-FIT-110 for another shape.
     Source:  see the head of this file.
     """
-    first, second = eight(u1, u2)
-    of_1, of_2 = lock_in_phasors(first, second)
+    phasor = _placed(u1, u2, f5_deg)
+    seen, std_deg = propagated(_quadrant, u1, u2, noise)
+    return North(phasor, np.where(np.isfinite(phasor), std_deg, np.nan), seen)
+
+
+def _placed(u1: Floats, u2: Floats, f5_deg: float) -> Complex:
+    """Return the phasor of ``quadrant_north``."""
+    of_1, of_2 = lock_in_phasors(u1, u2)
     apart_deg = wrapped_deg(np.rad2deg(np.angle(of_1) - np.angle(of_2)))
-    phasor = np.where(np.abs(apart_deg) < LARGEST_deg, _quadrant(first, second), np.nan)
-    phasor = phasor * np.exp(-1j * np.deg2rad(f5_deg))
-    seen, std_deg = propagated(_quadrant, first, second, noise)
-    std_deg = np.where(np.isfinite(phasor), std_deg, np.nan)
-    return North(QUADRANT, angle_deg(phasor), std_deg, DOF, phasor, seen, first.mean(-1), second.mean(-1))
+    phasor = np.where(np.abs(apart_deg) < LARGEST_deg, _quadrant(u1, u2), np.nan)
+    return np.asarray(phasor * np.exp(-1j * np.deg2rad(f5_deg)))
 
 
 def propagated(
@@ -102,71 +98,36 @@ def _quadrant(u1: Floats, u2: Floats) -> Complex:
     return np.where(length > 0.0, towards / np.where(length > 0.0, length, 1.0) * mean, 0.0)
 
 
-@dataclass(frozen=True)
-class LiteralFailures:
-    """Failures of each set, (...).
-
-    Attributes:
-        half_turn: the north found is on the wrong half of the circle, as seen by the formulas with quadrants.
-        flipped_17, flipped_18: terms of four on another branch than the angle itself, modulo a half turn.
-        amplitude_19, amplitude_20: f1, f4 is nothing over nothing, or its size more than 10 % off.
-        u2_zero: (21) divides by 0.
-    """
-
-    half_turn: Flags
-    flipped_17: Integers
-    flipped_18: Integers
-    amplitude_19: Flags
-    amplitude_20: Flags
-    u2_zero: Flags
-
-    @property
-    def any(self) -> Flags:
-        """Sets in which something failed, (...)."""
-        flipped = (self.flipped_17 > 0) | (self.flipped_18 > 0)
-        return self.half_turn | flipped | self.amplitude_19 | self.amplitude_20 | self.u2_zero
-
-
-@dataclass(frozen=True)
-class LiteralNorth:
-    """``north``: the result, its uncertainty that of noise alone where nothing fails; ``failures`` of each set."""
-
-    north: North
-    failures: LiteralFailures
-
-
-def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0, noise: float | None = None) -> LiteralNorth:
+def literal_north(u1: Floats, u2: Floats, f5_deg: float = 0.0) -> tuple[Floats, dict[str, Flags | Integers]]:
     """Return phase by (15) to (21) as printed, with U_LA1 = U11, U_LA2 = U21.
 
     Args:    u1, u2: oriented samples, (..., 4).   f5_deg: what (21) takes off at its end; the eight samples do not
-             contain it, and the paper does not say where it comes from.   noise: as of ``quadrant_north``.
-    Returns: LiteralNorth; NaN where a formula gives none.
-    Raises:  FitError B-FIT-110 for another shape.
+             contain it, and the paper does not say where it comes from.
+    Returns: phase (...), degrees, NaN where a formula gives none; failures of each set, (...), by name.
+             half_turn: the north found is on the wrong half of the circle, as seen by the formulas with quadrants.
+             flipped_17, flipped_18: terms of four on another branch than the angle itself, modulo a half turn.
+             amplitude_19, amplitude_20: f1, f4 is nothing over nothing, or its size more than 10 % off.
+             u2_zero: (21) divides by 0.
     Source:  see the head of this file.
     """
-    first, second = eight(u1, u2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        terms_17, terms_18 = _terms(first, second)
+        terms_17, terms_18 = _terms(u1, u2)
         x, y = terms_17.mean(0), terms_18.mean(0)
-        f1 = ((first[..., 0] - first[..., 2]) / np.sin(x) + (first[..., 1] - first[..., 3]) / np.cos(x)) / 4.0
-        f4 = ((second[..., 0] - second[..., 2]) / np.cos(y) - (second[..., 1] - second[..., 3]) / np.sin(y)) / 4.0
-        big_1 = (first[..., 0] - first.mean(-1)) * f4
-        big_2 = (second[..., 0] - second.mean(-1)) * f1
+        f1 = ((u1[..., 0] - u1[..., 2]) / np.sin(x) + (u1[..., 1] - u1[..., 3]) / np.cos(x)) / 4.0
+        f4 = ((u2[..., 0] - u2[..., 2]) / np.cos(y) - (u2[..., 1] - u2[..., 3]) / np.sin(y)) / 4.0
+        big_1 = (u1[..., 0] - u1.mean(-1)) * f4
+        big_2 = (u2[..., 0] - u2.mean(-1)) * f1
         angle = np.arctan((big_1 / big_2 - np.sin(x - y)) / np.cos(x - y))
     phi_deg = wrapped_deg(np.rad2deg(angle) - f5_deg)
-    safe = quadrant_north(first, second, f5_deg=f5_deg, noise=noise)
-    of_1, of_2 = (np.abs(phasor) for phasor in lock_in_phasors(first, second))
-    failures = LiteralFailures(
-        half_turn=np.abs(wrapped_deg(phi_deg - safe.phi_deg)) > 90.0,
-        flipped_17=_flipped(terms_17, angle_deg(lock_in_phasors(first, second)[0])),
-        flipped_18=_flipped(terms_18, angle_deg(lock_in_phasors(first, second)[1])),
-        amplitude_19=_amplitude_failed(f1, of_1, x),
-        amplitude_20=_amplitude_failed(f4, of_2, y),
-        u2_zero=np.abs(second[..., 0] - second.mean(-1)) <= _NOTHING * of_2,
-    )
-    phasor = np.asarray((of_1 + of_2) / 2.0 * np.exp(1j * np.deg2rad(phi_deg)), np.complex128)
-    north = North(LITERAL, phi_deg, safe.std_deg, DOF, phasor, safe.noise, safe.offset_1, safe.offset_2)
-    return LiteralNorth(north, failures)
+    of_1, of_2 = lock_in_phasors(u1, u2)
+    return phi_deg, {
+        "half_turn": np.abs(wrapped_deg(phi_deg - angle_deg(_placed(u1, u2, f5_deg)))) > 90.0,
+        "flipped_17": _flipped(terms_17, angle_deg(of_1)),
+        "flipped_18": _flipped(terms_18, angle_deg(of_2)),
+        "amplitude_19": _amplitude_failed(f1, np.abs(of_1), x),
+        "amplitude_20": _amplitude_failed(f4, np.abs(of_2), y),
+        "u2_zero": np.abs(u2[..., 0] - u2.mean(-1)) <= _NOTHING * np.abs(of_2),
+    }
 
 
 def _terms(u1: Floats, u2: Floats) -> tuple[Floats, Floats]:

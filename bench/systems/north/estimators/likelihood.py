@@ -22,19 +22,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.maths.arrays import Flags, Floats, Integers
+from bench.maths.arrays import Floats, Integers
 from bench.maths.tests import f_tail
 from bench.model.errors import FitError
-from bench.systems.north.estimators.phasors import Complex, angle_deg, half_width_deg
+from bench.systems.north.estimators.phasors import Complex, angle_deg
 
 SQUARE_PENALTY = math.pi / math.sqrt(8.0)  # of the standard deviation: mean noise power 1, of the sine's share 8/pi^2
-METHOD = "likelihood"
 LEAST_SEPARATION = 0.05  # smallest singular value over the largest, columns of unit size
 FEWEST_TURNS = 5  # whose scatter says anything
 SIGNIFICANCE = 0.01
 
 
-def north_bound_deg(ke_V: ArrayLike, sigma_V: ArrayLike, samples: ArrayLike) -> Floats:
+def north_bound_deg(ke_V: float, sigma_V: float, samples: int) -> float:
     """Cramer-Rao bound of the phase: the smallest standard deviation of an estimator without bias.
 
     Args:    ke_V: amplitude of the earth signal.   sigma_V: standard deviation of the white noise of one sample.
@@ -42,8 +41,7 @@ def north_bound_deg(ke_V: ArrayLike, sigma_V: ArrayLike, samples: ArrayLike) -> 
     Returns: degrees, sqrt(2) sigma / (Ke sqrt(N)), the same whether amplitude and offset are known or not.
     Source:  Kay, equation (3.41) and example 3.14: offset and amplitude are orthogonal to the phase over whole turns.
     """
-    share = np.asarray(sigma_V, np.float64) / np.asarray(ke_V, np.float64)
-    return np.rad2deg(share * np.sqrt(2.0 / np.asarray(samples, np.float64)))
+    return float(np.rad2deg(sigma_V / ke_V * np.sqrt(2.0 / samples)))
 
 
 def time_to_accuracy_s(
@@ -72,45 +70,41 @@ def time_to_accuracy_s(
 
 @dataclass(frozen=True)
 class LikelihoodNorth:
-    """Phase of the earth signal from raw samples; every array has the shape of the records given, (...).
+    """Phase of the earth signal from the raw samples of one record.
 
     Attributes:
         phi_deg: -180 (excluded) to 180.   std_deg: standard uncertainty, ``dof`` degrees of freedom.
         phasor: amplitude exp(i phi), V.   noise_V: standard deviation of one sample.   offset_V: constant part.
-        harmonics: amplitude times exp(i phase) of each order asked for, V, (..., h).
+        harmonics: amplitude times exp(i phase) of each order asked for, V, (h,).
         bound_deg: Cramer-Rao bound at this amplitude and noise.   whiteness: variance of the turns over that of white
             noise, NaN for fewer than five turns.   turns: their number.   widened: where their scatter is the
             uncertainty.
         samples, dropped: used, and left out because a value is NaN.
     """
 
-    phi_deg: Floats
-    std_deg: Floats
-    dof: Floats
-    phasor: Complex
-    noise_V: Floats
-    offset_V: Floats
+    phi_deg: float
+    std_deg: float
+    dof: float
+    phasor: complex
+    noise_V: float
+    offset_V: float
     harmonics: Complex
-    bound_deg: Floats
-    whiteness: Floats
-    turns: Integers
-    widened: Flags
-    samples: Integers
-    dropped: Integers
+    bound_deg: float
+    whiteness: float
+    turns: int
+    widened: bool
+    samples: int
+    dropped: int
 
     @property
-    def amplitude(self) -> Floats:
+    def amplitude(self) -> float:
         """Amplitude of the earth signal, V."""
-        return np.abs(self.phasor)
+        return float(np.abs(self.phasor))
 
     @property
-    def white_std_deg(self) -> Floats:
+    def white_std_deg(self) -> float:
         """Standard uncertainty that white noise of this size would give, degrees."""
-        return self.std_deg / np.sqrt(np.where(self.widened, self.whiteness, 1.0))
-
-    def half_width_deg(self, probability: float = 0.95) -> Floats:
-        """Half the interval that covers phi with this probability, degrees."""
-        return half_width_deg(self.std_deg, self.dof, probability)
+        return self.std_deg / math.sqrt(self.whiteness) if self.widened else self.std_deg
 
 
 @dataclass(frozen=True)
@@ -122,99 +116,59 @@ class _Turning:
     turn: Integers
 
 
-@dataclass(frozen=True)
-class _Record:
-    """One record, as the fields of the same names above."""
-
-    phasor: complex
-    std: float
-    dof: float
-    noise: float
-    offset: float
-    harmonics: Complex
-    whiteness: float
-    turns: int
-    widened: bool
-    samples: int
-    dropped: int
-
-
 def likelihood_north(
     u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequence[int] = (), noise_V: float | None = None,
     significance: float = SIGNIFICANCE,
 ) -> LikelihoodNorth:  # fmt: skip
-    """Return phase of the earth signal from raw samples and encoder angles.
+    """Return phase of the earth signal from raw samples and encoder angles of one record.
 
-    Args:    u_V: output of the gyroscope, (..., n), in order of time; NaN for a sample that is missing.
-             theta_deg: encoder angle at the middle of each sample, (n,) or (..., n), modulo a turn or not.
+    Args:    u_V: output of the gyroscope, (n,), in order of time; NaN for a sample that is missing.
+             theta_deg: encoder angle at the middle of each sample, (n,), modulo a turn or not.
              harmonics: orders above 1 to fit as well, such as (2, 3).
              noise_V: declared standard deviation of one sample, white; None for what the fit leaves over.
-             significance: chance that white noise widens one record; smaller where many are judged together.
+             significance: chance that white noise widens the record; smaller where many are judged together.
     Returns: LikelihoodNorth; phi is against the encoder, so it belongs to sense +1 whichever way the table turned.
     Raises:  FitError B-FIT-112 if the samples do not determine north: too few, or too small a part of a turn.
     Source:  see the head of this file.
     """
     u, theta = np.asarray(u_V, np.float64), np.asarray(theta_deg, np.float64)
-    if u.ndim == 0 or theta.shape not in (u.shape, u.shape[-1:]):
+    if u.ndim != 1 or theta.shape != u.shape:
         raise _undetermined(f"{u.shape} samples and {theta.shape} encoder angles do not belong together")
-    flat, shape = u.reshape(-1, u.shape[-1]), u.shape[:-1]
-    angles = np.broadcast_to(theta, u.shape).reshape(flat.shape)
-    orders = tuple(harmonics)
-    shared = _turning(theta, orders) if theta.ndim == 1 and np.isfinite(theta).all() else None
-    fits = [
-        _fit(samples, angle, shared, orders, noise_V, significance) for samples, angle in zip(flat, angles, strict=True)
-    ]
-
-    def column(name: str) -> Floats:
-        return np.array([getattr(fit, name) for fit in fits]).reshape(shape)
-
-    phasor, noise, samples = np.asarray(column("phasor"), np.complex128), column("noise"), column("samples")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bound_deg = north_bound_deg(np.abs(phasor), noise, samples)
-        std_deg = np.rad2deg(column("std") / np.abs(phasor))
-    return LikelihoodNorth(
-        phi_deg=angle_deg(phasor),
-        std_deg=np.asarray(std_deg),
-        dof=column("dof"),
-        phasor=phasor,
-        noise_V=noise,
-        offset_V=column("offset"),
-        harmonics=np.array([fit.harmonics for fit in fits]).reshape(*shape, len(harmonics)),
-        bound_deg=bound_deg,
-        whiteness=column("whiteness"),
-        turns=column("turns").astype(np.int64),
-        widened=column("widened").astype(bool),
-        samples=samples.astype(np.int64),
-        dropped=column("dropped").astype(np.int64),
-    )
-
-
-def _fit(
-    u: Floats, theta_deg: Floats, turning: _Turning | None, orders: tuple[int, ...], declared_V: float | None,
-    significance: float,
-) -> _Record:  # fmt: skip
-    """Return one record; ``turning`` is given where all records share their angles."""
-    good = np.isfinite(u) & np.isfinite(theta_deg)
-    dropped = int(good.size - np.count_nonzero(good))
-    if turning is None or dropped:
-        u, turning = u[good], _turning(theta_deg[good], orders)
+    good = np.isfinite(u) & np.isfinite(theta)
+    u, turning = u[good], _turning(theta[good], harmonics)
     values = turning.inverse @ (turning.columns.T @ u)
     residual = u - turning.columns @ values
     dof = float(u.size - len(values))
-    noise = float(np.sqrt(residual @ residual / dof)) if declared_V is None else declared_V
+    noise = float(np.sqrt(residual @ residual / dof)) if noise_V is None else noise_V
     phasor = complex(values[0], values[1])
     across = np.array([-values[1], values[0]]) / (abs(phasor) or 1.0)  # the component that turns phi
     std = noise * float(np.sqrt(across @ turning.inverse[:2, :2] @ across))
-    seen = noise if declared_V is None else 0.0  # a noise that is declared is white
+    seen = noise if noise_V is None else 0.0  # a noise that is declared is white
     ratio, turns = _whiteness(residual, turning.columns[:, :2] @ across, turning.turn, seen)
-    widened = turns >= FEWEST_TURNS and f_tail(ratio, turns - 1, dof) < significance
+    widened = turns >= FEWEST_TURNS and bool(f_tail(ratio, turns - 1, dof) < significance)
     if widened:
-        std, dof = std * float(np.sqrt(ratio)), float(turns - 1)
-    harmonics = np.asarray(values[3:].reshape(-1, 2) @ np.array([1.0, 1.0j]))
-    return _Record(phasor, std, dof, noise, float(values[2]), harmonics, ratio, turns, widened, u.size, dropped)
+        std, dof = std * math.sqrt(ratio), float(turns - 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound_deg = north_bound_deg(np.abs(phasor), noise, u.size)
+        std_deg = float(np.rad2deg(std / np.abs(phasor)))
+    return LikelihoodNorth(
+        phi_deg=float(angle_deg(phasor)),
+        std_deg=std_deg,
+        dof=dof,
+        phasor=phasor,
+        noise_V=noise,
+        offset_V=float(values[2]),
+        harmonics=np.asarray(values[3:].reshape(-1, 2) @ np.array([1.0, 1.0j])),
+        bound_deg=bound_deg,
+        whiteness=ratio,
+        turns=turns,
+        widened=widened,
+        samples=u.size,
+        dropped=good.size - u.size,
+    )
 
 
-def _turning(theta_deg: Floats, orders: tuple[int, ...]) -> _Turning:
+def _turning(theta_deg: Floats, orders: Sequence[int]) -> _Turning:
     """Return what follows from the encoder angles; refuses those that do not determine north."""
     angle, unknown = np.deg2rad(np.mod(theta_deg, 360.0)), 3 + 2 * len(orders)
     if angle.size <= unknown:

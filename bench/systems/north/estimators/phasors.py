@@ -35,6 +35,7 @@ f1, f2, f4, f5; JCGM 102:2011 section 6.2.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,45 +59,19 @@ class North:
     """Phase of the earth signal from eight samples; every array has the shape of the sets given, (...).
 
     Attributes:
-        method: its name.   phi_deg: -180 (excluded) to 180; NaN where it is not determined.
-        std_deg: standard uncertainty from what the eight samples leave over, ``dof`` degrees of freedom.
         phasor: amplitude times exp(i phi), unit of the samples; average these, never angles.
-        noise: standard deviation of one output of a lock-in.   offset_1, offset_2: f3 and f6.
+        std_deg: standard uncertainty of phi from what the eight samples leave over, ``DOF`` degrees of freedom.
+        noise: standard deviation of one output of a lock-in.
     """
 
-    method: str
-    phi_deg: Floats
-    std_deg: Floats
-    dof: float
     phasor: Complex
+    std_deg: Floats
     noise: Floats
-    offset_1: Floats
-    offset_2: Floats
 
     @property
-    def amplitude(self) -> Floats:
-        """Amplitude of the lock-ins' outputs, unit of the samples."""
-        return np.abs(self.phasor)
-
-    def half_width_deg(self, probability: float = 0.95) -> Floats:
-        """Half the interval that covers phi with this probability, degrees; 180 where the signal drowns in noise."""
-        return half_width_deg(self.std_deg, self.dof, probability)
-
-
-def eight(u1: ArrayLike, u2: ArrayLike) -> tuple[Floats, Floats]:
-    """Return samples of both lock-ins as arrays (..., 4).
-
-    Raises:  FitError B-FIT-110 unless both have the same shape and four index positions.
-    """
-    first, second = np.asarray(u1, np.float64), np.asarray(u2, np.float64)
-    if first.shape != second.shape or first.ndim == 0 or first.shape[-1] != POSITIONS:
-        raise FitError(
-            "B-FIT-110",
-            f"samples of lock-in 1 and 2 have the shapes {first.shape} and {second.shape}; "
-            f"each set needs {POSITIONS} index positions of both",
-            next_step="leave out a set in which an index position is missing, or take that set again",
-        )
-    return first, second
+    def phi_deg(self) -> Floats:
+        """Phase, -180 (excluded) to 180; NaN where it is not determined."""
+        return angle_deg(self.phasor)
 
 
 def oriented(u1: ArrayLike, u2: ArrayLike, sense: int) -> tuple[Floats, Floats]:
@@ -107,7 +82,14 @@ def oriented(u1: ArrayLike, u2: ArrayLike, sense: int) -> tuple[Floats, Floats]:
     Raises:  FitError B-FIT-110 for another shape; ValueError for another sense.
     Source:  see the head of this file.
     """
-    first, second = eight(u1, u2)
+    first, second = np.asarray(u1, np.float64), np.asarray(u2, np.float64)
+    if first.shape != second.shape or first.ndim == 0 or first.shape[-1] != POSITIONS:
+        raise FitError(
+            "B-FIT-110",
+            f"samples of lock-in 1 and 2 have the shapes {first.shape} and {second.shape}; "
+            f"each set needs {POSITIONS} index positions of both",
+            next_step="leave out a set in which an index position is missing, or take that set again",
+        )
     return _checked(sense) * first, second
 
 
@@ -149,31 +131,33 @@ def left_over(u1: Floats, u2: Floats, of_1: Complex, of_2: Complex) -> Floats:
     Returns: with ``DOF`` = 4 degrees of freedom: eight samples less two components and two offsets.
     Source:  residual variance of linear least squares.
     """
-    first = u1 - u1.mean(-1, keepdims=True) - (of_1[..., None] / TURNS).imag
-    second = u2 - u2.mean(-1, keepdims=True) - (of_2[..., None] / TURNS).real
+    first, second = _residuals(u1, u2, of_1, of_2)
     return np.asarray(np.sqrt((np.square(first).sum(-1) + np.square(second).sum(-1)) / DOF))
 
 
-def angle_deg(phasor: Complex) -> Floats:
+def _residuals(u1: Floats, u2: Floats, of_1: Complex, of_2: Complex) -> tuple[Floats, Floats]:
+    """Return what offsets and the phasors of a fit, (...), leave of the samples of both lock-ins, (..., 4) each."""
+    first = u1 - u1.mean(-1, keepdims=True) - (of_1[..., None] / TURNS).imag
+    second = u2 - u2.mean(-1, keepdims=True) - (of_2[..., None] / TURNS).real
+    return first, second
+
+
+def angle_deg(phasor: Complex | complex) -> Floats:
     """Return angle of a phasor in -180 (excluded) to 180 degrees; NaN for one of no length, which points nowhere."""
     direction_deg = wrapped_deg(np.rad2deg(np.angle(phasor)))
     return np.where(np.abs(phasor) > 0.0, direction_deg, np.nan)
 
 
-def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95) -> Floats:
+def half_width_deg(std_deg: float, dof: float, probability: float = 0.95) -> float:
     """Half a coverage interval of the direction of a phasor.
 
     Args:    std_deg: standard uncertainty of the component across the phasor over its length, degrees.
-             dof: its degrees of freedom, one or as many.   probability: of the interval.
+             dof: its degrees of freedom.   probability: of the interval.
     Returns: degrees, arcsin(t u); 180 where t u reaches the phasor's length: every direction is possible.
     Source:  Fieller's theorem for a direction: |Z| |sin(error)| <= t s; JCGM 100:2008 annex G for t.
     """
-    std, freedom = np.broadcast_arrays(np.asarray(std_deg, np.float64), np.asarray(dof, np.float64))
-    each, which = np.unique(freedom, return_inverse=True)
-    factors = np.array([coverage_factor(float(number), probability) for number in each])
-    sine = np.deg2rad(std) * factors[which].reshape(std.shape)
-    width = np.rad2deg(np.arcsin(np.minimum(sine, 1.0)))
-    return np.where(sine >= 1.0, 180.0, width)
+    sine = np.deg2rad(std_deg) * coverage_factor(dof, probability)
+    return 180.0 if sine >= 1.0 else float(np.rad2deg(np.arcsin(sine)))
 
 
 def _checked(sense: int) -> int:
@@ -215,99 +199,8 @@ def _tangent(latitude_deg: float) -> float:
     return float(np.tan(np.deg2rad(latitude_deg)))
 
 
-METHOD = "least_squares"
 LARGEST_deg = 90.0  # between the two placements
-_WEIGHTS = {"least_squares": (0.5, 0.5), "quadrant": (0.0, 1.0), "literal": (0.0, 1.0), "single": (1.0, 0.0)}
-
-
-def eight_sample_north(
-    u1: ArrayLike, u2: ArrayLike, *, gains: tuple[float, float] | None = None, f2_deg: float = 0.0, f5_deg: float = 0.0,
-    noise: float | None = None,
-) -> North:  # fmt: skip
-    """Return phase of the earth signal from eight samples.
-
-    Args:    u1, u2: oriented samples of lock-in 1 and 2 by index position, (..., 4), one unit.
-             gains: of lock-in 1 and 2 against their mean, from a calibration; None for alike.
-             f2_deg, f5_deg: placement of their index pulses, from a calibration.
-             noise: declared standard deviation of one output; None for what the samples leave over.
-    Returns: North; ``std_deg`` = noise / (2 amplitude) for ideal lock-ins. It holds for noise that is independent
-             between the eight samples; the calibration's own uncertainty is not in it.
-    Raises:  FitError B-FIT-110 for another shape, B-FIT-111 if the pulses are 90 degrees or more off.
-    Source:  see the head of this file.
-    """
-    first, second = eight(u1, u2)
-    check_placement(f2_deg, f5_deg)
-    from_1, from_2 = _unmixed(gains or (1.0, 1.0), f2_deg, f5_deg)
-    phasor = np.asarray((from_1 * first + from_2 * second) @ TURNS / 4.0)
-    seen = _noise(first, second, gains or (1.0, 1.0), f2_deg, f5_deg) if noise is None else np.full(phasor.shape, noise)
-    spread = np.sqrt(2.0 * (abs(from_1) ** 2 + abs(from_2) ** 2)) / 4.0  # of either component of the phasor, per noise
-    phi_deg = angle_deg(phasor)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        std_deg = np.rad2deg(seen * spread / np.abs(phasor))
-    return North(METHOD, phi_deg, np.asarray(std_deg), DOF, phasor, seen, first.mean(-1), second.mean(-1))
-
-
-def alternating(
-    u1: ArrayLike, u2: ArrayLike, *, gains: tuple[float, float] | None = None, f2_deg: float = 0.0, f5_deg: float = 0.0
-) -> tuple[Floats, Floats]:
-    """Return what an amplitude that changes from position to position leaves alone of the noise, and the rest.
-
-    Every position has the full phasor of its own. Its part across the mean phasor does not feel the amplitude, and the
-    part of that which changes sign from position to position feels neither an offset nor a slow turn of the phase.
-    Gains and placements that are not those of the calibration are in it: they go with twice the phase.
-
-    Args:    as ``eight_sample_north``.
-    Returns: that part, (...), degrees: its standard deviation is the standard uncertainty of phi; mean square of the
-             other three degrees of freedom, in its square.
-    Raises:  FitError B-FIT-110 for another shape, B-FIT-111 if the pulses are 90 degrees or more off.
-    Source:  discrete Fourier transform of four phasors: component 0 is the signal, 1 and 3 hold offsets and drifts.
-    """
-    first, second = eight(u1, u2)
-    from_1, from_2 = _unmixed(gains or (1.0, 1.0), f2_deg, f5_deg)
-    turned = (from_1 * first + from_2 * second) * TURNS
-    mean = turned.mean(-1)
-    about: Complex = turned * np.conj(mean)[..., None]
-    half = np.asarray(about @ np.array([0.5, -0.5, 0.5, -0.5]))
-    opposite = np.asarray(about @ (0.5 * TURNS))  # turns with the index; the offsets turn against it
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.rad2deg(0.5) / np.square(np.abs(mean))
-        rest_deg2 = (np.square(half.real) + np.square(np.abs(opposite))) * np.square(scale) / 3.0
-        return np.asarray(half.imag * scale), np.asarray(rest_deg2)
-
-
-def check_placement(f2_deg: float, f5_deg: float) -> None:
-    """Refuse index pulses that no longer tell the sine from the cosine.
-
-    Raises:  FitError B-FIT-111 unless |f2 - f5| < 90 degrees.
-    """
-    apart = abs(float(wrapped_deg(f2_deg - f5_deg)))
-    if not apart < LARGEST_deg:
-        raise FitError(
-            "B-FIT-111",
-            f"the index pulses are {apart:.1f} degrees from being 90 degrees apart (f2 {f2_deg:.1f}, f5 {f5_deg:.1f}; "
-            f"limit {LARGEST_deg:g}): sine and cosine of north cannot be told apart",
-            next_step="check which index pulse goes to which lock-in, and the sense of rotation",
-        )
-
-
-def _unmixed(gains: tuple[float, float], f2_deg: float, f5_deg: float) -> tuple[complex, complex]:
-    """Return what one unit of U1 and of U2 gives to cos phi + i sin phi: columns of the inverse 2 x 2 map."""
-    f2, f5 = np.deg2rad(f2_deg), np.deg2rad(f5_deg)
-    forward = np.array([
-        [gains[0] * np.cos(f2), gains[0] * np.sin(f2)],
-        [-gains[1] * np.sin(f5), gains[1] * np.cos(f5)],
-    ])  # fmt: skip
-    sine, cosine = np.linalg.inv(forward)
-    return complex(cosine[0], sine[0]), complex(cosine[1], sine[1])
-
-
-def _noise(first: Floats, second: Floats, gains: tuple[float, float], f2_deg: float, f5_deg: float) -> Floats:
-    """Return standard deviation of one output from the residuals of the fit with both lock-ins weighted alike."""
-    scale_1 = gains[0] * np.exp(1j * np.deg2rad(f2_deg))
-    scale_2 = gains[1] * np.exp(1j * np.deg2rad(f5_deg))
-    seen_1, seen_2 = lock_in_phasors(first, second)
-    common: Complex = (np.conj(scale_1) * seen_1 + np.conj(scale_2) * seen_2) / (gains[0] ** 2 + gains[1] ** 2)
-    return left_over(first, second, scale_1 * common, scale_2 * common)
+_WEIGHTS = {"least_squares": (0.5, 0.5), "quadrant": (0.0, 1.0), "literal": (0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -317,7 +210,7 @@ class IndexCalibration:
     Attributes:
         f1, f4: amplitudes, unit of the samples.   f2_deg, f5_deg: placements.   f3, f6: mean offsets.
         covariance: (4, 4) of (f1, f2_deg, f4, f5_deg), from what the samples leave over with ``dof`` degrees of
-            freedom, the common uncertainty of the known azimuth included in both placements.   sets: of eight samples.
+            freedom.   sets: of eight samples.
     """
 
     f1: float
@@ -337,22 +230,20 @@ class IndexCalibration:
         return self.f1 / mean, self.f4 / mean
 
     def std_deg(self, method: str) -> float:
-        """Standard uncertainty that the placements give every azimuth of a method; nothing for raw samples.
+        """Standard uncertainty that the placements give every azimuth of a method.
 
-        Args:    method: "least_squares" (mean of f2 and f5), "quadrant", "literal" (f5), "single" (f2) or "likelihood".
+        Args:    method: "least_squares" (mean of f2 and f5), "quadrant" or "literal" (f5).
         Returns: degrees.
         Raises:  KeyError for another method.
         Source:  slope of the phasor of ``bench.systems.north.estimators.phasors`` over f2 and f5.
         """
-        if method == "likelihood":
-            return 0.0
         slope = np.array(_WEIGHTS[method])
         return float(np.sqrt(slope @ self.covariance[1::2, 1::2] @ slope))
 
     def variance_over_noise(self, method: str) -> float:
         """Variance that the placements give every azimuth of a method over that of one set by least squares.
 
-        Args:    method: as ``std_deg``, but not "likelihood".
+        Args:    method: as ``std_deg``.
         Returns: by the design of the calibration alone, for gains that are alike: one over its sets for least squares.
         Raises:  KeyError for another method.
         Source:  as ``std_deg``, with the variance noise^2 / (2 sets amplitude^2) of either placement.
@@ -360,25 +251,88 @@ class IndexCalibration:
         return 2.0 * float(np.sum(np.square(_WEIGHTS[method]))) / self.sets
 
 
-def calibrate_index(
-    u1: ArrayLike, u2: ArrayLike, phi_deg: ArrayLike, *, phi_std_deg: float = 0.0, noise: float | None = None
-) -> IndexCalibration:
-    """Gains, placements and offsets of both lock-ins at a known azimuth.
+IDEAL = IndexCalibration(1.0, 0.0, 0.0, 1.0, 0.0, 0.0, np.zeros((4, 4)), math.inf, 0)
 
-    Args:    u1, u2: oriented samples, (4,) or (sets, 4).   phi_deg: known phase of each set, one or (sets,); sets at
-             headings 90 degrees apart cancel an amplitude that changes between index positions.
-             phi_std_deg: standard uncertainty of the known azimuth, common to all sets.
+
+def eight_sample_north(u1: Floats, u2: Floats, index: IndexCalibration = IDEAL, noise: float | None = None) -> North:
+    """Return phase of the earth signal from eight samples.
+
+    Args:    u1, u2: oriented samples of lock-in 1 and 2 by index position, (..., 4), one unit.
+             index: gains of the lock-ins and placements of their index pulses.
              noise: declared standard deviation of one output; None for what the samples leave over.
-    Returns: IndexCalibration; offsets may differ from set to set.
-    Raises:  FitError B-FIT-110 for another shape, B-FIT-111 if pulses or lock-ins are exchanged, B-FIT-113 without a
-             set or without a signal.
+    Returns: North; ``std_deg`` = noise / (2 amplitude) for ideal lock-ins. It holds for noise that is independent
+             between the eight samples; the calibration's own uncertainty is not in it.
     Source:  see the head of this file.
     """
-    first, second = eight(np.atleast_2d(u1), np.atleast_2d(u2))
-    sets = len(first)
-    back = np.exp(-1j * np.deg2rad(np.broadcast_to(np.asarray(phi_deg, np.float64), (sets,))))
-    of_1, of_2 = lock_in_phasors(first, second)
-    mean_1, mean_2 = (complex((phasors * back).mean()) if sets else 0j for phasors in (of_1, of_2))
+    from_1, from_2 = _unmixed(index)
+    phasor = np.asarray((from_1 * u1 + from_2 * u2) @ TURNS / 4.0)
+    seen = _noise(u1, u2, index) if noise is None else np.full(phasor.shape, noise)
+    spread = np.sqrt(2.0 * (abs(from_1) ** 2 + abs(from_2) ** 2)) / 4.0  # of either component of the phasor, per noise
+    with np.errstate(divide="ignore", invalid="ignore"):
+        std_deg = np.rad2deg(seen * spread / np.abs(phasor))
+    return North(phasor, np.asarray(std_deg), seen)
+
+
+def alternating(u1: Floats, u2: Floats, index: IndexCalibration = IDEAL) -> tuple[Floats, Floats]:
+    """Return what an amplitude that changes from position to position leaves alone of the noise, and the rest.
+
+    Every position has the full phasor of its own. Its part across the mean phasor does not feel the amplitude, and the
+    part of that which changes sign from position to position feels neither an offset nor a slow turn of the phase.
+    Gains and placements that are not those of the calibration are in it: they go with twice the phase.
+
+    Args:    as ``eight_sample_north``.
+    Returns: that part, (...), degrees: its standard deviation is the standard uncertainty of phi; mean square of the
+             other three degrees of freedom, in its square.
+    Source:  discrete Fourier transform of four phasors: component 0 is the signal, 1 and 3 hold offsets and drifts.
+    """
+    from_1, from_2 = _unmixed(index)
+    turned = (from_1 * u1 + from_2 * u2) * TURNS
+    mean = turned.mean(-1)
+    about: Complex = turned * np.conj(mean)[..., None]
+    half = np.asarray(about @ np.array([0.5, -0.5, 0.5, -0.5]))
+    opposite = np.asarray(about @ (0.5 * TURNS))  # turns with the index; the offsets turn against it
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.rad2deg(0.5) / np.square(np.abs(mean))
+        rest_deg2 = (np.square(half.real) + np.square(np.abs(opposite))) * np.square(scale) / 3.0
+        return np.asarray(half.imag * scale), np.asarray(rest_deg2)
+
+
+def _unmixed(index: IndexCalibration) -> tuple[complex, complex]:
+    """Return what one unit of U1 and of U2 gives to cos phi + i sin phi: columns of the inverse 2 x 2 map."""
+    gains, f2, f5 = index.gains, np.deg2rad(index.f2_deg), np.deg2rad(index.f5_deg)
+    forward = np.array([
+        [gains[0] * np.cos(f2), gains[0] * np.sin(f2)],
+        [-gains[1] * np.sin(f5), gains[1] * np.cos(f5)],
+    ])  # fmt: skip
+    sine, cosine = np.linalg.inv(forward)
+    return complex(cosine[0], sine[0]), complex(cosine[1], sine[1])
+
+
+def _noise(u1: Floats, u2: Floats, index: IndexCalibration) -> Floats:
+    """Return standard deviation of one output from the residuals of the fit with both lock-ins weighted alike."""
+    gains = index.gains
+    scale_1 = gains[0] * np.exp(1j * np.deg2rad(index.f2_deg))
+    scale_2 = gains[1] * np.exp(1j * np.deg2rad(index.f5_deg))
+    seen_1, seen_2 = lock_in_phasors(u1, u2)
+    common: Complex = (np.conj(scale_1) * seen_1 + np.conj(scale_2) * seen_2) / (gains[0] ** 2 + gains[1] ** 2)
+    return left_over(u1, u2, scale_1 * common, scale_2 * common)
+
+
+def calibrate_index(u1: Floats, u2: Floats, phi_deg: ArrayLike, noise: float | None = None) -> IndexCalibration:
+    """Gains, placements and offsets of both lock-ins at a known azimuth.
+
+    Args:    u1, u2: oriented samples, (sets, 4).   phi_deg: known phase of each set, one or (sets,); sets at headings
+             90 degrees apart cancel an amplitude that changes between index positions.
+             noise: declared standard deviation of one output; None for what the samples leave over.
+    Returns: IndexCalibration; offsets may differ from set to set.
+    Raises:  FitError B-FIT-111 if pulses or lock-ins are exchanged, so that they no longer tell the sine from the
+             cosine, B-FIT-113 without a signal.
+    Source:  see the head of this file.
+    """
+    sets = len(u1)
+    back = np.exp(-1j * np.deg2rad(phi_deg))
+    of_1, of_2 = lock_in_phasors(u1, u2)
+    mean_1, mean_2 = (complex((phasors * back).mean()) for phasors in (of_1, of_2))
     if not (abs(mean_1) > 0.0 and abs(mean_2) > 0.0):  # nothing, or NaN
         raise FitError(
             "B-FIT-113",
@@ -386,20 +340,23 @@ def calibrate_index(
             next_step="take the calibration again; check that the table turned and the gyroscope was on",
         )
     f2_deg, f5_deg = (float(np.rad2deg(np.angle(mean))) for mean in (mean_1, mean_2))
-    check_placement(f2_deg, f5_deg)
+    apart_deg = abs(float(wrapped_deg(f2_deg - f5_deg)))
+    if not apart_deg < LARGEST_deg:
+        raise FitError(
+            "B-FIT-111",
+            f"the index pulses are {apart_deg:.1f} degrees from being 90 degrees apart (f2 {f2_deg:.1f}, "
+            f"f5 {f5_deg:.1f}; limit {LARGEST_deg:g}): sine and cosine of north cannot be told apart",
+            next_step="check which index pulse goes to which lock-in, and the sense of rotation",
+        )
     dof = 6.0 * sets - 4.0  # eight samples and two offsets a set, four common parameters
-    seen = _left_over(first, second, mean_1 / back, mean_2 / back) / dof if noise is None else noise**2
-    variance = seen / (2.0 * sets)
+    if noise is None:
+        first, second = _residuals(u1, u2, mean_1 / back, mean_2 / back)
+        square = float(np.square(first).sum() + np.square(second).sum()) / dof
+    else:
+        square = noise**2
+    variance = square / (2.0 * sets)
     turn = np.rad2deg(1.0) ** 2
     covariance = variance * np.diag([1.0, turn / abs(mean_1) ** 2, 1.0, turn / abs(mean_2) ** 2])
-    covariance[1::2, 1::2] += phi_std_deg**2
     return IndexCalibration(
-        abs(mean_1), f2_deg, float(first.mean()), abs(mean_2), f5_deg, float(second.mean()), covariance, dof, sets
+        abs(mean_1), f2_deg, float(u1.mean()), abs(mean_2), f5_deg, float(u2.mean()), covariance, dof, sets
     )
-
-
-def _left_over(u1: Floats, u2: Floats, of_1: Complex, of_2: Complex) -> float:
-    """Sum of squares that the fitted phasors (sets,) leave of all samples."""
-    first = u1 - u1.mean(-1, keepdims=True) - (of_1[:, None] / TURNS).imag
-    second = u2 - u2.mean(-1, keepdims=True) - (of_2[:, None] / TURNS).real
-    return float(np.square(first).sum() + np.square(second).sum())

@@ -207,7 +207,7 @@ def result(
     found.swing_rad = 2.0 * GAIN * np.deg2rad(100.0) / (2.0 * np.pi * 400.0)  # of 100 deg/s at 400 Hz, peak to peak
     row = as_row({}, np.arange(3), 1, {"path_length_m": path_m})
     events: Any = SimpleNamespace(lost_blocks=0, lost_edges=0, torn=0, dark=0)
-    return laser_results.LaserResult(LaserRecord(row, path_m, None), clock_Hz, events, found, walks, {})
+    return laser_results.LaserResult(LaserRecord(row, lambda: events, path_m, None), clock_Hz, events, found, walks, {})
 
 
 BOTH = {"raw": walk(3e-3, 9e-5), JUDGED: walk(6e-4, 3e-5), "parabolas": walk(3.3e-3, 9e-5)}

@@ -59,8 +59,8 @@ class Chain:
 
     def walk(self, jumps: Jumps | None = None) -> RandomWalk:
         """Angle random walk, compensated or not."""
-        found = cycle_increments(self.psi_rad, self.rising, self.turns, jumps)
-        return random_walk(found.increment_rad, found.interval_s, self.path_m)
+        increment_rad = cycle_increments(self.psi_rad, self.rising, self.turns, jumps)
+        return random_walk(increment_rad, 2.0 * np.pi / self.turns.omega_rad_s, self.path_m)
 
     def ratios(self, *names: str) -> dict[str, float]:
         """Random walk with each method over the one without."""
@@ -171,13 +171,16 @@ def test_lock_in_constants(at_40: Laser, clock_Hz: float) -> None:
 
 
 def test_stated_uncertainties_of_the_constants_are_their_scatter(at_90: Laser, at_40: Laser) -> None:
-    """Errors of the blocks of 50 turnarounds in their standard uncertainties, 46 blocks of both lasers."""
+    """Errors of fits of 50 turnarounds in their standard uncertainties, 46 fits of both lasers."""
     scores = []
     for laser in (at_90, at_40):
-        found = global_constants(laser.seen(SLOW_HZ).turns, block_s=0.065)
-        kappa, kappa_std, beta, beta_std = found.blocks.polar()
+        turns, found = laser.seen(SLOW_HZ).turns, laser.seen(SLOW_HZ).constants
+        parts = [np.isin(np.arange(turns.sign.size), own) for own in np.array_split(np.flatnonzero(turns.usable), 23)]
+        fits = [global_constants(replace(turns, usable=own)) for own in parts]
+        kappa, kappa_std, beta, beta_std = np.transpose(
+            [(one.kappa_rad_s, one.kappa_std_rad_s, one.beta_rad, one.beta_std_rad) for one in fits]
+        )
         scores.append(((kappa - laser.kappa) / kappa_std, (beta - np.radians(laser.world.beta_deg)) / beta_std))
-        assert kappa.size == 23
         for whole, each in ((found.kappa_std_rad_s, kappa_std), (found.beta_std_rad, beta_std)):
             assert whole == pytest.approx(each.mean() / np.sqrt(kappa.size), rel=0.06)
     for each in np.concatenate(scores, axis=1):
@@ -188,7 +191,8 @@ def test_readout_is_the_latched_count(at_90: Laser) -> None:
     """Net phase of each period: the lock-in errors in it, and no more than the ticks' share besides."""
     jump_rad, found = at_90.jump_rad, at_90.seen(FAST_HZ)
     net = cycle_increments(found.psi_rad, found.rising, found.turns)
-    error = net.increment_rad - jump_rad[net.start] / 2.0 - jump_rad[net.start + 1] - jump_rad[net.start + 2] / 2.0
+    start = np.flatnonzero(found.rising[:-3])
+    error = net - jump_rad[start] / 2.0 - jump_rad[start + 1] - jump_rad[start + 2] / 2.0
     tick_rad = at_90.world.gain * np.deg2rad(100.0) / 100e6
     assert 0.1 * tick_rad < np.nanstd(error) < 0.6 * tick_rad
 
@@ -233,10 +237,11 @@ def test_drifting_backscatter_is_followed() -> None:
     """From 40 deg on by 11.5 deg/s."""
     laser = laser_of(71, beta(lambda w, share, _: np.degrees(0.2) * share * w.seconds), seconds=2.0)
     found = laser.seen(FAST_HZ)
-    kappa, _, beta_rad, std_rad = global_constants(found.turns, block_s=0.5).blocks.polar()
-    ticks = np.array_split(found.turns.reference_tick[found.turns.usable], 4)
-    truth = np.radians(40.0) + 0.2 * np.array([part.mean() for part in ticks]) / 100e6
-    assert np.all(np.abs(beta_rad - truth) < 4.5 * std_rad)
+    fit, ticks = global_constants(found.turns, block_s=0.5), found.turns.reference_tick[found.turns.usable]
+    value = np.array([part.mean(axis=0) for part in np.array_split(fit.local, 4)])
+    kappa, beta_rad = np.hypot(*value.T), np.arctan2(value[:, 1], value[:, 0])
+    truth = np.radians(40.0) + 0.2 * np.array([part.mean() for part in np.array_split(ticks, 4)]) / 100e6
+    assert np.all(np.abs(beta_rad - truth) < 4.5 * 2.0 * fit.beta_std_rad)  # a part is a quarter of the whole
     assert np.all(np.abs(kappa / laser.kappa - 1.0) < 0.02)
 
 

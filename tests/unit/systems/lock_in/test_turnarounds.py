@@ -11,7 +11,7 @@ from rlg_rig import as_row, block_bytes
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.global_constants import global_constants
 from bench.systems.lock_in.estimators.random_walk import cycle_increments, net_angle
-from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
+from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas, stepped_motion
 from bench.systems.lock_in.estimators.turnarounds import EdgeLevels, Turnarounds, edge_levels, turnarounds
 from bench.systems.lock_in.records import record_events
 
@@ -175,8 +175,8 @@ def ideal(step_rad: float = 0.0, offset_rad: float = 0.3, beside_rad: float = 0.
     return edges, zero, np.arange(HALVES) % 2 == 0
 
 
-def turning(edges: EdgeLevels, zero: Int64, rising: Bool, crossings: int = 16) -> Turnarounds:
-    return turnarounds(edges, zero, rising, FINE_Hz, crossings)
+def turning(edges: EdgeLevels, zero: Int64, rising: Bool) -> Turnarounds:
+    return turnarounds(edges, zero, rising, FINE_Hz)
 
 
 def test_a_pure_dither_has_no_jump() -> None:
@@ -189,8 +189,8 @@ def test_a_pure_dither_has_no_jump() -> None:
         np.testing.assert_allclose(jumps.curvature_rad_s2, AMPLITUDE_rad * OMEGA**2, rtol=1e-6)
         truth = 0.3 - turns.sign * AMPLITUDE_rad
         np.testing.assert_allclose(np.cos(jumps.psi0_rad - truth), 1.0, atol=1e-9)
-        at = turns.reference_tick / FINE_Hz + jumps.zero_rate_s
-        np.testing.assert_allclose(at, (np.arange(HALVES - 1) + 1.5) * np.pi / OMEGA, atol=1e-10)
+    at = turns.reference_tick / FINE_Hz + stepped_motion(turns, 16)[1].zero_rate_s
+    np.testing.assert_allclose(at, (np.arange(HALVES - 1) + 1.5) * np.pi / OMEGA, atol=1e-10)
     assert np.abs(parabolas(turns, 4).dpsi_rad).max() < 0.02  # the dither is no parabola
 
 
@@ -214,10 +214,7 @@ def test_net_angle_and_increments() -> None:
     np.testing.assert_allclose(off - off[0], 0.0, atol=1e-6)
     turns = turning(edges, zero, rising)
     for jumps in (None, dither_shape(turns)):
-        found = cycle_increments(psi, rising, turns, jumps)
-        assert found.interval_s == pytest.approx(2.5e-3, rel=1e-9)
-        assert np.nanmax(np.abs(found.increment_rad)) < 1e-5
-        assert rising[found.start].all()
+        assert np.nanmax(np.abs(cycle_increments(psi, rising, turns, jumps))) < 1e-5
 
 
 @pytest.mark.parametrize("beside_rad", [-0.5, 0.1])
@@ -253,9 +250,9 @@ def test_a_lost_pick_off_spoils_its_interval_only() -> None:
     jumps = dither_shape(turns)
     assert np.flatnonzero(np.isnan(jumps.dpsi_rad)).tolist() == [49]
     psi = net_angle(edges, np.delete(zero, 50))
-    gaps = np.isnan(cycle_increments(psi, np.delete(rising, 50), turns, jumps).increment_rad)
+    gaps = np.isnan(cycle_increments(psi, np.delete(rising, 50), turns, jumps))
     assert 1 <= gaps.sum() <= 3
-    raw = cycle_increments(psi, np.delete(rising, 50), turns).increment_rad
+    raw = cycle_increments(psi, np.delete(rising, 50), turns)
     np.testing.assert_array_equal(np.isnan(raw), gaps)  # a period and a half is no period, compensated or not
 
 
@@ -270,7 +267,7 @@ def test_a_lost_edge_at_a_turnaround_is_a_gap() -> None:
     assert turns.counts["break"] == 1
     psi = net_angle(torn, zero)
     assert np.isnan(psi[1:-1]).sum() == 1
-    steps = cycle_increments(psi, rising, turns).increment_rad
+    steps = cycle_increments(psi, rising, turns)
     assert np.nanmax(np.abs(steps)) < 1e-5  # the turn of 2 pi that may be missing is in no increment
 
 
@@ -291,10 +288,12 @@ def test_an_edge_pair_that_changed_places_is_not_used() -> None:
     assert np.abs(dither_shape(turns).dpsi_rad).max() < 1e-6
 
 
-def test_too_few_crossings_pick_offs_or_turnarounds_are_refused() -> None:
+def test_too_few_crossings_pick_offs_or_turnarounds_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     edges, zero, rising = ideal()
-    with pytest.raises(FitError, match=r"B-FIT-097.*few_crossings 199"):
-        turning(edges, zero, rising, crossings=60)
+    with monkeypatch.context() as patch:
+        patch.setattr("bench.systems.lock_in.estimators.turnarounds.CROSSINGS", 60)
+        with pytest.raises(FitError, match=r"B-FIT-097.*few_crossings 199"):
+            turning(edges, zero, rising)
     with pytest.raises(FitError, match=r"B-FIT-096.*period"):
         turning(edges, zero[:2], rising[:2])
     with pytest.raises(FitError, match=r"B-FIT-098.*lock-in constants"):

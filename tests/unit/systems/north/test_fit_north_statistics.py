@@ -24,7 +24,13 @@ from bench.plan.language.mapping import mapping_model
 from bench.systems.north.analysis import analyse
 from bench.systems.north.assumptions import assumptions
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, likelihood_north, north_bound_deg
-from bench.systems.north.estimators.phasors import calibrate_index, eight_sample_north, wrapped_deg
+from bench.systems.north.estimators.phasors import (
+    DOF,
+    calibrate_index,
+    eight_sample_north,
+    half_width_deg,
+    wrapped_deg,
+)
 from bench.systems.north.sets import north_sets
 from bench.systems.north.solve import site_of, solve
 
@@ -126,7 +132,7 @@ def test_harmonics(record_property: Record) -> None:
     for order, due in ((2, 0.0), (3, 0.191), (4, 0.0), (5, 0.1146)):
         u = np.sin(angle) + 0.01 * np.sin(order * angle)
         square = np.abs(wrapped_deg(eight_sample_north(*sim.lock_ins(u, 500)).phi_deg - phi_deg)).max()
-        sine = np.abs(wrapped_deg(likelihood_north(u, np.rad2deg(2 * np.pi * t + index)).phi_deg - phi_deg)).max()
+        sine = np.abs(wrapped_deg(sim.likelihoods(u, np.rad2deg(2 * np.pi * t + index)).phi_deg - phi_deg)).max()
         assert square == pytest.approx(due, abs=1e-3)
         assert sine < 1e-6
         worst[order] = square
@@ -137,9 +143,10 @@ def coverage(runs: int, fs: int, noise: float, seed: int) -> dict[str, float]:
     """Share of 95 % intervals that hold the azimuth: one set, raw samples."""
     inside: dict[str, list[np.ndarray]] = {"least_squares": [], "likelihood": []}
     for phi_deg, u, theta_deg in sim.runs("constant", runs, fs=fs, noise=noise, seed=seed):
-        sets = {"least_squares": eight_sample_north(*sim.lock_ins(u, fs)), "likelihood": likelihood_north(u, theta_deg)}
-        for name, found in sets.items():
-            inside[name].append(np.abs(wrapped_deg(found.phi_deg - phi_deg)) < found.half_width_deg())
+        eight, raw = eight_sample_north(*sim.lock_ins(u, fs)), sim.likelihoods(u, theta_deg)
+        for name, found, dof in (("least_squares", eight, DOF), ("likelihood", raw, raw.dof)):
+            width_deg = sim.half_widths_deg(found.std_deg, dof)
+            inside[name].append(np.abs(wrapped_deg(found.phi_deg - phi_deg)) < width_deg)
     return {name: float(np.concatenate(one).mean()) for name, one in inside.items()}
 
 
@@ -177,17 +184,13 @@ def test_calibration_and_azimuth_found_with_it() -> None:
         scores.append((values - truth) / np.sqrt(np.diag(known.covariance)))
         there = rng.uniform(-180.0, 180.0)
         eight = noisy_eight(np.array(there), 0.016, rng)
-        found = eight_sample_north(*eight, gains=known.gains, f2_deg=known.f2_deg, f5_deg=known.f5_deg)
+        found = eight_sample_north(*eight, known)
         errors.append(float(wrapped_deg(found.phi_deg - there)))
         stds.append(np.hypot(0.016 / 2 * np.rad2deg(1.0), known.std_deg("least_squares")))
     np.testing.assert_allclose(np.std(scores, axis=0), 1.0, atol=0.1)  # 20 degrees of freedom: 1.05
     np.testing.assert_allclose(np.mean(scores, axis=0), 0.0, atol=0.1)
     assert sim.rms(np.array(errors)) == pytest.approx(sim.rms(np.array(stds)), rel=0.07)
     assert known.dof == 20.0
-    shifted = calibrate_index(*noisy_eight(heads, 0.016, rng), heads, phi_std_deg=0.3)
-    for method in ("least_squares", "quadrant", "single"):
-        assert shifted.std_deg(method) == pytest.approx(np.hypot(0.3, known.std_deg(method)), rel=0.2)
-    assert shifted.std_deg("likelihood") == 0.0
 
 
 HEADS_deg = tuple(30.0 * k for k in range(12))
@@ -379,7 +382,8 @@ def test_a_ramp_of_the_output_is_doubted_by_what_a_column_for_it_moves(tmp_path:
     phasors = [complex(one[0], one[1]) for one in both]
     turned_deg, grown_V = np.degrees(np.angle(phasors[1] / phasors[0])), abs(phasors[1]) - abs(phasors[0])
     wide = likelihood_north(volts, ramp[:, 2], harmonics=(2, 3, 4, 5))
-    moves = [abs(turned_deg) / wide.half_width_deg(), abs(grown_V) / (1.96 * wide.noise_V * np.sqrt(2.0 / volts.size))]
+    noise_V, wide_deg = wide.noise_V * np.sqrt(2.0 / volts.size), half_width_deg(wide.std_deg, wide.dof)
+    moves = [abs(turned_deg) / wide_deg, abs(grown_V) / (1.96 * noise_V)]
     assert float(reason.sentence.split("up to ")[1].split()[0]) == pytest.approx(max(moves), rel=0.1)
 
 

@@ -20,7 +20,6 @@ from bench.systems.north.estimators.likelihood import (
     time_to_accuracy_s,
 )
 from bench.systems.north.estimators.phasors import (
-    half_width_deg,
     heading_deg,
     tilt_correction_deg,
     tilt_std_deg,
@@ -62,7 +61,7 @@ def test_missing_samples_are_left_out_and_counted() -> None:
     u = np.sin(np.deg2rad(THETA + 77.0)) + 0.1 * rng.normal(size=(2, T.size))
     u[1, rng.choice(T.size, 150, replace=False)] = np.nan
     u[1, 700:960] = np.nan
-    found = likelihood_north(u, np.mod(THETA, 360.0))
+    found = sim.likelihoods(u, np.mod(THETA, 360.0))
     lost = int(np.isnan(u[1]).sum())
     np.testing.assert_array_equal(found.dropped, [0, lost])
     np.testing.assert_array_equal(found.samples, [T.size, T.size - lost])
@@ -70,18 +69,8 @@ def test_missing_samples_are_left_out_and_counted() -> None:
     alone = likelihood_north(u[1, kept], THETA[kept])
     assert found.phi_deg[1] == alone.phi_deg
     assert found.bound_deg[1] == alone.bound_deg
-    assert np.all(np.abs(wrapped_deg(found.phi_deg - 77.0)) < found.half_width_deg(0.999))
+    assert np.all(np.abs(wrapped_deg(found.phi_deg - 77.0)) < sim.half_widths_deg(found.std_deg, found.dof, 0.999))
     assert found.std_deg[1] > found.std_deg[0]
-
-
-def test_records_with_their_own_angles_are_as_one_by_one() -> None:
-    rng = np.random.default_rng(33)
-    theta = np.mod(THETA + rng.uniform(0.0, 360.0, (2, 3, 1)), 360.0)
-    u = np.sin(np.deg2rad(theta + 10.0)) + 0.1 * rng.normal(size=theta.shape)
-    found = likelihood_north(u, theta)
-    assert found.phi_deg.shape == found.widened.shape == (2, 3)
-    assert found.harmonics.shape == (2, 3, 0)
-    assert found.phi_deg[1, 2] == likelihood_north(u[1, 2], theta[1, 2]).phi_deg
 
 
 def test_noise_that_is_not_white_widens_the_interval() -> None:
@@ -89,12 +78,14 @@ def test_noise_that_is_not_white_widens_the_interval() -> None:
     rng = np.random.default_rng(34)
     white = 0.3 * rng.normal(size=(400, 2 * T.size))
     red = signal.lfilter([1.0], [1.0, -0.9], white, axis=1)[:, T.size :]
-    found = likelihood_north(np.sin(np.deg2rad(THETA)) + red, THETA)
+    found = sim.likelihoods(np.sin(np.deg2rad(THETA)) + red, THETA)
     errors = wrapped_deg(found.phi_deg)
     assert sim.rms(errors) > 2.5 * sim.rms(found.bound_deg)
     assert found.widened.mean() > 0.99
-    assert float(np.mean(np.abs(errors) < found.half_width_deg())) == pytest.approx(0.95, abs=0.03)
-    even = likelihood_north(np.sin(np.deg2rad(THETA)) + white[:, : T.size], THETA)
+    assert float(np.mean(np.abs(errors) < sim.half_widths_deg(found.std_deg, found.dof))) == pytest.approx(
+        0.95, abs=0.03
+    )
+    even = sim.likelihoods(np.sin(np.deg2rad(THETA)) + white[:, : T.size], THETA)
     assert even.widened.mean() < 0.03  # 1 % by chance
     assert even.whiteness.mean() == pytest.approx(1.0, abs=0.06)
 
@@ -117,8 +108,8 @@ def test_the_scatter_of_turns_is_seen_behind_an_encoder_that_begins_again_each_t
     """Six turns and a tenth: five degrees of freedom, and the piece of a turn at the end is none of them."""
     theta, rng = THETA[:610], np.random.default_rng(37)
     u = np.sin(np.deg2rad(theta)) + 0.3 * rng.normal(size=(400, theta.size))
-    found = likelihood_north(u, np.mod(theta, 360.0))
-    np.testing.assert_allclose(found.whiteness, likelihood_north(u, theta).whiteness)
+    found = sim.likelihoods(u, np.mod(theta, 360.0))
+    np.testing.assert_allclose(found.whiteness, sim.likelihoods(u, theta).whiteness)
     assert found.whiteness.mean() == pytest.approx(1.0, abs=0.1)  # standard deviation of the mean 0.03
     swayed = np.repeat([0.1, -0.1, 0.1, -0.1, 0.1, -0.1], 100)
     turned = likelihood_north(np.sin(np.deg2rad(THETA[:600]) + swayed) + 1e-3 * rng.normal(size=600), THETA[:600])
@@ -131,8 +122,8 @@ def test_few_turns_have_no_scatter_to_look_at_and_weak_signals_may_point_anywher
     assert np.isnan(found.whiteness)
     assert not found.widened
     rng = np.random.default_rng(35)
-    weak = likelihood_north(1e-3 * np.sin(np.deg2rad(THETA)) + rng.normal(size=(50, T.size)), THETA)
-    assert np.mean(weak.half_width_deg() == 180.0) > 0.5
+    weak = sim.likelihoods(1e-3 * np.sin(np.deg2rad(THETA)) + rng.normal(size=(50, T.size)), THETA)
+    assert np.mean(sim.half_widths_deg(weak.std_deg, weak.dof) == 180.0) > 0.5
 
 
 @pytest.mark.parametrize(
@@ -227,7 +218,7 @@ def test_time_to_reach_an_accuracy() -> None:
 
 
 def test_width_of_an_interval() -> None:
-    widths = half_width_deg(np.array([0.01, 1.0, 40.0, np.nan]), np.array([4.0, np.inf, 4.0, 4.0]))
+    widths = sim.half_widths_deg(np.array([0.01, 1.0, 40.0, np.nan]), np.array([4.0, np.inf, 4.0, 4.0]))
     np.testing.assert_allclose(widths[:2], [0.01 * stats.t.ppf(0.975, 4), 1.96], rtol=1e-3)
     assert widths[2] == 180.0
     assert np.isnan(widths[3])
@@ -260,13 +251,13 @@ def notes(solution: Solution) -> str:
 @pytest.mark.parametrize("ratio", [0.6, 1.6])
 def test_what_all_turns_say_is_the_noise_of_all_sets(rig: NorthRig, fits: list[LikelihoodNorth], ratio: float) -> None:
     """One set that was widened by itself is not widened twice."""
-    white_deg2 = np.array([float(fit.std_deg) ** 2 for fit in fits])
-    said = [replace(fit, whiteness=np.array(ratio), widened=np.array(False)) for fit in fits]
-    said[1] = replace(said[1], std_deg=said[1].std_deg * np.sqrt(ratio), widened=np.array(True))
+    white_deg2 = np.array([fit.std_deg**2 for fit in fits])
+    said = [replace(fit, whiteness=ratio, widened=False) for fit in fits]
+    said[1] = replace(said[1], std_deg=said[1].std_deg * np.sqrt(ratio), widened=True)
     solution = of_fits(rig, said)
     found = solution.by_method[LIKELIHOOD]
     assert found.noise_deg == pytest.approx(np.sqrt(ratio * white_deg2.mean()))
-    assert found.dof == pytest.approx(sum(int(fit.turns) - 1 for fit in fits))
+    assert found.dof == pytest.approx(sum(fit.turns - 1 for fit in fits))
     assert f"{SAID} ({np.sqrt(ratio):.2f} times" in notes(solution)
     seconds = accuracies(solution, 0.5)[1]
     relative = np.sqrt(2.0 / found.dof)  # of the turns, not of the samples; the amplitude is known far better
@@ -276,16 +267,14 @@ def test_what_all_turns_say_is_the_noise_of_all_sets(rig: NorthRig, fits: list[L
 def test_turns_of_white_noise_change_nothing(rig: NorthRig, fits: list[LikelihoodNorth]) -> None:
     solution = of_fits(rig, fits)
     assert not any(fit.widened for fit in fits)
-    assert solution.by_method[LIKELIHOOD].noise_deg == pytest.approx(
-        np.sqrt(np.mean([float(fit.std_deg) ** 2 for fit in fits]))
-    )
+    assert solution.by_method[LIKELIHOOD].noise_deg == pytest.approx(np.sqrt(np.mean([fit.std_deg**2 for fit in fits])))
     assert SAID not in notes(solution)
 
 
 def test_a_set_is_widened_at_the_significance_asked_for() -> None:
     theta = np.arange(600) * 3.6
     u = np.sin(np.deg2rad(theta)) + 0.3 * np.random.default_rng(SEED).normal(size=(200, theta.size))
-    found = likelihood_north(u, theta, significance=0.2)
+    found = sim.likelihoods(u, theta, significance=0.2)
     due = stats.f.sf(found.whiteness, 5, 597) < 0.2
     np.testing.assert_array_equal(found.widened, due)
     assert 20 < due.sum() < 60
