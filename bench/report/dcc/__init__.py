@@ -5,3 +5,18 @@ from bench.report.dcc.certificate import CERTIFICATE_FILE, SPECIMEN_FILE, certif
 from bench.report.dcc.elements import DCC
 from bench.report.dcc.measurement import method_of, overdue
 from bench.report.dcc.schema import CertificateSchema, not_valid
+
+__all__ = [
+    "CERTIFICATE_FILE",
+    "DCC",
+    "SPECIMEN_FILE",
+    "Calibration",
+    "CertificateSchema",
+    "Span",
+    "certificate_text",
+    "method_of",
+    "nobody",
+    "not_valid",
+    "overdue",
+    "session_of",
+]

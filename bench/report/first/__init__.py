@@ -2,3 +2,5 @@
 
 from bench.report.first.page import FirstPage, days_of, first_page
 from bench.report.first.results import Block
+
+__all__ = ["Block", "FirstPage", "days_of", "first_page"]
