@@ -242,14 +242,13 @@ def extract_column(rows: Octets, item: Field) -> Array:
     """
     if item.kind == "b":
         return rows[:, item.span].copy()
-    if item.packed or item.step:
-        column = _scattered(rows, item)
-    elif item.size == np.dtype(item.dtype).itemsize:
+    width, apart = np.dtype(item.dtype).itemsize, item.packed or item.step
+    if item.size == width and not apart:
         column = _natural(rows, item)
-    elif item.elements == 1 and item.offset + item.size - np.dtype(item.dtype).itemsize >= 0 and item.big:
+    elif item.kind == "u" and item.elements == 1 and item.big and item.end >= width and not apart:
         column = _overlapped(rows, item)
     else:
-        column = _padded(rows, item)
+        column = _scattered(rows, item)
     return column.reshape(len(rows)) if item.count is None else column
 
 
@@ -286,21 +285,17 @@ def _overlapped(rows: Octets, item: Field) -> Array:
     """A big-endian u24/u40.. read as a wider integer that begins in the byte before it; the surplus is masked off."""
     width = np.dtype(item.dtype).itemsize
     wide = rows[:, item.offset + item.size - width : item.offset + item.size].view(f">u{width}").astype(f"u{width}")
-    if item.kind == "u":
-        return np.asarray(wide & wide.dtype.type((1 << (8 * item.size)) - 1))
-    return _sign(wide, item.size, width)
+    return np.asarray(wide & wide.dtype.type((1 << (8 * item.size)) - 1))
 
 
 def _scattered(rows: Octets, item: Field) -> Array:
     """Elements that are no whole bytes or lie apart: the bytes that hold one, shifted to its lowest bit."""
     column = np.empty((len(rows), item.elements), np.uint64)
-    at, odd = np.array([item.place(element) for element in range(item.elements)]).T
-    for begin in np.unique(odd).tolist():
-        alike = np.flatnonzero(odd == begin)
+    for begin, alike, at in item.begins:
         size = -(-(begin + item.width) // 8)
         value = np.zeros((len(rows), len(alike)), np.uint64)
         for index in range(size):
-            value = value << np.uint64(8) | rows[:, at[alike] + (index if item.big else size - 1 - index)]
+            value = value << np.uint64(8) | rows[:, at + (index if item.big else size - 1 - index)]
         column[:, alike] = value >> np.uint64(8 * size - begin - item.width if item.big else begin)
     if item.kind == "f":
         return column.astype(f"u{item.size}").view(item.dtype)
@@ -308,21 +303,6 @@ def _scattered(rows: Octets, item: Field) -> Array:
     column <<= unused
     signed = column.view(np.int64) if item.kind == "i" else column
     return (signed >> signed.dtype.type(unused)).astype(item.dtype)
-
-
-def _padded(rows: Octets, item: Field) -> Array:
-    width = np.dtype(item.dtype).itemsize
-    block = rows[:, item.span].reshape(len(rows), item.elements, item.size)
-    wide = np.zeros((len(rows), item.elements, width), np.uint8)
-    wide[:, :, : item.size] = block[:, :, ::-1] if item.big else block
-    values = wide.view(f"<u{width}").astype(f"u{width}", copy=False).reshape(len(rows), item.elements)
-    return _sign(values, item.size, width) if item.kind == "i" else values
-
-
-def _sign(values: Array, size: int, width: int) -> Array:
-    """Return two's complement of ``size`` bytes in a wider word: shift up, back down with the sign."""
-    shift = 8 * (width - size)
-    return np.asarray((values << values.dtype.type(shift)).view(f"i{width}") >> shift)
 
 
 def _store_bits(rows: Octets, item: Field, values: Array) -> None:

@@ -11,8 +11,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from bench.frame.crc import Check
 from bench.frame.spec import Endian, LinesSpec
+from bench.model.arrays import Integers
 
 _INTEGER_WIDTHS = (1, 2, 4, 8)
 
@@ -106,6 +109,12 @@ class Field:
             return self.offset + element * self.step, first
         at, odd = divmod(first + element * width, 8)
         return self.offset + at, odd
+
+    @cached_property
+    def begins(self) -> list[tuple[int, Integers, Integers]]:
+        """Elements that begin at one bit of a byte: that bit, their numbers, their bytes from the frame's beginning."""
+        at, odd = np.array([self.place(element) for element in range(self.elements)]).T
+        return [(bit, alike := np.flatnonzero(odd == bit), at[alike]) for bit in np.unique(odd).tolist()]
 
     @cached_property
     def rest(self) -> bool:

@@ -370,7 +370,7 @@ class _Compiler(Draft[Sequence]):
                 unroller.run(steps, root.below(key))
                 if phase == "campaign":
                     unroller.timeline(model.timeline, root.below("timeline"))
-                lengths[phase] = expander.at_s
+                lengths[phase] = expander.known.at_s
         except TooManySteps:
             return lengths
         unroller.report_unused()

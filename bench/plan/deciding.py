@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from bench.model.stopping import FIRST, SECOND, STAGE, STAGE_INDEX, UNTIL, Point
 from bench.model.systems import declared_by
 from bench.model.units import format_quantity, hours, likely, read_quantity
 from bench.plan.decision import CHOOSE, DONE, FAIL, GO_ON, HOLD, IF, WHILE, Branch, PlannedDecision, decisions_of
-from bench.plan.expand import Expander, Node
+from bench.plan.expand import Expander, Known, Node
 from bench.plan.expected import is_read_by, unit_of_action
 from bench.plan.findings import suggestion
 from bench.plan.language.expect import Comparison
@@ -34,40 +34,14 @@ THEN, ELSE, TURN = "then", "else", "turn"
 Run = Callable[[Sequence[Any], Node], None]
 
 
-@dataclass(frozen=True)
-class Known:
-    """What the compiler knows at a place of the plan: planned time, levels and ranges of the sources, the band."""
-
-    at_s: float
-    levels_A: Mapping[str, float | None]
-    ranges_A: Mapping[str, float | None]
-    settle_band_degC: float | None
-
-    @classmethod
-    def of(cls, plan: Expander) -> Known:
-        return cls(plan.at_s, dict(plan.levels_A), dict(plan.ranges_A), plan.settle_band_degC)
-
-    def again(self, plan: Expander) -> None:
-        """Let the plan go on from here."""
-        plan.at_s, plan.settle_band_degC = self.at_s, self.settle_band_degC
-        plan.levels_A, plan.ranges_A = dict(self.levels_A), dict(self.ranges_A)
-
-
 def join(plan: Expander, ways: Sequence[Known]) -> None:
     """Let the plan go on behind branches: at the latest of their times, with what all of them have left the same."""
     first = ways[0]
-    same = {
-        role
-        for role, level_A in first.levels_A.items()
-        if all((w.levels_A.get(role, math.nan), w.ranges_A.get(role)) == (level_A, first.ranges_A[role]) for w in ways)
-    }
-    bands = {way.settle_band_degC for way in ways}
-    Known(
+    plan.known = Known(
         max(way.at_s for way in ways),
-        {role: first.levels_A[role] for role in same},
-        {role: first.ranges_A[role] for role in same},
-        first.settle_band_degC if len(bands) == 1 else None,
-    ).again(plan)
+        {role: set_A for role, set_A in first.sources_A.items() if all(w.sources_A.get(role) == set_A for w in ways)},
+        first.settle_band_degC if len({way.settle_band_degC for way in ways}) == 1 else None,
+    )
 
 
 def expand_if(node: Node, step: IfStep, run: Run) -> None:
@@ -95,12 +69,12 @@ def _branches(
     node: Node, decision: PlannedDecision, bodies: Iterable[_Body], otherwise: Sequence[Any] | None, run: Run
 ) -> None:
     plan, missing = node.plan, HOLD if otherwise is None else ELSE
-    before, ways, branches = Known.of(plan), [], []
+    before, ways, branches = plan.known, [], []
     for outcome, comparison, values, steps, here in (*bodies, (ELSE, "", (), otherwise or [], node.below("else"))):
-        before.again(plan)
+        plan.known = before
         first = len(plan.steps)
         run(steps, here)
-        ways.append(Known.of(plan))
+        ways.append(plan.known)
         branches.append(Branch(outcome, first, len(plan.steps), comparison, values))
     join(plan, ways)
     plan.steps[decision.number] = replace(decision, branches=tuple(branches), missing=missing)
@@ -112,7 +86,7 @@ def expand_while(node: Node, step: WhileStep, run: Run) -> None:
     decisions, ways = [], []
     for turn in range(1, step.at_most + 2):
         decisions.append(_decision(here, WHILE, step.while_.reading))
-        ways.append(Known.of(plan))
+        ways.append(plan.known)
         if turn <= step.at_most:
             run(step.do, node.below("do").inside({TURN: turn}, {TURN: turn}))
         if turn == 1:
@@ -325,13 +299,13 @@ def _stages(node: Node, rule: _Rule, seconds: Quantity, take: Take) -> None:
     retry_step = begin if plan.retry_step is None else plan.retry_step
     more = {"word": UNTIL, "arguments": asked, "unit": "1", "branches": (), "missing": _outcome(lengths[-1])}
     plan.add(node, PlannedDecision, "", NEEDED, {**more, "retry_step": retry_step})
-    before, branches = Known.of(plan), [Branch(_outcome(0), number + 1, number + 1, "within", (0.0, 0.0))]
+    before, branches = plan.known, [Branch(_outcome(0), number + 1, number + 1, "within", (0.0, 0.0))]
     ways = [before]
     for length in lengths:
-        before.again(plan)
+        plan.known = before
         first = len(plan.steps)
         take(_times(seconds, length), {}, {STAGE: SECOND, STAGE_INDEX: 0})
-        ways.append(Known.of(plan))
+        ways.append(plan.known)
         branches.append(Branch(_outcome(length), first, len(plan.steps), "within", (0.0, float(length))))
     join(plan, ways)
     branches[-1] = replace(branches[-1], comparison="", values=())  # more than that are not taken

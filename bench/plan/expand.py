@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 from typing import Any, NoReturn
 
@@ -30,6 +30,22 @@ class TooManySteps(Exception):
     """The plan grew over MAX_STEPS."""
 
 
+_Set = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known at a place of the plan.
+
+    ``at_s``: planned time.   ``sources_A``: level and range that each source was programmed to, None if not known.
+    ``settle_band_degC``: that of the last soak.
+    """
+
+    at_s: float = 0.0
+    sources_A: Mapping[str, _Set] = field(default_factory=dict)
+    settle_band_degC: float | None = None
+
+
 class Expander(Draft[language.Sequence]):
     """State of one expansion, and what each kind of step needs to append itself."""
 
@@ -54,10 +70,7 @@ class Expander(Draft[language.Sequence]):
         self.layouts = {link: definition.commands for link, definition in frames.items()}
         self.steps: list[Step] = []
         self.phase: Phase = "prepare"
-        self.at_s = 0.0
-        self.levels_A: dict[str, float | None] = {}
-        self.ranges_A: dict[str, float | None] = {}
-        self.settle_band_degC: float | None = None
+        self.known = Known()
         self.dimensions: list[dict[str, str]] = []
         self.origins: list[Mapping[str, str]] = []
         self.declared: list[Mapping[str, str]] = []
@@ -98,9 +111,9 @@ class Expander(Draft[language.Sequence]):
         known = node.scope.context if conditions is None else conditions
         role = self.place(role, node)
         where = self._short + self.document.where(node.path).removeprefix(self.document.name)
-        place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
+        place = len(self.steps), self.phase, self.known.at_s, duration_s, role, name, known, where
         self.steps.append(kind.read(place, numbers))
-        self.at_s = round(self.at_s + duration_s, 9)
+        self.known = replace(self.known, at_s=round(self.known.at_s + duration_s, 9))
 
     def place(self, name: str, node: Node) -> str:
         """Return the station's name of a link or role: inside a loop over the units that of the unit's slot."""
@@ -129,12 +142,12 @@ class Expander(Draft[language.Sequence]):
         """Return ``{role.range}``: the lowest range of its standard that holds the level last programmed, ampere."""
         if role not in self.station.instruments or attribute != "range":
             raise UnknownVariable(f"{{{role}.{attribute}}} is unknown{suggestion(role, self.station.instruments)}")
-        if role not in self.levels_A:
+        if role not in self.known.sources_A:
             raise UnknownVariable(
                 f"{{{role}.range}} is unknown: no level was programmed on {role} before, "
                 "or not the same on every way through a decision"
             )
-        level_A, found_A = self.levels_A[role], self.ranges_A[role]
+        level_A, found_A = self.known.sources_A[role]
         if level_A is None:
             return None
         if found_A is None:
@@ -143,17 +156,16 @@ class Expander(Draft[language.Sequence]):
 
     def programmed(self, role: str, level: Any, locked: bool) -> None:
         """Follow the level and the range of a source; a level that could not be read leaves both unknown."""
-        if not isinstance(level, Quantity) or level.dimension != "A":
-            self.levels_A[role] = self.ranges_A[role] = None
-            return
-        ladder_A = self.station.ranges_A(role)
-        self.levels_A[role] = level.value
-        self.ranges_A[role] = range_after(ladder_A, level.value, locked, self.ranges_A.get(role))
+        set_A: _Set = None, None
+        if isinstance(level, Quantity) and level.dimension == "A":
+            _, before_A = self.known.sources_A.get(role, set_A)
+            set_A = level.value, range_after(self.station.ranges_A(role), level.value, locked, before_A)
+        self.known = replace(self.known, sources_A={**self.known.sources_A, role: set_A})
 
     def begin(self, phase: Phase) -> None:
         """Begin a phase: its planned time starts at zero."""
         self.phase = phase
-        self.at_s = 0.0
+        self.known = replace(self.known, at_s=0.0)
 
 
 @dataclass(frozen=True)

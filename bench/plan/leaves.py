@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import BaseModel
@@ -189,7 +189,8 @@ def _call(node: Node, step: CallStep, expect: ReadingExpect | None = None) -> No
         plan.programmed(role, values["current"], values.get("range") == "locked")
     declared = declared_action(plan.station, placed, name)
     if declared is not None and declared.effect is Effect.THERMAL:
-        plan.settle_band_degC = None  # the temperature moves on: the band of the soak before says nothing any more
+        # the temperature moves on: the band of the soak before says nothing any more
+        plan.known = replace(plan.known, settle_band_degC=None)
     plan.add(
         here,
         PlannedCall,
@@ -231,8 +232,8 @@ def _record(outer: Node, step: RecordStep) -> None:
     for name, value in node.below("conditions").values(record.conditions).items():
         conditions[named(name, value)] = plain(value)
     conditions["purpose"] = record.purpose
-    if plan.settle_band_degC is not None and "temperature_degC" in conditions:
-        conditions["settle_band_degC"] = plan.settle_band_degC
+    if plan.known.settle_band_degC is not None and "temperature_degC" in conditions:
+        conditions["settle_band_degC"] = plan.known.settle_band_degC
     arguments: dict[str, Any] = {
         "seconds": seconds,
         "retry": record.retry,
@@ -347,7 +348,7 @@ def _soak(outer: Node, slot: SoakStep) -> None:
     _fits_in(judged.below("for"), "B-PLAN-043", "stable for {} s does not fit", for_s, slot_s)
     limit_s = slot_s if step.hold_limit is None else _duration(node, step.hold_limit, "hold_limit")
     within = judged.quantity(stable.within, "degC", "within")
-    plan.settle_band_degC = None if within is None else within.value
+    plan.known = replace(plan.known, settle_band_degC=None if within is None else within.value)
     arguments = {
         "temperature": node.quantity(step.temperature, "degC", "temperature"),
         "ramp": node.quantity(step.ramp, "degC/min", "ramp"),

@@ -75,9 +75,9 @@ class Unroller:
         plan = self._plan
         for index, entry in enumerate(entries):
             here = node.below(index)
-            wait_s = round(entry.at - plan.at_s, 9)
+            wait_s = round(entry.at - plan.known.at_s, 9)
             if wait_s < 0:
-                message = f"at {entry.at:g} s: what stands before ends only at {plan.at_s:g} s"
+                message = f"at {entry.at:g} s: what stands before ends only at {plan.known.at_s:g} s"
                 here.below("at").fail("B-PLAN-035", message, "give it a later time")
             elif wait_s > 0:
                 plan.add(here, PlannedSettle, "", "", {"bus_s": 0.0}, Quantity(wait_s, "s"))

@@ -1,3 +1,3 @@
 """The timer-driven sequencer, serial acquisition, and the opened bench."""
 
-from bench.run.called import CalledRoom as CalledRoom
+from bench.run import called

@@ -13,7 +13,6 @@ from bench.run.control.early import early_verdicts
 from bench.run.control.live import live_feed
 from bench.run.control.notify import notifications, user_notify
 from bench.run.control.systemd import service_notice
-from bench.run.observers import Following
 from bench.run.session import Beside
 from bench.run.watch.deviations import deviations
 from bench.run.watch.interlocks import interlocks
@@ -34,23 +33,22 @@ def besides(
 
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
-        following = Following(context.observers)
         if asking is not None:
             asking.attach(context)
         with ExitStack() as stack:
             stack.enter_context(trend_recorder(context))
             feed = stack.enter_context(live_feed(context, asking))
-            watch = stack.enter_context(interlocks(context, plan.interlocks, following))
-            stack.enter_context(outputs_watch(context, following))
-            stack.enter_context(deviations(context, following, plan.interlocks))
+            watch = stack.enter_context(interlocks(context, plan.interlocks))
+            stack.enter_context(outputs_watch(context))
+            stack.enter_context(deviations(context, plan.interlocks))
             if not virtual:
                 if notify is not None:
                     stack.enter_context(notifications(context, notify, feed.bench_line, feed.state.is_shelved))
-                control = Control(context, following, lambda: watch.tripped, feed.state, asking)
+                control = Control(context, lambda: watch.tripped, feed.state, asking)
                 stack.enter_context(control.listening())
                 if plan.early is not None:
                     stack.enter_context(early_verdicts(context, plan.early))
-                stack.enter_context(service_notice(context, environment, following))
+                stack.enter_context(service_notice(context, environment))
             yield
 
     return [beside]

@@ -199,6 +199,8 @@ class RunContext:
     ``unit_answer`` is who the unit said it was before a run that is gone on with was stopped.
     ``away`` are the instruments the run stands still for.
     ``failed`` are the steps of checks that failed and without which what is behind them is left out.
+    ``step`` is the step under way, None before the first.
+    ``measured``: numbers of the records that are complete and count: no wiring check, none that was taken back.
     ``ahead`` holds the windows that are open before their record step, by number of the step.
     ``manifest`` is the session's; ``observers`` hear everything that happens; ``earlier`` are the commands and replies
     of instruments from before the session.
@@ -219,6 +221,8 @@ class RunContext:
     timeline: Timeline
     measurement_link: str
     rows: PackedRows = field(default_factory=PackedRows)
+    step: Step | None = None
+    measured: set[int] = field(default_factory=set)
     ahead: dict[int, RecordWindow] = field(default_factory=dict)
     away: set[str] = field(default_factory=set)
     failed: set[int] = field(default_factory=set)

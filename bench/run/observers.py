@@ -15,9 +15,9 @@ from typing import Any, ClassVar, Protocol
 from bench.frame import LinkBatch
 from bench.model.clock import Clock
 from bench.model.errors import OperatorStop
-from bench.model.events import Disk, Event, Retake
+from bench.model.events import Disk, Event
 from bench.model.ports import SessionSink
-from bench.plan import SetPoint, Step, is_measurement
+from bench.plan import SetPoint, Step
 from bench.record import PackedList, RecordError, RecordRow
 
 StoredEvent = tuple[str, int, Mapping[str, Any]]
@@ -223,33 +223,6 @@ class AtTerminal(Observer):
 
     def message(self, text: str) -> None:
         self._listener.message(text)
-
-
-class Following(Observer):
-    """Remembers where the run is.
-
-    ``step_under_way`` is None before the first; ``records`` are the numbers of those that are complete and count
-    (no wiring checks, none that was taken back).
-    """
-
-    order = Order.PLACE
-    vital = True
-
-    def __init__(self, observers: Observers) -> None:
-        self.step_under_way: Step | None = None
-        self.records: set[int] = set()
-        observers.add(self)
-
-    def step(self, step: Step, at_s: float) -> None:
-        self.step_under_way = step
-
-    def record(self, row: RecordRow) -> None:
-        if is_measurement(row.window.conditions):
-            self.records.add(row.window.number)
-
-    def event(self, event: Event, t_mono_ns: int) -> None:
-        if isinstance(event, Retake):
-            self.records.discard(event.record)
 
 
 def patient(write: Callable[..., None], tell: Callable[[Disk], None]) -> Callable[..., None]:

@@ -336,6 +336,7 @@ class Sequencer:
     def _execute(self, step: Step) -> None:
         context = self._context
         context.stop.check()
+        context.step = step
         context.observers.step(step, (context.clock.now_ns() - self._start_ns) / NS)
         context.timeline.bring_forward(step.at_s)
         context.timeline.reach(step.at_s)
@@ -355,6 +356,7 @@ class Sequencer:
             if isinstance(step, PlannedRecord) and step.number not in context.decided.left_out:
                 context.event(Retake(record=context.record_count, reason=reason))
                 context.rows.pop(context.record_count, None)
+                context.measured.discard(context.record_count)
                 context.record_count -= 1
                 context.retaken += 1
         if again:

@@ -2,5 +2,3 @@
 
 from bench.frame.explain.draft import LineGuess, draft, line_guess
 from bench.frame.explain.frames import LOOKED_AT_BYTES, Guess, checks_that_fit, guesses
-
-__all__ = ["LOOKED_AT_BYTES", "Guess", "LineGuess", "checks_that_fit", "draft", "guesses", "line_guess"]

@@ -2,5 +2,3 @@
 
 from bench.frame.packets.escape import ESCAPES
 from bench.frame.packets.lines import LineReader, one_by_one, why_bad
-
-__all__ = ["ESCAPES", "LineReader", "one_by_one", "why_bad"]

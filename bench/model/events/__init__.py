@@ -56,12 +56,3 @@ from bench.model.events.trouble import (
     StimulusAlarm,
     Verdict,
 )
-
-__all__ = [
-    "DECISION", "LEFT_OUT", "OPERATOR", "UNDECLARED", "Alarm", "Answer", "Armed", "ClockStep", "Closed", "Config",
-    "Control", "Decision", "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard",
-    "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt",
-    "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity",
-    "Skip", "Slip", "StimulusAlarm", "Surroundings", "Suspend", "ThermalLag", "UnitLeftOut", "Verdict",
-    "by_instrument", "event_of", "kinds_of_events",
-]  # fmt: skip

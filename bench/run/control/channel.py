@@ -20,7 +20,6 @@ from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
 from bench.run.feed.run_state import RunState
-from bench.run.observers import Following
 from bench.run.operator import AFAR, BENCH
 
 OPERATOR, EARLY = "operator", "early verdict"
@@ -57,12 +56,11 @@ class Control:
     def __init__(
         self,
         context: RunContext,
-        following: Following,
         alarms: Callable[[], Mapping[str, str]],
         state: RunState | None = None,
         asking: WaitingOperator | None = None,
     ) -> None:
-        self._context, self._following = context, following
+        self._context = context
         self._alarms, self._state, self._asking = alarms, state, asking
         self._refused = 0
 
@@ -170,7 +168,7 @@ class Control:
 
     def status(self) -> dict[str, Any]:
         """Return what the run does now, as JSON values."""
-        context, step = self._context, self._following.step_under_way
+        context, step = self._context, self._context.step
         holding = context.stop.holds.reasons
         ending = context.stop.over or bool(context.stop.requested) or context.stop.fault is not None
         return {
@@ -183,7 +181,7 @@ class Control:
             "conditions": {} if step is None else dict(step.conditions),
             "reasons": holding,
             "planned_end_utc": self._planned_end(),
-            "records": len(self._following.records),
+            "records": len(context.measured),
             "records_planned": context.plan.record_count,
             "links": context.acquisition.status(),
             "alarms": dict(self._alarms()),
@@ -193,7 +191,7 @@ class Control:
 
     def _planned_end(self) -> str | None:
         """Return when the last step ends by plan and by the slip so far; a hold shifts it further."""
-        context, step = self._context, self._following.step_under_way
+        context, step = self._context, self._context.step
         if step is None:
             return None
         lengths_s = {"campaign": context.plan.duration_s, "finally": context.plan.finally_s}

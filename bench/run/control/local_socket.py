@@ -1,7 +1,9 @@
 """Unix sockets of a run for its owner and root alone: where they are, who connects, and one thread for all.
 
-A server is bounded in everything, so that no client can hold it up: more than ``MOST_CLIENTS`` at once, and the oldest
-is closed; one that asks for nothing for ``idle_s`` is closed too.
+A server is bounded in everything, so that no client can hold it up. Nobody is waited for: a client has one reply under
+way at a time, and no more is read of it before every line that it has sent is answered; one that asks more often than
+each ``gap_s`` waits. Whoever ends no line within ``longest`` bytes, does not read a reply or asks for nothing for
+``idle_s`` is closed; of more than ``MOST_CLIENTS`` at once the oldest is.
 """
 
 from __future__ import annotations
@@ -17,9 +19,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar
 
-from bench.model.clock import Clock, to_ns
+from bench.model.clock import NS, Clock, to_ns
 from bench.model.posix import peer, unix_socket, user_id, user_name
 
 CONTROL, LIVE = "control", "live"
@@ -88,31 +90,34 @@ def peer_of(connection: socket.socket) -> str | None:
 
 @dataclass(eq=False)
 class Client:
-    """A connected client: ``by`` whom, until when it may be silent, what came of it, what the selector looks for."""
+    """A connected client: ``by`` whom, until when it may be silent, what came of it, what the selector looks for.
+
+    ``next_ns``: when it may be answered next.   ``out``: what of the last reply is not sent yet.
+    """
 
     socket: socket.socket
     by: str
     until_ns: int
     received: bytearray = field(default_factory=bytearray)
     events: int = 0
+    next_ns: int = 0
+    out: memoryview = field(default_factory=lambda: memoryview(b""))
 
 
-C = TypeVar("C", bound=Client)
-
-
-class LocalServer(Generic[C]):
-    """Listens from the moment it is made until ``close``; a server says what a client is and what is done with it.
+class LocalServer:
+    """Listens from the moment it is made until ``close``; a server says what it replies to a line.
 
     Its thread starts at once: what a server needs is set before this is called. Raises: OSError if the socket cannot
     be made.
     """
 
-    client: type[C]
+    longest: ClassVar[int]
     idle_s: ClassVar[float]
+    gap_s: ClassVar[float]
 
     def __init__(self, path: Path, clock: Clock, name: str) -> None:
         self._clock = clock
-        self._clients: list[C] = []
+        self._clients: list[Client] = []
         self._listener = listen(path)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
@@ -147,15 +152,45 @@ class LocalServer(Generic[C]):
                 else:
                     self._go_on(client, now_ns)
 
-    def _patience_s(self) -> float:
-        return POLL_S
-
-    def _turn(self, client: C, events: int) -> None:
-        """Do what the selector has found that a client can do."""
+    def _reply(self, line: bytearray, by: str) -> bytes | None:
+        """Return the reply to one line; None to close the connection. It must not wait."""
         raise NotImplementedError
 
-    def _go_on(self, client: C, now_ns: int) -> None:
-        """Do what is due for a client in each round."""
+    def _patience_s(self) -> float:
+        """Until the next client that has to wait may be answered."""
+        resting = [client.next_ns for client in self._clients if not client.out and b"\n" in client.received]
+        now_ns = self._clock.now_ns()
+        return min(POLL_S, max(0.001, (min(resting, default=now_ns + NS) - now_ns) / NS))
+
+    def _turn(self, client: Client, events: int) -> None:
+        """Do what the selector has found that a client can do: take what it sends, or send on."""
+        try:
+            if events & selectors.EVENT_WRITE:
+                client.out = client.out[client.socket.send(client.out) :]
+                return
+            chunk = client.socket.recv(self.longest)
+        except BlockingIOError:
+            return
+        except OSError:
+            chunk = b""
+        client.received += chunk
+        if not chunk or (b"\n" not in client.received and len(client.received) > self.longest):
+            self._drop(client)
+
+    def _go_on(self, client: Client, now_ns: int) -> None:
+        """Answer the next line of a client, if its last reply is gone and it is its turn."""
+        if not client.out and b"\n" in client.received and now_ns >= client.next_ns:
+            line, _, client.received = client.received.partition(b"\n")
+            client.next_ns, client.until_ns = now_ns + to_ns(self.gap_s), now_ns + to_ns(self.idle_s)
+            reply = self._reply(line, client.by)
+            if reply is None:
+                self._drop(client)
+                return
+            client.out = memoryview(reply)
+            self._turn(client, selectors.EVENT_WRITE)
+        if client in self._clients:
+            is_waiting = 0 if b"\n" in client.received else selectors.EVENT_READ
+            self._watch(client, selectors.EVENT_WRITE if client.out else is_waiting)
 
     def _accept(self) -> None:
         try:
@@ -170,11 +205,11 @@ class LocalServer(Generic[C]):
         connection.setblocking(False)
         if len(self._clients) >= MOST_CLIENTS:
             self._drop(self._clients[0])
-        client = self.client(connection, by, self._clock.now_ns() + to_ns(self.idle_s))
+        client = Client(connection, by, self._clock.now_ns() + to_ns(self.idle_s))
         self._clients.append(client)
         self._watch(client, selectors.EVENT_READ)
 
-    def _watch(self, client: C, events: int) -> None:
+    def _watch(self, client: Client, events: int) -> None:
         if events == client.events:
             return
         if not client.events:
@@ -185,7 +220,7 @@ class LocalServer(Generic[C]):
             self._selector.modify(client.socket, events, client)
         client.events = events
 
-    def _drop(self, client: C) -> None:
+    def _drop(self, client: Client) -> None:
         if client in self._clients:
             self._clients.remove(client)
         with suppress(KeyError, ValueError):
@@ -194,44 +229,19 @@ class LocalServer(Generic[C]):
         client.socket.close()
 
 
-class ControlServer(LocalServer[Client]):
+class ControlServer(LocalServer):
     """Listens from the moment it is made until ``close``. Raises: OSError if the socket cannot be made."""
 
-    client = Client
+    longest = LONGEST_LINE
     idle_s = IDLE_S
+    gap_s = 0.0
 
     def __init__(self, path: Path, answer: Answer, clock: Clock) -> None:
         self._answer = answer
         super().__init__(path, clock, "control")
 
-    def _turn(self, client: Client, events: int) -> None:
-        try:
-            chunk = client.socket.recv(LONGEST_LINE)
-        except BlockingIOError:
-            return
-        except OSError:
-            chunk = b""
-        if not chunk:
-            self._drop(client)
-            return
-        client.received += chunk
-        while b"\n" in client.received:
-            line, _, client.received = client.received.partition(b"\n")
-            if not self._reply(client, line):
-                return
-        if len(client.received) > LONGEST_LINE:
-            self._drop(client)
-
-    def _reply(self, client: Client, line: bytearray) -> bool:
-        client.until_ns = self._clock.now_ns() + to_ns(IDLE_S)
-        reply = self._judged(line, client.by)
-        try:
-            sent = client.socket.send(json.dumps(reply).encode() + b"\n")
-        except OSError:  # gone, or it does not read its replies
-            sent = 0
-        if not sent:
-            self._drop(client)
-        return bool(sent)
+    def _reply(self, line: bytearray, by: str) -> bytes:
+        return json.dumps(self._judged(line, by)).encode() + b"\n"
 
     def _judged(self, line: bytearray, by: str) -> dict[str, Any]:
         try:

@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 
 from bench.model.posix import unix_socket
 from bench.run.context import RunContext
-from bench.run.observers import Following
 from bench.run.stop import repeated
 
 SILENCE_S = 5.0  # a part that was silent for longer is not well
@@ -40,16 +39,14 @@ class ServiceNotice:
 
 
 @contextmanager
-def service_notice(
-    context: RunContext, environment: Mapping[str, str], following: Following
-) -> Iterator[ServiceNotice]:
+def service_notice(context: RunContext, environment: Mapping[str, str]) -> Iterator[ServiceNotice]:
     """Feed the watchdog only while every part of the run is well."""
     notice = ServiceNotice(environment)
 
     def feed() -> None:
         silence_s = context.health.silence_s()
         silent = [part for part, seconds in silence_s.items() if seconds > SILENCE_S]
-        step = following.step_under_way
+        step = context.step
         holding = "; ".join(context.stop.holds.reasons.values())
         where = "" if step is None else f"step {step.number} of {len(context.plan.steps)}"
         status = f"STATUS=holding at {where}: {holding}" if holding else f"STATUS={where}"

@@ -3,14 +3,3 @@
 from bench.run.preflight.context import Finding, Report, Status, Surroundings
 from bench.run.preflight.of_machine import stay_awake
 from bench.run.preflight.survey import Preflight, examine, examine_machine
-
-__all__ = [
-    "Finding",
-    "Preflight",
-    "Report",
-    "Status",
-    "Surroundings",
-    "examine",
-    "examine_machine",
-    "stay_awake",
-]

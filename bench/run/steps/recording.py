@@ -216,6 +216,8 @@ def take_record(context: RunContext, step: PlannedRecord) -> None:
     if row.window.link and row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
         raise silent(context.acquisition.readers[step.role], f"no good frame during record {number}")
     context.rows[number] = row
+    if is_measurement(row.window.conditions):
+        context.measured.add(number)
     context.observers.record(row)
     if step.purpose == WIRING:
         check_wiring(row, context.plan, step.where)

@@ -26,7 +26,7 @@ from bench.plan import CHAMBER, InterlockRule, PlannedCall, PlannedRecord, SetPo
 from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.guard.temperatures import BLIND_S
-from bench.run.observers import Following, Observer, Order
+from bench.run.observers import Observer, Order
 from bench.run.setpoints import VOLTAGE_WITHIN
 from bench.run.stop import CHAMBER_AIR, guarded
 from bench.run.watch.air import APART_BACK_K, APART_K, BACK_K, OWN, SECOND, ChamberAir
@@ -140,10 +140,8 @@ class DeviationWatch(Observer):
     order = Order.SAFETY
     loss = "deviations are not watched any more"
 
-    def __init__(
-        self, context: RunContext, following: Following, rules: Sequence[InterlockRule], *, asks: bool
-    ) -> None:
-        self._context, self._following, self._asks = context, following, asks
+    def __init__(self, context: RunContext, rules: Sequence[InterlockRule], *, asks: bool) -> None:
+        self._context, self._asks = context, asks
         self.air = ChamberAir()
         self._settings = Settings(context.instruments)
         second = next((rule for rule in rules if rule.signal == "second_air"), None)
@@ -204,12 +202,12 @@ class DeviationWatch(Observer):
 
     def _ask(self) -> None:
         """Read what is due: the chamber by a short question, as the guard does; others while the bus is left alone."""
-        now_ns, step = self._context.clock.now_ns(), self._following.step_under_way
+        now_ns, step = self._context.clock.now_ns(), self._context.step
         air_is_due = now_ns - self._air_ns >= AIR_S * NS and math.isfinite(self.air.target_degC)
         if air_is_due:
             self._ask_chamber(now_ns)
         timed = isinstance(step, PlannedRecord) and bool(step.readings)  # its readings come one after the other
-        if timed or not leaves_the_bus(self._context, self._following):
+        if timed or not leaves_the_bus(self._context):
             return
         if air_is_due:
             self._air_ns = now_ns
@@ -319,10 +317,10 @@ class DeviationWatch(Observer):
 
 
 @contextmanager
-def deviations(context: RunContext, following: Following, rules: Sequence[InterlockRule]) -> Iterator[DeviationWatch]:
+def deviations(context: RunContext, rules: Sequence[InterlockRule]) -> Iterator[DeviationWatch]:
     """Watch for deviations while the run goes on. In a rehearsal no instrument is read for it."""
     virtual = context.clock.virtual
-    watch = DeviationWatch(context, following, rules, asks=not virtual)
+    watch = DeviationWatch(context, rules, asks=not virtual)
     context.observers.add(watch)
     look_s = LOOK_VIRTUAL_S if virtual else LOOK_WALL_S
 

@@ -15,7 +15,7 @@ from bench.model.units import finite
 from bench.plan import Action, InterlockRule
 from bench.record import RecordRow
 from bench.run.context import RunContext
-from bench.run.observers import Following, Observer, Order
+from bench.run.observers import Observer, Order
 from bench.run.stop import HOLD_LIMIT_S, Wish, repeated
 from bench.run.watch.signals import RateStep, WatchedSignals, leaves_the_bus
 
@@ -100,9 +100,8 @@ class InterlockWatch:
     the run safely (B-RUN-071); ``warn`` says so.
     """
 
-    def __init__(self, rules: Sequence[InterlockRule], context: RunContext, following: Following) -> None:
+    def __init__(self, rules: Sequence[InterlockRule], context: RunContext) -> None:
         now_ns = context.clock.now_ns()
-        self._following = following
         self._period_ns = to_ns(ASK_VIRTUAL_S if context.clock.virtual else ASK_WALL_S)
         self._ask_ns = now_ns + min(self._period_ns, to_ns(ASK_WALL_S))
         self.signals = WatchedSignals(context, rules)
@@ -155,7 +154,7 @@ class InterlockWatch:
         """Read the instruments that interlocks need, when it is time and the steps leave the bus alone for a while."""
         now_ns = self._context.clock.now_ns()
         overdue = now_ns - self._ask_ns
-        free = overdue > self._period_ns or leaves_the_bus(self._context, self._following)
+        free = overdue > self._period_ns or leaves_the_bus(self._context)
         if overdue < 0 or self._context.stop.over or not free or not self._asking.acquire(blocking=False):
             return  # all are being read anew: under the virtual clock by this very thread
         try:
@@ -215,9 +214,9 @@ def _sentence(state: InterlockState) -> str:
 
 
 @contextmanager
-def interlocks(context: RunContext, rules: Sequence[InterlockRule], following: Following) -> Iterator[InterlockWatch]:
+def interlocks(context: RunContext, rules: Sequence[InterlockRule]) -> Iterator[InterlockWatch]:
     """Watch the interlocks while the run goes on, under either clock."""
-    watch = InterlockWatch(rules, context, following)
+    watch = InterlockWatch(rules, context)
     context.in_the_way, context.look_again = watch.in_the_way, watch.look_again
     if any(rule.signal == RATE_STEP for rule in rules):
         _watch_records(watch, context)

@@ -27,7 +27,7 @@ from bench.plan import Step
 from bench.run.bus.safety import QUICK_S, hurried
 from bench.run.context import RunContext
 from bench.run.feed.bench_state import LOOK_VIRTUAL_S, LOOK_WALL_S, BenchState
-from bench.run.observers import Following, Observer, Order
+from bench.run.observers import Observer, Order
 from bench.run.setpoints import goes_off
 from bench.run.stop import repeated
 from bench.run.watch.signals import leaves_the_bus
@@ -53,8 +53,8 @@ def look(instruments: Mapping[str, Instrument], busy: Container[str] = ()) -> No
 class OutputsWatch:
     """Looks each minute on the wall clock, each half hour in a rehearsal."""
 
-    def __init__(self, context: RunContext, following: Following) -> None:
-        self._context, self._following = context, following
+    def __init__(self, context: RunContext) -> None:
+        self._context = context
         self._period_ns = to_ns(LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S)
         self._due_ns = context.clock.now_ns() + self._period_ns
 
@@ -64,7 +64,7 @@ class OutputsWatch:
         overdue_ns = now_ns - self._due_ns
         if overdue_ns < 0 or context.stop.over:
             return
-        if leaves_the_bus(context, self._following) or overdue_ns > self._period_ns:
+        if leaves_the_bus(context) or overdue_ns > self._period_ns:
             self._due_ns = now_ns + self._period_ns
             look(context.instruments, context.in_use)
 
@@ -157,9 +157,9 @@ class Contact:
 
 
 @contextmanager
-def outputs_watch(context: RunContext, following: Following) -> Iterator[None]:
+def outputs_watch(context: RunContext) -> Iterator[None]:
     """Look at the outputs while the run goes on, under either clock."""
-    watch = OutputsWatch(context, following)
+    watch = OutputsWatch(context)
     wake_s = LOOK_VIRTUAL_S if context.clock.virtual else WAKE_S
     duties = [(wake_s, watch.take)]
     declared = Declared(context)

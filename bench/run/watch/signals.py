@@ -28,7 +28,6 @@ from bench.run.bus.acquisition import STALE_S
 from bench.run.bus.reader import TEMPERATURE, LinkReader, age_s, of_unit
 from bench.run.bus.safety import hurried
 from bench.run.context import RunContext
-from bench.run.observers import Following
 from bench.run.stop import CHAMBER_AIR
 
 KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has
@@ -256,9 +255,9 @@ def scanned(logger: Instrument) -> dict[int, float]:
     return dict(zip(logger.options["channels"], map(float, logger.scan()), strict=True))  # type: ignore[attr-defined]
 
 
-def leaves_the_bus(context: RunContext, following: Following) -> bool:
+def leaves_the_bus(context: RunContext) -> bool:
     """Return True while the step under way waits for ``QUIET_S`` yet: a scan keeps the bus for seconds."""
-    step = following.step_under_way
+    step = context.step
     if step is None or context.stop.holds.reasons:
         return True
     return context.timeline.target_ns(step.at_s + step.duration_s) - context.clock.now_ns() >= QUIET_S * NS

@@ -4,12 +4,3 @@ from bench.store.charts.chart import ChartedSeries, ChartedSubject
 from bench.store.charts.phases import freeze
 from bench.store.charts.populations import chart_certificates, chart_station
 from bench.store.charts.units import chart_unit
-
-__all__ = [
-    "ChartedSeries",
-    "ChartedSubject",
-    "chart_certificates",
-    "chart_station",
-    "chart_unit",
-    "freeze",
-]

@@ -3,5 +3,3 @@
 from bench.tables.foreign.messages import LOG_TIME
 from bench.tables.foreign.opening import ForeignTable, kind_of, open_table, topics_of
 from bench.tables.foreign.text import OtherLog
-
-__all__ = ["LOG_TIME", "ForeignTable", "OtherLog", "kind_of", "open_table", "topics_of"]

@@ -2,5 +2,3 @@
 
 from bench.web.telemetry.lookout import ENDED_S, FRESH_S, Lookout, SeenRun
 from bench.web.telemetry.metrics import Scrapes, families
-
-__all__ = ["ENDED_S", "FRESH_S", "Lookout", "Scrapes", "SeenRun", "families"]

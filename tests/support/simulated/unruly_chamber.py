@@ -138,11 +138,10 @@ class Watched:
         self.health = Health(self.clock)  # type: ignore[arg-type]
         context: Any = SimpleNamespace(
             clock=self.clock, health=self.health, instruments={"chamber": driver, "logger": logger}, in_use=InUse(),
-            stop=StopSwitch(), event=self._event,
+            stop=StopSwitch(), event=self._event, step=None,
             plan=SimpleNamespace(station=SimpleNamespace(guard_limits_degC={CHAMBER_AIR: 65.0})),
         )  # fmt: skip
-        following: Any = SimpleNamespace(step_under_way=None)
-        self.watch = DeviationWatch(context, following, [SECOND_AIR] if second else [], asks=True)
+        self.watch = DeviationWatch(context, [SECOND_AIR] if second else [], asks=True)
 
     @property
     def now_s(self) -> float:

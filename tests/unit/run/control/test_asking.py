@@ -28,7 +28,6 @@ from bench.run.context import RunContext
 from bench.run.control.asking import AT_BENCH, Refused, WaitingOperator
 from bench.run.control.channel import Control
 from bench.run.control.early import EarlyVerdicts, judge_command
-from bench.run.observers import Following
 from bench.run.operator import AFAR, BENCH, Answer, Question, limits_of
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.early import drift_check, repeat_check, residual_check, scatter_check
@@ -213,7 +212,7 @@ def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
             answer()
         assert caught.value.code == "B-CTRL-002"
 
-    with Control(context, Following(context.observers), dict, None, operator).listening():
+    with Control(context, dict, None, operator).listening():
         refused(lambda: command.answer(tmp_path, ""), "the run asks nothing")
         asked = threading.Thread(target=lambda: given.extend([operator.ask(OHMS), operator.ask(DOOR)]), daemon=True)
         asked.start()

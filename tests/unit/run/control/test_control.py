@@ -34,7 +34,7 @@ from bench.run.control.local_socket import (
 )
 from bench.run.control.notify import Notifier
 from bench.run.feed.run_state import RunState
-from bench.run.observers import Following, Observer
+from bench.run.observers import Observer
 
 WAIT_S = 20.0
 
@@ -45,16 +45,15 @@ def controlled(folder: Path) -> tuple[HoldRig, RunContext, Control]:
     context.folder = folder
     context.plan.duration_s, context.plan.prepare_s, context.plan.finally_s = 30.0, 0.0, 5.0  # type: ignore[misc]
     context.plan.record_count = 2  # type: ignore[misc]
-    following = Following(context.observers)
-    following.step(rig.steps[2], 5.0)
-    return rig, context, Control(context, following, lambda: {"air": "too warm"})
+    context.step = rig.steps[2]
+    return rig, context, Control(context, lambda: {"air": "too warm"})
 
 
 @contextmanager
 def served(folder: Path) -> Iterator[tuple[HoldRig, RunContext]]:
     rig, context, _ = controlled(folder)
     context.clock = WallClock()  # type: ignore[assignment]
-    with Control(context, Following(context.observers), dict).listening():
+    with Control(context, dict).listening():
         yield rig, context
 
 
@@ -358,10 +357,9 @@ def shelving(folder: Path) -> tuple[Any, Any, RunState, Control]:
     """Return rig, context, state and control of a run with one alarm."""
     rig, context, _ = controlled(folder)
     state = RunState(rig.steps, {})
-    following = Following(context.observers)
     context.observers.add(Told(state))
     context.event(ClockStep(step_s=3.0, t_utc_ns=0))
-    return rig, context, state, Control(context, following, dict, state)
+    return rig, context, state, Control(context, dict, state)
 
 
 def test_it_is_recorded_and_shown_with_who_why_and_until_when(tmp_path: Path) -> None:

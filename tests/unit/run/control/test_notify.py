@@ -25,7 +25,6 @@ from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occ
 from bench.run.control.systemd import ServiceNotice, service_notice
 from bench.run.guard import notify_ways
 from bench.run.guard.notify_ways import NotSent, by_apprise, by_command, by_mail, by_webhook
-from bench.run.observers import Following
 from bench.run.stop import SEQUENCER, WRITER
 
 HOLD = Hold(step=3, by="door", reason="open")
@@ -302,12 +301,11 @@ def test_the_watchdog_is_fed_while_every_part_is_well(tmp_path: Path, abstract: 
     address = f"@inertial-bench-{os.getpid()}" if abstract else str(tmp_path / "notify")
     rig = HoldRig(tmp_path, 2)
     context = rig.context()
-    following = Following(context.observers)
     environment = {"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "20000000"}
     with manager(address) as receiver:
-        with service_notice(context, environment, following):
+        with service_notice(context, environment):
             assert received(receiver) == ["READY=1"]
-            following.step(rig.steps[2], 0.0)
+            context.step = rig.steps[2]
             context.health.alive(SEQUENCER)
             context.health.alive(WRITER)
             rig.clock.sleep(9.0)

@@ -196,7 +196,7 @@ def test_one_that_asks_and_never_reads_is_dropped_and_the_others_are_served(
 def test_one_that_asks_wildly_waits_and_one_that_says_nothing_goes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(served_by, "GAP_S", 0.01)
+    monkeypatch.setattr(FeedServer, "gap_s", 0.01)
     asked: list[int] = []
     states: list[int] = []
 

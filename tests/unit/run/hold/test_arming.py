@@ -15,7 +15,6 @@ from bench.run.context import RunContext
 from bench.run.control.asking import AT_BENCH, WaitingOperator
 from bench.run.control.channel import Control
 from bench.run.hold import LIMIT_S, energised_again
-from bench.run.observers import Following
 from bench.run.sequencer import Outcome
 from bench.run.watch.interlocks import interlocks
 
@@ -56,7 +55,7 @@ class Bench(HoldRig):
         @contextmanager
         def people(context: RunContext) -> Iterator[None]:
             self.waiting.attach(context)
-            self.control = Control(context, Following(context.observers), dict, None, self.waiting)
+            self.control = Control(context, dict, None, self.waiting)
             yield
 
         return self.run_beside(people, *besides)
@@ -157,7 +156,7 @@ def test_interlocks_are_read_again_before_it_goes_on(tmp_path: Path, place: str)
     rig.at(100.0, lambda: rig.say("answer", "bench", value=True))
     rig.at(900.0, lambda: rig.say("answer", "bench", value=True))
     rules = [HOT]
-    assert rig.carried_out(lambda context: interlocks(context, rules, Following(context.observers))).error is None
+    assert rig.carried_out(lambda context: interlocks(context, rules)).error is None
     sound(rig, 2)
     tripped = [event for event in rig.events("interlock") if event["state"] == "tripped"]
     assert [(event["name"], event["value"], event["action"]) for event in tripped] == [("hot", 60.0, "hold")]

@@ -15,7 +15,6 @@ from bench.model.ports import Action, actions_of, drivers_of
 from bench.run.context import RunContext
 from bench.run.control.channel import Control
 from bench.run.links.keeper import keep_links
-from bench.run.observers import Following
 from bench.run.setpoints import differences, expected_of, read_back, steps_again
 from bench.run.steps.reentry import come_back, enter
 from bench.run.stop import Interruption, Wish
@@ -276,7 +275,7 @@ def test_a_pause_on_the_way_back_counts_from_its_end_on(tmp_path: Path) -> None:
     rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
     context = rig.context()
     answers: list[dict[str, Any]] = []
-    answering = Control(context, Following(context.observers), dict)
+    answering = Control(context, dict)
     rig.clock.every(300.0, lambda: answers.append(answering.answer({"command": "pause", "reason": "door"}, "me")))
     rig.clock.sleep(1.0)
     come_back(context, 1)

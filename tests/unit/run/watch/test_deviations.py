@@ -25,7 +25,6 @@ from bench.record.trend_reader import TrendReader
 from bench.replay.build_trend import build_trend, main
 from bench.replay.history import history, needs_build, raw_window, trend_place
 from bench.run.context import RunContext
-from bench.run.observers import Following
 from bench.run.watch.deviations import DeviationWatch
 from bench.run.watch.trend import trend_recorder
 
@@ -200,7 +199,7 @@ class Bench:
 
     def beside(self, context: RunContext) -> AbstractContextManager[None]:
         context.plan.station.guard_limits_degC = {"chamber_air_degC": 65.0}  # type: ignore[misc]
-        self.watch = DeviationWatch(context, Following(context.observers), self.rules, asks=True)
+        self.watch = DeviationWatch(context, self.rules, asks=True)
         context.observers.add(self.watch)
         self.rig.clock.every(1.0, self.watch.look)
         self.rig.at(1.0, lambda: context.observers.set_point(SetPoint(20.0, 1.0)))

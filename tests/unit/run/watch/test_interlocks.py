@@ -17,7 +17,6 @@ from bench.model.clock import NS
 from bench.model.errors import ExitStatus
 from bench.plan.language.interlocks import InterlockRule
 from bench.run.context import RunContext
-from bench.run.observers import Following
 from bench.run.watch.interlocks import InterlockState, InterlockWatch, interlocks
 from bench.run.watch.signals import FRESH_VIRTUAL_S
 
@@ -124,7 +123,7 @@ def watching(*rules: InterlockRule, kept: list[InterlockWatch] | None = None) ->
 
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
-        with interlocks(context, rules, Following(context.observers)) as watch:
+        with interlocks(context, rules) as watch:
             if kept is not None:
                 kept.append(watch)
             yield
@@ -133,7 +132,7 @@ def watching(*rules: InterlockRule, kept: list[InterlockWatch] | None = None) ->
 
 
 def watch_of(context: RunContext, rules: list[InterlockRule]) -> InterlockWatch:
-    return InterlockWatch(rules, context, Following(context.observers))
+    return InterlockWatch(rules, context)
 
 
 def chamber_rig(folder: Path, points: int = 12) -> HoldRig:
@@ -239,7 +238,7 @@ def test_what_comes_due_while_all_is_read_anew_waits_for_nobody(tmp_path: Path) 
     rig = chamber_rig(tmp_path, 1)
     rig.instruments["chamber"].measure_air = lambda: rig.clock.sleep(70.0) or 20.0  # type: ignore[attr-defined]
     context = rig.context()
-    with interlocks(context, [HOT], Following(context.observers)) as watch:
+    with interlocks(context, [HOT]) as watch:
         reading = threading.Thread(target=watch.look_again, daemon=True)
         reading.start()
         reading.join(30.0)
