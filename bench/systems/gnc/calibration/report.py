@@ -19,7 +19,14 @@ from bench.model.errors import FitError
 from bench.model.lab import folder_name
 from bench.systems.gnc.declaration import ACCELEROMETER, AXES, CALIBRATED, GYRO, UPS, Sensor, Shown
 from bench.systems.gnc.estimators.clocks import UnitClock
-from bench.systems.gnc.estimators.earth_rate import RestNoise, RotationRecord, rest_dof, static_means, up_in_body
+from bench.systems.gnc.estimators.earth_rate import (
+    RestNoise,
+    RotationRecord,
+    direction_of,
+    rest_dof,
+    static_means,
+    up_in_body,
+)
 from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position, rows_of_positions, spread_out
@@ -52,10 +59,8 @@ def _up(row: SampledRow) -> str:
     up = str(row.conditions.get("up", ""))
     if up not in UPS:
         raise _unclear(row, f"'up' is {up!r}, one of {', '.join(UPS)} is due")
-    direction = np.zeros(3)
-    direction[AXES.index(up[1])] = 1.0 if up[0] == "+" else -1.0
     seen = up_in_body(row.pose)
-    if float(seen @ direction) < _ALONG:
+    if float(seen @ direction_of(up)) < _ALONG:
         text = ", ".join(f"{part:+.3f}" for part in seen)
         raise _unclear(row, f"'up' is {up!r}, but in its pose up is ({text}) in body axes")
     return up
@@ -259,16 +264,8 @@ def rotation_files(calibration: Calibration, serial: str) -> dict[str, str]:
     for record in _rotations(calibration):
         used = calibration.turns.used[record.name]
         first = np.concatenate([[True], np.diff(record.counter) != 0])  # samples that came twice stand there once
-        table = np.column_stack([record.time_s, record.rate])[first][:used]
-        files[f"{folder_name(serial)}/gyro/{record.name}.csv"] = _csv(record.counter[first][:used], table)
+        table = np.column_stack([record.counter, record.time_s, record.rate])[first][:used]
+        text = StringIO()
+        np.savetxt(text, table, "%d,%.6f,%.6g,%.6g,%.6g", header=_HEAD, comments="")
+        files[f"{folder_name(serial)}/gyro/{record.name}.csv"] = text.getvalue()
     return files
-
-
-def _csv(
-    counter: np.ndarray[tuple[int], np.dtype[np.int64]], table: np.ndarray[tuple[int, int], np.dtype[np.float64]]
-) -> str:
-    text = StringIO()
-    text.write(_HEAD + "\n")
-    for number, values in zip(counter.tolist(), table.tolist(), strict=True):
-        text.write(f"{number},{values[0]:.6f},{values[1]:.6g},{values[2]:.6g},{values[3]:.6g}\n")
-    return text.getvalue()

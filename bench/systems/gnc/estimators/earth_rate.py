@@ -128,6 +128,13 @@ def up_in_body(pose: Pose) -> Floats:
     return np.asarray(body_to_table(pose)[2])
 
 
+def direction_of(up: str) -> Floats:
+    """(3,) unit vector in body axes of an axis that points up, such as "-x"."""
+    direction = np.zeros(3)
+    direction[AXES.index(up[1])] = 1.0 if up[0] == "+" else -1.0
+    return direction
+
+
 def turn_axis_in_body(pose: Pose, turned: str) -> Floats:
     """(3,) unit vector in body axes about which the unit turns at a positive rate of the table axis.
 

@@ -71,14 +71,19 @@ def static_intervals(
     if initial == 0.0:
         raise _no_rest(f"the outputs do not change at all in the first {initial_s:g} s")
     size = np.linalg.norm(moving_variance(samples, half), axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (size < multiple * initial).astype(np.int8), [0]])))
-    begin, end = edges[0::2], edges[1::2]
+    begin, end = _stretches(size < multiple * initial)
     long = end - begin >= least_s * rate_Hz
     if not long.any():
         raise _no_rest(
             f"no interval of {least_s:g} s stays below {multiple:g} times the variance of the first {initial_s:g} s"
         )
     return StaticIntervals(begin[long], end[long], multiple * initial, initial)
+
+
+def _stretches(still: Flags) -> tuple[Integers, Integers]:
+    """Return the first sample of each stretch that is still, and the one behind its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    return edges[0::2], edges[1::2]
 
 
 def moving_variance(samples: Floats, half: int) -> Floats:
@@ -97,13 +102,15 @@ def moving_variance(samples: Floats, half: int) -> Floats:
     return np.pad(inside, ((half, half), (0, 0)), constant_values=np.inf)
 
 
-def _no_rest(message: str) -> FitError:
-    return FitError(
-        "B-FIT-084",
-        message,
-        next_step="leave the unit at rest before it is turned by hand, and a few seconds in each pose; "
-        "look at the initial interval declared",
-    )
+_FROM_REST = (
+    "leave the unit at rest before it is turned by hand, and a few seconds in each pose; "
+    "look at the initial interval declared"
+)
+_SEVERAL_RESTS = "leave the unit at rest for a few seconds several times; check that the columns are the sensors"
+
+
+def _no_rest(message: str, next_step: str = _FROM_REST) -> FitError:
+    return FitError("B-FIT-084", message, next_step=next_step)
 
 
 def find_rests(
@@ -120,19 +127,20 @@ def find_rests(
     """
     half = max(1, round(0.5 * WINDOW_s * rate_Hz))
     if len(accel) < 2 * half + 1:
-        raise _none(f"the log is {len(accel) / rate_Hz:.3g} s long, shorter than one window of {WINDOW_s:g} s")
+        raise _no_rest(
+            f"the log is {len(accel) / rate_Hz:.3g} s long, shorter than one window of {WINDOW_s:g} s", _SEVERAL_RESTS
+        )
     size = _size(accel, half, "accelerometers")
     noise = quiet_level(size)
     turning = _size(gyro, half, "gyroscopes")
     still = (size < MULTIPLE * noise) & (turning < MULTIPLE * quiet_level(turning))
     still[breaks] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
-    begin, end = edges[0::2], edges[1::2]
+    begin, end = _stretches(still)
     keep = end - begin >= LEAST_s * rate_Hz
     if keep.any():
         keep &= _not_turning(gyro, begin, end, keep, steady)
     if not keep.any():
-        raise _none(f"nothing stays below {MULTIPLE:g} times the noise for {LEAST_s:g} s")
+        raise _no_rest(f"nothing stays below {MULTIPLE:g} times the noise for {LEAST_s:g} s", _SEVERAL_RESTS)
     return StaticIntervals(begin[keep], end[keep], MULTIPLE * noise, noise)
 
 
@@ -145,7 +153,7 @@ def _size(samples: Floats, half: int, what: str) -> Floats:
     """Return length of the vector of variances, at least that of the resolution; infinite near the ends."""
     steps = [np.diff(np.unique(column)) for column in samples.T]
     if not all(step.size for step in steps):
-        raise _none(f"an output of the {what} does not change at all")
+        raise _no_rest(f"an output of the {what} does not change at all", _SEVERAL_RESTS)
     floor = float(np.linalg.norm([step.min() ** 2 / 12.0 for step in steps]))
     return np.asarray(np.maximum(np.linalg.norm(moving_variance(samples, half), axis=1), floor))
 
@@ -155,11 +163,3 @@ def _not_turning(gyro: Floats, begin: NDArray[np.intp], end: NDArray[np.intp], k
     means = np.stack([gyro[a:b].mean(axis=0) for a, b in zip(begin, end, strict=True)])
     usual = np.median(np.repeat(means[keep], (end - begin)[keep], axis=0), axis=0)
     return np.asarray(np.linalg.norm(means - usual, axis=1) < steady)
-
-
-def _none(message: str) -> FitError:
-    return FitError(
-        "B-FIT-084",
-        message,
-        next_step="leave the unit at rest for a few seconds several times; check that the columns are the sensors",
-    )

@@ -25,7 +25,7 @@ from bench.maths.arrays import rms
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.declaration import AXES, UPS
-from bench.systems.gnc.estimators.earth_rate import RotationRecord, static_means
+from bench.systems.gnc.estimators.earth_rate import RotationRecord, direction_of, static_means
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
 from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position
@@ -89,14 +89,8 @@ def _evidence(
 def _accelerometer(log: ImuLog, positions: list[Document]) -> TriadFit:
     means = np.stack([log.accel[log.rows(stretch)].mean(axis=0) for stretch in positions])
     size = log.gravity / STANDARD_GRAVITY_M_S2 if log.accel_unit == "g" else log.gravity
-    force = np.stack([size * _direction(str(stretch["up"])) for stretch in positions])
+    force = np.stack([size * direction_of(str(stretch["up"])) for stretch in positions])
     return fit_six_position(means, force)
-
-
-def _direction(up: str) -> Floats:
-    direction = np.zeros(3)
-    direction[AXES.index(up[1])] = 1.0 if up[0] == "+" else -1.0
-    return direction
 
 
 def _gyro(log: ImuLog, positions: list[Document], rotations: list[Document], missing: list[str]) -> TriadFit | None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import optimize
@@ -88,11 +89,15 @@ def fit_quadric(points: Floats, begins: Sequence[int] = (), noise: float | None 
     if scale <= _SAME * float(np.abs(middle).max()):
         raise _no_quadric(f"all {count} points are the same")
     unit = (points - middle) / scale
-    both = _Once(unit)
+
+    @lru_cache(maxsize=1)  # the search asks for distances and derivatives one after the other at the same place
+    def both(place: bytes) -> tuple[Floats, Floats]:
+        return _distances(unit, np.frombuffer(place), dimensions)
+
     solution = optimize.least_squares(
-        lambda place: both.at(place)[0],
+        lambda place: both(place.tobytes())[0],
         _round(unit),
-        jac=lambda place: both.at(place)[1],
+        jac=lambda place: both(place.tobytes())[1],
         method="lm",
         xtol=1e-13,
         ftol=1e-13,
@@ -102,7 +107,7 @@ def fit_quadric(points: Floats, begins: Sequence[int] = (), noise: float | None 
     if solution.status <= 0:
         raise _no_quadric(f"the {count} points lie on a line, a plane or an open curve")
     centre, shape = _split(solution.x, dimensions)
-    distance, jacobian = both.at(solution.x)
+    distance, jacobian = both(solution.x.tobytes())
     sign = np.sign(np.diag(shape))
     factor = np.concatenate((np.full(dimensions, scale), sign[np.triu_indices(dimensions)[0]] / scale))
     distance, jacobian = scale * distance, scale * jacobian / factor
@@ -127,21 +132,6 @@ def _round(unit: Floats) -> Floats:
     centre = solution[:-1]
     radius = float(np.sqrt(np.square(unit - centre).sum(axis=1).mean()))
     return np.concatenate((centre, (np.eye(dimensions) / radius)[np.triu_indices(dimensions)]))
-
-
-class _Once:
-    """Distances and their derivatives, which the search asks for one after the other at the same place."""
-
-    def __init__(self, points: Floats) -> None:
-        self._points = points
-        self._place: Floats | None = None
-        self._found = (np.empty(0), np.empty(0))
-
-    def at(self, place: Floats) -> tuple[Floats, Floats]:
-        if self._place is None or not np.array_equal(place, self._place):
-            self._place = place.copy()
-            self._found = _distances(self._points, place, self._points.shape[1])
-        return self._found
 
 
 def _split(place: Floats, dimensions: int) -> tuple[Floats, Floats]:
