@@ -19,7 +19,7 @@ from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.options import apart
 from sim_instruments.worlds.af_converter.truth import UnitTruth, estimates
-from sim_instruments.worlds.common.thermal import LAB_DEGC, PlaceInAir, SharedAir, TemperatureFunction, Thermal
+from sim_instruments.worlds.common.thermal import LAB_DEGC, PlaceInAir, SharedAir, Thermal, ThermalOfUnit
 from sim_instruments.worlds.common.wiring import CHANNELS, Wiring
 from sim_instruments.worlds.common.world import Unit, World
 
@@ -82,7 +82,7 @@ class AfSlots(World):
             place = self._places[letter] = PlaceInAir(thermals[-1], share, offset_degC)
             sensed = PlaceInAir(thermals[-1], share, offset_degC + SENSED_DEGC * draws.normal())
             self.converters[letter] = Ngu(
-                clock, seed + number * SEED_STEP, place.unit, texts, sensed=sensed.unit_degC, serial=f"SIM-{number + 1}"
+                clock, seed + number * SEED_STEP, place, texts, sensed=sensed, serial=f"SIM-{number + 1}"
             )
         ports = {
             own_name: (self.converters[letter], name)
@@ -117,7 +117,7 @@ class AfUnit(Unit, Protocol):
     truth: UnitTruth
 
 
-UnitFactory = Callable[[Clock, int, TemperatureFunction, Mapping[str, str]], AfUnit]
+UnitFactory = Callable[[Clock, int, ThermalOfUnit, Mapping[str, str]], AfUnit]
 
 
 class AfWorld(World):
@@ -133,7 +133,7 @@ class AfWorld(World):
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any], unit_factory: UnitFactory = Ngu) -> None:
         own, texts = apart(options)
         thermal = Thermal(float(own.get("time_constants", 1.0)))
-        self.converters = unit_factory(clock, seed, thermal.unit, texts)
+        self.converters = unit_factory(clock, seed, thermal, texts)
         super().__init__(clock=clock, seed=seed, unit=self.converters, thermal=thermal, options=own)
 
     @classmethod
