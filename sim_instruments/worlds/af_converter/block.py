@@ -16,7 +16,7 @@ from bench.model.clock import NS
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import AF_CLOCK_HZ, CHANNELS, GATE_S, KINDS, WHITE_A_RTHZ
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
-from sim_instruments.worlds.common.thermal import TemperatureFunction, UnitTemperature
+from sim_instruments.worlds.common.thermal import ThermalOfUnit
 
 BLOCK_GATES = 1000
 CHARGE_BITS = 40  # charge unit = design pulse charge / 2^40: 10 s at full scale fit 64 bits, rounding is below 1 pA
@@ -76,9 +76,9 @@ class GateBlock:
 class BlockFactory:
     """Makes the blocks of one power-on period; a block depends on the seed, its number and the state at its start."""
 
-    def __init__(self, truth: NguTruth, thermal: TemperatureFunction, epoch_ns: int, period: int) -> None:
+    def __init__(self, truth: NguTruth, thermal: ThermalOfUnit, epoch_ns: int, period: int) -> None:
         self._truth = truth
-        self._thermal = UnitTemperature.of(thermal)
+        self._thermal = thermal
         self.epoch_ns = epoch_ns
         self._period = period
         self._clock_Hz = AF_CLOCK_HZ * (1.0 + truth.af_clock_error_ppm * 1e-6)
@@ -136,7 +136,7 @@ class BlockFactory:
         turns_degC: list[tuple[float, ...]] = []
         while not starts_s or self.epoch_ns + round(start_s * NS) <= stop_ns:
             start_ns = self.epoch_ns + round(start_s * NS)
-            now_degC, rate_degC_s = self._thermal.moment(start_ns)
+            now_degC, rate_degC_s = self._thermal.unit_moment(start_ns)
             unit_degC = now_degC + _HALF_BLOCK_S * rate_degC_s
             gate_s = GATE_S / (1.0 + 1e-6 * float(self._truth.master_error_ppm(unit_degC)))
             starts_s.append(start_s)

@@ -27,7 +27,7 @@ from sim_instruments.worlds.af_converter.gates import Drive, GateMachine, GateRo
 from sim_instruments.worlds.af_converter.ports import GATES_PER_FRAME, Framer, FramerState, Housekeeping, Mode
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 from sim_instruments.worlds.common.port import Port, PortedUnit
-from sim_instruments.worlds.common.thermal import TemperatureFunction
+from sim_instruments.worlds.common.thermal import ThermalOfUnit
 
 BOOT_NS = NS  # from power on to the start of the first gate
 AHEAD_NS = 100 * NS  # generated at once at most
@@ -66,8 +66,8 @@ class UnitCore:
     """
 
     def __init__(
-        self, truth: NguTruth, thermal: TemperatureFunction, ports: Mapping[str, Port], start_ns: int,
-        sensed: TemperatureFunction | None = None, serial: str = "",
+        self, truth: NguTruth, thermal: ThermalOfUnit, ports: Mapping[str, Port], start_ns: int,
+        sensed: ThermalOfUnit | None = None, serial: str = "",
     ) -> None:  # fmt: skip
         gates, integrated = (load_frame(find_shipped("frames", name)) for name in ("ngu_a", "ngu_a_100s"))
         self.definition_b = load_frame(find_shipped("frames", "ngu_b"))
@@ -280,8 +280,7 @@ class Ngu(PortedUnit):
     Args:
         clock: clock of the run; with a virtual one the unit works ahead while nothing can change it.
         seed: seed of the unit's truth and of all its noise.
-        thermal: unit temperature, degC, at bench times in nanoseconds, (n,) to (n,); a ``UnitTemperature`` also
-            tells where it has turned, a plain function has no past and shows no hysteresis.
+        thermal: temperature of the unit and where it has turned, at bench times in nanoseconds.
         options: see NguTruth.
         sensed: temperature at its sensors, where that is another one.   serial: serial number that it answers.
     Raises:
@@ -289,8 +288,8 @@ class Ngu(PortedUnit):
     """
 
     def __init__(
-        self, clock: Clock, seed: int, thermal: TemperatureFunction, options: Mapping[str, str] | None = None,
-        *, sensed: TemperatureFunction | None = None, serial: str = "",
+        self, clock: Clock, seed: int, thermal: ThermalOfUnit, options: Mapping[str, str] | None = None,
+        *, sensed: ThermalOfUnit | None = None, serial: str = "",
     ) -> None:  # fmt: skip
         self.truth = NguTruth(seed, options)
         super().__init__({"port_a": Port(), "port_b": Port()})

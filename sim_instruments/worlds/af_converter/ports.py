@@ -17,7 +17,7 @@ from sim_instruments.worlds.af_converter.charge_balance import Pulses
 from sim_instruments.worlds.af_converter.constants import CHANNELS, GATE_MASTER_PULSES, INTEGRATED_GATES
 from sim_instruments.worlds.af_converter.gates import GateRows
 from sim_instruments.worlds.common.port import Port
-from sim_instruments.worlds.common.thermal import TemperatureFunction
+from sim_instruments.worlds.common.thermal import ThermalOfUnit
 
 _OVER_RANGE_BIT = 1
 _MODE_BIT = 12
@@ -145,7 +145,7 @@ class Housekeeping:
     zero_frame = 0  # frames sent before the one with counter 0
 
     def __init__(
-        self, port: Port, definition: FrameDefinition, thermal: TemperatureFunction, seed: int, *, noise: bool
+        self, port: Port, definition: FrameDefinition, thermal: ThermalOfUnit, seed: int, *, noise: bool
     ) -> None:
         self._port = port
         self._definition = definition
@@ -164,7 +164,7 @@ class Housekeeping:
         number = np.arange(len(ready_ns)) - start // GATES_PER_FRAME
         over_range = _over_range(rows)[due]
         drawn = self._draws(period, number)
-        unit_degC = self._thermal(ready_ns)
+        unit_degC = self._thermal.unit_degC(ready_ns)
         degC = unit_degC[:, None] + _SENSOR_NOISE_DEGC * drawn[:, :_SENSORS]
         mV = np.array([supply_V * 1000.0, _SUPPLY_CURRENT_MA, *_RAILS_MV]) + _SUPPLY_NOISE_MV * drawn[:, _SENSORS:]
         supplies = np.rint(mV).clip(0, _WRAP - 1).astype(np.uint16)

@@ -78,7 +78,7 @@ class AfSlots(World):
             place = self._places[letter] = PlaceInAir(thermals[-1], share, offset_degC)
             sensed = PlaceInAir(thermals[-1], share, offset_degC + SENSED_DEGC * draws.normal())
             self.converters[letter] = Ngu(
-                clock, seed + number * SEED_STEP, place.unit, texts, sensed=sensed.unit_degC, serial=f"SIM-{number + 1}"
+                clock, seed + number * SEED_STEP, place, texts, sensed=sensed, serial=f"SIM-{number + 1}"
             )
         ports = {
             own_name: (self.converters[letter], name)
@@ -122,7 +122,7 @@ class AfWorld(World):
     ) -> None:
         own, texts = apart(options)
         thermal = Thermal(float(own.get("time_constants", 1.0)))
-        self.converters = unit_factory(clock, seed, thermal.unit, texts)
+        self.converters = unit_factory(clock, seed, thermal, texts)
         super().__init__(clock=clock, seed=seed, unit=self.converters, thermal=thermal, options=own)
 
     @classmethod

@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike
 from bench.model.arrays import Floats, Integers
 from bench.model.clock import NS
 
-TemperatureFunction = Callable[[Integers], Floats]
 _Tables = tuple[Integers, Floats]
 _Moments = tuple[list[int], list[tuple[float, ...]]]
 
@@ -38,36 +37,6 @@ _LAB_SWING_DEGC = 0.3
 _DAY_S = 86_400.0
 _SETTLED_S = 1e6  # after so long without a command nothing moves any more
 _BISECTIONS = 64
-
-
-@dataclass(frozen=True)
-class UnitTemperature:
-    """Temperature of the unit at bench times, and what the unit itself carries of it at a moment.
-
-    Attributes:
-        degC: temperature at bench times in nanoseconds, (n,) to (n,).
-        moment: itself, degC, and its derivative, degC per second, at one bench time.
-        turns_degC: where it started and where it has turned since, oldest first; empty: nothing is known of the past.
-    """
-
-    degC: TemperatureFunction
-    moment: Callable[[int], tuple[float, float]]
-    turns_degC: Callable[[int], tuple[float, ...]]
-
-    def __call__(self, t_ns: Integers) -> Floats:
-        """Return temperature at bench times, (n,), degC."""
-        return self.degC(t_ns)
-
-    @classmethod
-    def of(cls, temperature: TemperatureFunction) -> UnitTemperature:
-        """Return the temperature itself, or a plain function of time as one without a past that moves in steps."""
-        if isinstance(temperature, cls):
-            return temperature
-
-        def moment(t_ns: int) -> tuple[float, float]:
-            return float(temperature(np.array([t_ns]))[0]), 0.0
-
-        return cls(temperature, moment, lambda _t_ns: ())
 
 
 @dataclass(frozen=True)
@@ -211,11 +180,6 @@ class Thermal:
         unit = self.unit_degC(t_ns)
         return follow(state, unit, half_width) - unit
 
-    @property
-    def unit(self) -> UnitTemperature:
-        """Temperatures as the unit under test knows them."""
-        return UnitTemperature(self.unit_degC, self.unit_moment, self.turns_degC)
-
     @staticmethod
     def lab_degC(t_ns: int | np.ndarray) -> np.ndarray:
         """Return laboratory air: 23 degC with a daily swing of 0.3 degC."""
@@ -281,17 +245,17 @@ class PlaceInAir:
         own = np.asarray(half_width_degC, float) / self._share
         return self._share * self._thermal.play_offset_degC(t_ns, own)
 
-    @property
-    def unit(self) -> UnitTemperature:
-        """Temperatures as the unit under test knows them."""
-        return UnitTemperature(self.unit_degC, self._moment, self._turns_degC)
-
-    def _moment(self, t_ns: int) -> tuple[float, float]:
+    def unit_moment(self, t_ns: int) -> tuple[float, float]:
+        """Return temperature at one bench time, degC, and how fast it rises, degC per second."""
         degC, rate_degC_s = self._thermal.unit_moment(t_ns)
         return self._share * degC + self._offset_degC, self._share * rate_degC_s
 
-    def _turns_degC(self, t_ns: int) -> tuple[float, ...]:
+    def turns_degC(self, t_ns: int) -> tuple[float, ...]:
+        """Return temperatures at its start and where it may have turned up to ``t_ns``, oldest first."""
         return tuple(self._share * degC + self._offset_degC for degC in self._thermal.turns_degC(t_ns))
+
+
+ThermalOfUnit = Thermal | PlaceInAir
 
 
 class SharedAir(Thermal):

@@ -40,17 +40,8 @@ class Unit(UnitInputs, Protocol):
         """True frequency at the unit's function-generator input, hertz; 0 without a signal."""
 
 
-class NoUnit:
+class NoUnit(Unit):
     """The empty place of the unit on a bench that measures sources at the terminals of its meters alone."""
-
-    def set_input(self, channel: int, current_A: float, t_ns: int) -> None:
-        """Nothing takes the current."""
-
-    def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
-        """Nothing is supplied."""
-
-    def set_fg(self, frequency_Hz: float, t_ns: int) -> None:
-        """Nothing counts."""
 
 
 class Instrument(Protocol):

@@ -14,14 +14,13 @@ north) stands at 90 deg - H.
 Variations of a parameter, relative to its value, within +-20 %: functions of time, with integrals in closed form.
 
 The integral is what a varying frequency needs: the phase is the integral of the frequency, never frequency times time.
-Every class takes times of shape (n,); parameters of shape (runs, 1) give values of shape (runs, n).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -37,103 +36,60 @@ SHARE = 0.2
 SLOWEST_HZ, FASTEST_HZ = 0.02, 0.1  # of what is called slow
 
 
-class Variation(Protocol):
-    """Relative change of a parameter."""
-
-    def at(self, t_s: Floats) -> Floats:
-        """Return relative change at times in seconds."""
-
-    def integral_s(self, t_s: Floats) -> Floats:
-        """Return its integral from 0 to each time, seconds."""
-
-
-class Constant:
-    """No change at all."""
-
-    def at(self, t_s: Floats) -> Floats:
-        """Return zeros."""
-        return np.zeros_like(t_s)
-
-    def integral_s(self, t_s: Floats) -> Floats:
-        """Return zeros."""
-        return np.zeros_like(t_s)
-
-
 @dataclass(frozen=True)
-class Sine:
-    """A sine of ``frequency_Hz`` whose phase at 0 is ``phase_rad``."""
+class Variation:
+    """Relative change of a parameter at times in seconds, (n,), and its integral from 0 to each of them, seconds."""
 
-    frequency_Hz: float | Floats
-    phase_rad: float | Floats
-
-    def at(self, t_s: Floats) -> Floats:
-        """Return 0.2 sin(2 pi f t + phase)."""
-        return SHARE * np.sin(2.0 * np.pi * self.frequency_Hz * t_s + self.phase_rad)
-
-    def integral_s(self, t_s: Floats) -> Floats:
-        """Return integral of the sine."""
-        omega = 2.0 * np.pi * np.asarray(self.frequency_Hz)
-        return SHARE / omega * (np.cos(self.phase_rad) - np.cos(omega * t_s + self.phase_rad))
+    at: Callable[[Floats], Floats]
+    integral_s: Callable[[Floats], Floats]
 
 
-@dataclass(frozen=True)
-class Linear:
-    """From -20 % to +20 % in ``ramp_s``, back again in as long, and so on."""
+CONSTANT = Variation(np.zeros_like, np.zeros_like)
 
-    ramp_s: float
 
-    def at(self, t_s: Floats) -> Floats:
-        """Return the triangle."""
-        return SHARE * (1.0 - 2.0 * np.abs(1.0 - self._place(t_s)))
+def sine(frequency_Hz: float, phase_rad: float) -> Variation:
+    """Return 0.2 sin(2 pi f t + phase)."""
+    omega = 2.0 * np.pi * frequency_Hz
 
-    def integral_s(self, t_s: Floats) -> Floats:
-        """Return integral of the triangle; zero after each ramp."""
-        place = self._place(t_s)
-        way = np.where(place <= 1.0, place * (place - 1.0), (2.0 - place) * (place - 1.0))
-        return SHARE * self.ramp_s * way
+    def integral_s(t_s: Floats) -> Floats:
+        return SHARE / omega * (np.cos(phase_rad) - np.cos(omega * t_s + phase_rad))
 
-    def _place(self, t_s: Floats) -> Floats:
+    return Variation(lambda t_s: SHARE * np.sin(omega * t_s + phase_rad), integral_s)
+
+
+def linear(ramp_s: float) -> Variation:
+    """Return a triangle: from -20 % to +20 % in ``ramp_s``, back again in as long, and so on."""
+
+    def place(t_s: Floats) -> Floats:
         """Return ramps since the last lowest point, 0 to 2."""
-        return np.mod(np.asarray(t_s) / self.ramp_s, 2.0)
+        return np.mod(t_s / ramp_s, 2.0)
+
+    def integral_s(t_s: Floats) -> Floats:
+        """Return zero after each ramp."""
+        at = place(t_s)
+        return SHARE * ramp_s * np.where(at <= 1.0, at * (at - 1.0), (2.0 - at) * (at - 1.0))
+
+    return Variation(lambda t_s: SHARE * (1.0 - 2.0 * np.abs(1.0 - place(t_s))), integral_s)
 
 
-class Steps:
-    """A new value each ``step_s``, from a table that repeats itself.
+def drawn_steps(rng: np.random.Generator, count: int, step_s: float) -> Variation:
+    """Return a new value each ``step_s``, uniform within +-20 %, from a table of ``count`` that repeats itself."""
+    values = rng.uniform(-SHARE, SHARE, count)
+    sums = np.concatenate(([0.0], np.cumsum(values)))
 
-    Args: values: relative changes, (m,) or (runs, m).
-    """
-
-    def __init__(self, values: Floats, step_s: float) -> None:
-        self._values, self._step_s = values, step_s
-        self._sums = np.concatenate((np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)), axis=-1)
-
-    def at(self, t_s: Floats) -> Floats:
-        """Return the value of the step that each time is in."""
-        return self._values[..., self._place(t_s)[1]]
-
-    def integral_s(self, t_s: Floats) -> Floats:
+    def integral_s(t_s: Floats) -> Floats:
         """Return sum of the steps so far."""
-        rounds, step, part = self._place(t_s)
-        inside = self._sums[..., step] + part * self._values[..., step]
-        return self._step_s * (inside + rounds * self._sums[..., -1:])
+        place = t_s / step_s
+        rounds, step = np.divmod(np.floor(place).astype(np.int64), count)
+        inside = sums[step] + (place - np.floor(place)) * values[step]
+        return np.asarray(step_s * (inside + rounds * sums[-1]))
 
-    def _place(self, t_s: Floats) -> tuple[Integers, Integers, Floats]:
-        """Return rounds of the table, step in it and part of the step."""
-        place = np.asarray(t_s) / self._step_s
-        step = np.floor(place).astype(np.int64)
-        rounds, inside = np.divmod(step, self._values.shape[-1])
-        return rounds, inside, place - step
+    return Variation(lambda t_s: values[np.floor(t_s / step_s).astype(np.int64) % count], integral_s)
 
 
-def drawn_steps(rng: np.random.Generator, shape: tuple[int, ...], step_s: float) -> Steps:
-    """Return steps whose values are uniform within +-20 %."""
-    return Steps(rng.uniform(-SHARE, SHARE, shape), step_s)
-
-
-def drawn_slow(rng: np.random.Generator, shape: tuple[int, ...] = ()) -> Sine:
-    """Return a sine of 0.02 to 0.1 Hz with a drawn phase; ``shape`` for several at once."""
-    frequency_Hz, phase_rad = rng.uniform(SLOWEST_HZ, FASTEST_HZ, shape), rng.uniform(0.0, 2.0 * np.pi, shape)
-    return Sine(frequency_Hz, phase_rad)
+def drawn_slow(rng: np.random.Generator) -> Variation:
+    """Return a sine of 0.02 to 0.1 Hz with a drawn phase."""
+    return sine(rng.uniform(SLOWEST_HZ, FASTEST_HZ), rng.uniform(0.0, 2.0 * np.pi))
 
 
 SAMPLE_NS = 1_000_000
@@ -185,12 +141,12 @@ def variation(kind: str, seed: int, parameter: str, ramp_s: float) -> Variation:
     if kind == "slow":
         return drawn_slow(rng)
     if kind == "linear":
-        return Linear(ramp_s)
+        return linear(ramp_s)
     if kind == "step":
-        return drawn_steps(rng, (_TURNS,), 1.0)
+        return drawn_steps(rng, _TURNS, 1.0)
     if kind == "white":
-        return drawn_steps(rng, (_SAMPLES,), SAMPLE_NS / NS)
-    return Constant()
+        return drawn_steps(rng, _SAMPLES, SAMPLE_NS / NS)
+    return CONSTANT
 
 
 class FogSensor:

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -65,10 +66,16 @@ class PlainTruth:
         return 0.0 if order else 1.5
 
 
+def plain_thermal(unit_degC: Callable[[Any], Any]) -> Any:
+    """Temperatures of a unit by a function of time, (n,) to (n,); it has no past and shows no hysteresis."""
+    moment = lambda t_ns: (float(unit_degC(np.array([t_ns]))[0]), 0.0)  # noqa: E731 - it is handed on
+    return SimpleNamespace(unit_degC=unit_degC, unit_moment=moment, turns_degC=lambda _: ())
+
+
 class RecordingUnit:
     """Writes down every change of its inputs, with the time."""
 
-    def __init__(self, clock: Clock, seed: int, thermal: Callable[[Any], Any], options: Mapping[str, str]) -> None:
+    def __init__(self, clock: Clock, seed: int, thermal: Any, options: Mapping[str, str]) -> None:
         self.clock, self.seed, self.thermal, self.options = clock, seed, thermal, dict(options)
         self.truth = PlainTruth()
         self.inputs: dict[int, float | None] = dict.fromkeys(range(1, 11))

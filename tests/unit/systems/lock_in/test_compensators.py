@@ -177,9 +177,8 @@ def test_stated_uncertainties_of_the_constants_are_their_scatter(at_90: Laser, a
         turns, found = laser.seen(SLOW_HZ).turns, laser.seen(SLOW_HZ).constants
         parts = [np.isin(np.arange(turns.sign.size), own) for own in np.array_split(np.flatnonzero(turns.usable), 23)]
         fits = [global_constants(replace(turns, usable=own)) for own in parts]
-        kappa, kappa_std, beta, beta_std = np.transpose(
-            [(one.kappa_rad_s, one.kappa_std_rad_s, one.beta_rad, one.beta_std_rad) for one in fits]
-        )
+        rows = [(one.kappa_rad_s, one.kappa_std_rad_s, one.beta_rad, one.beta_std_rad) for one in fits]
+        kappa, kappa_std, beta, beta_std = np.transpose(rows)
         scores.append(((kappa - laser.kappa) / kappa_std, (beta - np.radians(laser.world.beta_deg)) / beta_std))
         for whole, each in ((found.kappa_std_rad_s, kappa_std), (found.beta_std_rad, beta_std)):
             assert whole == pytest.approx(each.mean() / np.sqrt(kappa.size), rel=0.06)

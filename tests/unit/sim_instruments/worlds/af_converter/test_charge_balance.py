@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sim_bench import plain_thermal
 
 from bench.model.clock import NS
 from sim_instruments.worlds.af_converter.block import BlockFactory
@@ -93,8 +94,7 @@ def test_a_call_that_could_leave_64_bits_is_refused():
 SECONDS = 0.4
 
 
-def _thermal(t_ns):
-    return np.full(len(t_ns), 31.0)
+_thermal = plain_thermal(lambda t_ns: np.full(len(t_ns), 31.0))
 
 
 def _changes(rng):
@@ -175,7 +175,7 @@ def test_white_noise_is_14_nA_in_a_gate():
 
 def test_gates_follow_the_master_clock_and_edges_the_af_clock():
     truth = NguTruth(1, {"master_error_ppm": "40", "af_clock_error_ppm": "-30", "noise": "off"})
-    factory = BlockFactory(truth, lambda t: np.full(len(t), 20.0), 5 * NS, 0)
+    factory = BlockFactory(truth, plain_thermal(lambda t: np.full(len(t), 20.0)), 5 * NS, 0)
     first, second = factory.make(0, 0.0, 15 * NS)
     assert second.ends_ns[-1] - 5 * NS == pytest.approx(20 * NS / (1 + 40e-6), abs=1)
     assert second.edges[-1] == int(20 / (1 + 40e-6) * 256_000 * (1 - 30e-6))

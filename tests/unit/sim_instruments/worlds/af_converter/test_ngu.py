@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import serial
+from sim_bench import plain_thermal
 
 from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock, to_ns
@@ -28,7 +29,7 @@ def steady(t_ns):
 
 def powered_unit(seed=1, thermal=steady, options=None, clock=None, faults=None):
     clock = clock or VirtualClock()
-    unit = Ngu(clock, seed, thermal, options)
+    unit = Ngu(clock, seed, plain_thermal(thermal), options)
     for name in PORTS:
         unit.connect(name, 115_200, faults)
     unit.set_power(True, clock.now_ns())
@@ -136,7 +137,7 @@ def test_housekeeping_tells_temperature_and_supply():
 
 def test_nothing_is_sent_without_supply_and_what_nobody_hears_is_lost():
     clock = VirtualClock()
-    unit = Ngu(clock, 1, steady)
+    unit = Ngu(clock, 1, plain_thermal(steady))
     unit.connect("port_a", 115_200)
     clock.sleep(5)
     assert unit.waiting("port_a") == 0
@@ -155,7 +156,7 @@ def test_nothing_is_sent_without_supply_and_what_nobody_hears_is_lost():
     assert len(again) == len(before) == 999
     assert (again.raw("npp") != before.raw("npp")).any()
     clock = VirtualClock()
-    unit = Ngu(clock, 1, steady)
+    unit = Ngu(clock, 1, plain_thermal(steady))
     unit.set_power(True, 0)
     clock.sleep(100)
     unit.connect("port_a", 115_200)
@@ -248,7 +249,7 @@ def world(monkeypatch):
 
 
 def unit_at_23_degC(clock, seed, _thermal, _options):
-    return Ngu(clock, seed, lambda t_ns: np.full(len(t_ns), 23.0))
+    return Ngu(clock, seed, plain_thermal(lambda t_ns: np.full(len(t_ns), 23.0)))
 
 
 def test_what_has_arrived_is_read_or_thrown_away(world):

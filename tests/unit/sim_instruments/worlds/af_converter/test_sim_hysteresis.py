@@ -112,7 +112,7 @@ def test_falling_minus_rising_is_the_width_and_the_centre_is_the_cubic() -> None
 def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
     """Mean bias of a block against the truth at its gates, on the ramp and where the play is crossed: < 0.005 nA."""
     truth, thermal = NguTruth(2), ramped()
-    factory = BlockFactory(truth, thermal.unit, 0, 0)
+    factory = BlockFactory(truth, thermal, 0, 0)
     for t_s in (RAMP_START_S + 9000, RAMP_START_S + 20_000, RAMP_START_S + 48_000, RAMP_START_S + 60_000):
         (block,) = factory.make(t_s // 10, float(t_s), 0)
         t_ns = t_s * NS + np.arange(0, 10_000, 10) * NS // 1000 + NS // 200
