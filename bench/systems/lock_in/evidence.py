@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -234,7 +234,7 @@ def implausible(laser: LaserResult) -> Iterator[Evidence]:
     turned = found.swing_rad * found.omega_rad_s / 2.0 * events.step_ticks / laser.clock_Hz
     squares = [2.0 * float(np.nanmean(np.square(fit.jumps.dpsi_rad))) for fit in found.constants]
     largest = math.sqrt(max(squares, default=0.0))
-    checks: tuple[tuple[str, bool, float, Sequence[str], dict[str, Any]], ...] = (
+    checks: tuple[tuple[str, bool, float, Sequence[str], Mapping[str, float | None]], ...] = (
         ("count_odd", not found.odd_left_out, float(odd), WALKS, {"count": odd}),
         (
             "repeated_blocks", not few(repeated, blocks, _MOST_REPEATED), float(repeated), (),
