@@ -201,7 +201,7 @@ def _triad(title: str, unit: str, factor: float, fit: TriadFit) -> Table:
         rows.append([axis, *matrix, bias, scale, *coupling])
     couplings = [say("matrix.head.coupling", axis=axis) for axis in AXES]
     errors = say("matrix.head.bias", unit=unit), say("matrix.head.scale")
-    headers = [say("matrix.head.axis"), *(f"K {axis}" for axis in AXES), *errors, *couplings]
+    headers = [say("head.axis"), *(f"K {axis}" for axis in AXES), *errors, *couplings]
     return Table(title, say("matrix.caption"), headers, rows, lead=True)
 
 

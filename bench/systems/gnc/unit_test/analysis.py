@@ -58,10 +58,8 @@ def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
         failed = [title_of(item.item) for item in unit.all if item.verdict == "fail"]
         rows.append([unit.unit, *times, len(unit.wrong), say.listed(failed or ["–"]), _verdict(unit.verdict)])
     clock = "s" if offset_s is None else "UTC"
-    begin, end = say.heads("units", "start", "end", clock=clock)
-    elapsed, *others = say.heads("units", "elapsed", "wrong", "failed", "verdict")
-    headers = [say("units.head.unit"), begin, elapsed, end, *others]
-    return worded_table(say, "units", headers, rows, prose=True, lead=True)
+    heads = ["unit", "start", "elapsed", "end", "wrong", "failed", "verdict"]
+    return worded_table(say, "units", heads, rows, prose=True, lead=True, clock=clock)
 
 
 def _moment(at_s: float, offset_s: float | None) -> str:
@@ -78,8 +76,7 @@ def item_table(units: Sequence[UnitResult]) -> Table:
     for unit in units:
         by_item = {item.item: _verdict(item.verdict) for item in unit.all}
         rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
-    headers = [say("units.head.unit"), *map(title_of, names)]
-    return worded_table(say, "table1", headers, rows, prose=True, lead=True)
+    return worded_table(say, "table1", ["unit"], rows, [*map(title_of, names)], prose=True, lead=True)
 
 
 def measured_table(units: Sequence[UnitResult]) -> list[Table]:
@@ -104,8 +101,8 @@ def measured_table(units: Sequence[UnitResult]) -> list[Table]:
         ]
         for (quantity, place, unit), members in values.items()
     ]
-    headers = say.heads("measured", "quantity", "of", "values", "lowest", "highest", "unit", "limit")
-    return [worded_table(say, "measured", headers, rows)] if rows else []
+    heads = ["quantity", "of", "values", "lowest", "highest", "unit", "limit"]
+    return [worded_table(say, "measured", heads, rows)] if rows else []
 
 
 def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
