@@ -10,13 +10,12 @@ Source: GNC-module paper, section 5.2 (results in a folder per test item) and se
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, worded_table
+from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, results_json, worded_table
 from bench.model.errors import FitError
 from bench.model.lab import folder_name
 from bench.systems.gnc.limits import table_3
@@ -146,9 +145,9 @@ def folders_of(units: Sequence[UnitResult], material: Material) -> dict[str, str
         folder = folder_name(unit.unit)
         for item in unit.all:
             if item.runs:
-                texts[f"{folder}/{item.item}/result.json"] = _json(_result(unit.unit, item, offset_s))
+                texts[f"{folder}/{item.item}/result.json"] = results_json(_result(unit.unit, item, offset_s))
                 texts[f"{folder}/{item.item}/log.txt"] = _log(unit.unit, item, offset_s)
-        texts[f"{folder}/summary.json"] = _json(_summary(unit, offset_s))
+        texts[f"{folder}/summary.json"] = results_json(_summary(unit, offset_s))
     return texts
 
 
@@ -214,10 +213,6 @@ def _stamp(times: Document, name: str) -> str:
 
 def _utc(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
-
-
-def _json(document: Document) -> str:
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n"
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:

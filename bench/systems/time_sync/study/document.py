@@ -7,13 +7,24 @@ Figures of the study, numbered as in the paper: errors, offset, observability ov
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Chapter, Document, Estimate, Figure, Series, Table, documents, estimates_of, picture, series
+from bench.analysis import (
+    Chapter,
+    Document,
+    Estimate,
+    Figure,
+    Series,
+    Table,
+    documents,
+    estimates_of,
+    picture,
+    results_json,
+    series,
+)
 from bench.maths.arrays import rms
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.study.errors import augmented, error_estimates, recovery_estimates, unaugmented
@@ -355,7 +366,7 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
 
 def study_json(document: Document) -> str:
     """Canonical text: sorted keys, shortest exact floats, one newline at the end."""
-    return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    return results_json(document)
 
 
 def _cut(cut: Cut) -> dict[str, Any]:
