@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from bench.analysis.doubt import CERTAIN, Evidence
 from bench.analysis.estimates import Estimates, estimate
-from bench.analysis.figures import Table, limits_text, number, significant, value_and_uncertainty
+from bench.analysis.figures import Table, limits_text, number, significant, value_and_uncertainty, worded_table
 from bench.analysis.material import Material
 from bench.analysis.values import Value, absent, conditions_text, placed, values_of
 from bench.analysis.wording import say
@@ -86,8 +86,7 @@ def _evidence(value: Value, material: Material) -> Iterable[Evidence]:
 
 def value_table(values: Sequence[Value]) -> Table:
     """Return all values with their scatter and both kinds of uncertainty."""
-    headers = [say(f"values.{name}") for name in _HEADERS]
-    return Table(say("values.title"), say("values.caption"), headers, [_row(value) for value in values])
+    return worded_table(say, "values", _HEADERS, [_row(value) for value in values])
 
 
 def _row(value: Value) -> list[object]:

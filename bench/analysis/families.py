@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.analysis.departures import OF_TIME, Departure, Search, Unseen
 from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
-from bench.analysis.figures import Table
+from bench.analysis.figures import Table, worded_table
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
 
@@ -93,8 +93,7 @@ def unseen_tables(searches: Iterable[Searched]) -> list[Table]:
     for one, searched in first.values():
         name, unit = described(one.departure, searched.words), one.departure.unit
         rows.append([name, searched.found.stated[one.first].quantity, size(one.size, unit), size(one.seen, unit)])
-    heads = say.heads("unseen", "what", "first", "size", "seen")
-    return [Table(say("unseen.title"), say("unseen.caption"), heads, rows, prose=True)] if rows else []
+    return [worded_table(say, "unseen", ["what", "first", "size", "seen"], rows, prose=True)] if rows else []
 
 
 def described(departure: Departure, words: Words) -> str:

@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bench.model.texts import Sayings
+
 Style = Literal["line", "points", "band", "image"]
 _DRAWN = 600  # points of a thinned curve
 
@@ -92,19 +94,24 @@ class Table:
 
 
 def worded_table(
-    say: Callable[..., str],
+    say: Sayings,
     name: str,
-    headers: Sequence[str],
+    heads: Sequence[str],
     rows: Sequence[Sequence[Any]],
+    more: Sequence[str] = (),
     /,
     *,
     prose: bool = False,
     lead: bool = False,
     **fields: object,
 ) -> Table:
-    """Return a table with its title and caption in the words of a catalogue; ``fields``: of both."""
+    """Return a table with its title, caption and heads in the words of a catalogue.
+
+    Args: heads: names of the columns, as ``say.heads`` takes them.   more: heads in words, of the columns behind those.
+          fields: of all these texts.
+    """
     title, caption = say(f"{name}.title", **fields), say(f"{name}.caption", **fields)
-    return Table(title, caption, headers, rows, prose, lead)
+    return Table(title, caption, [*say.heads(name, *heads, **fields), *more], rows, prose, lead)
 
 
 def worded_figure(

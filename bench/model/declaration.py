@@ -109,6 +109,17 @@ class ChannelKind(StrictModel):
         raise NotImplementedError
 
 
+class Section(StrictModel):
+    """A section of ``uut``; ``in_manifest``: what its fields are called there, in their order, units in the names."""
+
+    in_manifest: ClassVar[tuple[str, ...]]
+
+    def constants(self) -> dict[str, Any]:
+        """Return them for the manifest, in base units; what is not stated is left out."""
+        values = (getattr(self, field) for field in type(self).model_fields)
+        return stated(dict(zip(self.in_manifest, values, strict=True)))
+
+
 class UnitSections(StrictModel):
     """The sections of ``uut`` that belong to one system."""
 

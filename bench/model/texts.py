@@ -83,18 +83,22 @@ class Sayings:
         self._folder = folder
 
     def __call__(self, key: str, /, **values: object) -> str:
-        text = _catalogue(self._folder / "texts" / f"{ENGLISH}.json")[key]
+        text = self._english[key]
         return Said(_filled(text, values) if values else text, str(self._folder), key, values)
+
+    @property
+    def _english(self) -> dict[str, str]:
+        return _catalogue(self._folder / "texts" / f"{ENGLISH}.json")
 
     def word(self, kind: str, name: str) -> str:
         """Return the word for a name of its kind; one that the catalogue does not have stands as it is."""
         key = f"{kind}.{name}"
-        return self(key) if key in _catalogue(self._folder / "texts" / f"{ENGLISH}.json") else name
+        return self(key) if key in self._english else name
 
-    def heads(self, table: str, *names: str, **values: object) -> list[str]:
-        """Return the heads of the columns of a table; ``table``: "" for heads that are of no table in particular."""
-        prefix = f"{table}.head" if table else "head"
-        return [self(f"{prefix}.{name}", **values) for name in names]
+    def heads(self, table: str, /, *names: str, **values: object) -> list[str]:
+        """Return the heads of the columns of a table: its own by each name, else that of no table in particular."""
+        own = f"{table}.head."
+        return [self((own if own + name in self._english else "head.") + name, **values) for name in names]
 
     def listed(self, parts: Iterable[str], key: str = "list") -> str:
         """Return parts as one, "" for none; ``key``: of the text that joins {first} and {rest}."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from bench.model.clock import utc_of_stamp, utc_text
 from bench.model.quantities import Quality
 from bench.plan import Step
 from bench.record import RecordRow
@@ -15,8 +15,7 @@ from bench.report.model import RecordCounts, ReportModel, Residual
 from bench.report.timetable import timetable
 
 _ORIGIN = ("sequence", "station", "clock", "seed", "links", "settings", "software")
-_NO_YEAR = "1970"
-_STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")
+_NO_DATE = "1970"
 
 
 def report_model(
@@ -84,10 +83,8 @@ def started_utc(session: str) -> str:
 
     A log without a date counts from 1970, which is no day of a measurement.
     """
-    match = _STARTED.match(session)
-    if match and match[1] == _NO_YEAR:
-        return ""
-    return "{}-{}-{}T{}:{}:{}Z".format(*match.groups()) if match else ""
+    utc_ns = utc_of_stamp(session)
+    return "" if utc_ns is None or session.startswith(_NO_DATE) else utc_text(utc_ns)
 
 
 def _residual(item: Mapping[str, Any]) -> Residual | None:

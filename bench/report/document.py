@@ -231,7 +231,6 @@ def _table(sheet: Sheet, table: Table, continued: str, *, first: bool) -> dict[s
         "widths": sheet.widths_pt,
         "size": sheet.size_pt,
         "left": len(sheet.widths_pt) if table.prose else table.stub,
-        "to_fill": table.to_fill,
         "whole": len(sheet.table.rows) <= MOST_WHOLE and not table.prose,
     }
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimate, Figure, Floats, Table, estimates_of, unit_text
+from bench.analysis import Estimate, Figure, Floats, Table, Trace, estimates_of, unit_text
 from bench.model.texts import ENGLISH, quantity_title, sequence_title
 
 _CLOCK_OF_A_LOG = "log"  # in the manifest of what was imported
@@ -30,16 +30,8 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class TemperatureTrace:
-    """Temperatures of a run, (n,), degC, at ``t_s`` seconds from the start of the campaign phase; NaN = no reading.
-
-    ``planned_degC`` may stay empty: the timetable's is drawn then.
-    """
-
-    t_s: Floats = field(default_factory=_no_floats)
-    air_degC: Floats = field(default_factory=_no_floats)
-    unit_degC: Floats = field(default_factory=_no_floats)
-    planned_degC: Floats = field(default_factory=_no_floats)
+class TemperatureTrace(Trace):
+    """Temperatures of a run, (n,), degC, at ``t_s`` seconds from the start of the campaign phase; NaN = no reading."""
 
 
 @dataclass(frozen=True)

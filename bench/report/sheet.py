@@ -52,8 +52,7 @@ def sheets(table: Table, room_pt: float) -> list[Sheet]:
     for size in SIZES_pt:
         least, natural = _needs(ready, size)
         if sum(least) <= room_pt:
-            widths = _open(least, room_pt) if table.to_fill else _shared(least, natural, room_pt)
-            return [Sheet(ready, widths, size)]
+            return [Sheet(ready, _shared(least, natural, room_pt), size)]
     return [_set(_columns(ready, part), room_pt) for part in _parts(ready, _needs(ready, SIZES_pt[-1])[0], room_pt)]
 
 
@@ -76,12 +75,6 @@ def _page_px(table: Table, index: int) -> float:
     if index < table.stub:
         cells = [text[:_WRAPPED] for text in cells]
     return max([least, *(width_pt(text, _PAGE_TYPE_px, bold=index == 0) for text in cells)]) + _PAGE_GAP_px
-
-
-def _open(least: Sequence[float], room_pt: float) -> tuple[float, ...]:
-    """Return a table to fill in: what is left of the width goes to the empty columns in equal parts."""
-    each = (room_pt - least[0]) / (len(least) - 1)
-    return (least[0], *(each for _ in least[1:]))
 
 
 def _set(table: Table, room_pt: float) -> Sheet:

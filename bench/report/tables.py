@@ -38,8 +38,7 @@ FOLDER = Path(__file__).parent
 class Table:
     """A captioned table; the first ``stub`` columns head their row and are set flush left, all of them if ``prose``.
 
-    ``to_fill``: the empty cells are for ink and are as high as handwriting needs.   ``goes_on``: it continues one with
-    other columns, and its caption says so.
+    ``goes_on``: it continues one with other columns, and its caption says so.
     """
 
     caption: str
@@ -47,7 +46,6 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     stub: int = 1
     prose: bool = False
-    to_fill: bool = False
     goes_on: bool = False
 
 

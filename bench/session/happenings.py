@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
@@ -108,9 +108,9 @@ def decision_tables(view: Events) -> list[Table]:
     return _tables("decision", ("time", *heads), rows)
 
 
-def _tables(name: str, heads: Iterable[str], rows: list[list[Any]], *, prose: bool = False) -> list[Table]:
+def _tables(name: str, heads: Sequence[str], rows: list[list[Any]], *, prose: bool = False) -> list[Table]:
     """Return the table of this name with its words from the catalogue; none without rows."""
-    return [worded_table(say, name, [say(f"{name}.{head}") for head in heads], rows, prose=prose)] if rows else []
+    return [worded_table(say, name, heads, rows, prose=prose)] if rows else []
 
 
 def _settled_cells(event: Settled) -> list[Any]:
@@ -128,7 +128,7 @@ def preflight_table(event: Preflight) -> Table:
     """Return the event "preflight" of a session as a table of its report."""
     keys = ("name", "status", "value", "limit", "text")
     rows = [[str(row[key]) for key in keys] for row in event.findings]
-    return worded_table(say, "preflight", [say(f"preflight.{key}") for key in keys], rows)
+    return worded_table(say, "preflight", keys, rows)
 
 
 def punctuality(view: Events) -> Iterator[str]:

@@ -22,8 +22,7 @@ from bench.tables.plain import arrays_of, flat, units_of, words_of
 from bench.tables.session import RESULTS, Session
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-
+    from pandas import DataFrame, Series
 
 ROWS_OF_A_GROUP = 250_000  # of Parquet: small groups are slow to read
 
@@ -162,9 +161,6 @@ class MatFile:
         return io
 
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 MCAP = "mcap"
 _FILES: dict[str, type[CsvFile] | type[ParquetFile] | type[Hdf5File] | type[MatFile]] = {
     "csv": CsvFile, "parquet": ParquetFile, "hdf5": Hdf5File, "mat": MatFile,
@@ -243,9 +239,6 @@ def _write_mcap(session: Session, place: Path) -> dict[str, int]:
         file.abandon()
     return rows
 
-
-if TYPE_CHECKING:
-    from pandas import DataFrame, Series
 
 CHUNK_BYTES = 1_000_000
 

@@ -206,9 +206,6 @@ class Session:
         return frame
 
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 VALUE, UNIT = "value", "unit"
 
 

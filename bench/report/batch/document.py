@@ -5,11 +5,11 @@ The same sessions give the same bytes.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from bench.analysis import results_json
 from bench.maths.verdict import meaning_of, worst
 from bench.model.texts import ENGLISH, Texts
 from bench.report.batch.model import Batch, Member, Spread, Yield
@@ -21,10 +21,7 @@ from bench.report.tables import words_of
 
 def batch_json(batch: Batch, software: str) -> str:
     """Return the document as text: sorted keys, one newline at its end."""
-    return (
-        json.dumps(batch_document(batch, software), sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1)
-        + "\n"
-    )
+    return results_json(batch_document(batch, software))
 
 
 def batch_document(batch: Batch, software: str) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,6 @@ from bench.model.errors import InputError
 from bench.model.extras import optional
 from bench.report.dcc.elements import DCC, SI, VERSION, lines_of
 
-_XS = "{http://www.w3.org/2001/XMLSchema}"
-_SIGNATURES = "http://www.w3.org/2000/09/xmldsig#"
 _MAX_LISTED = 20
 
 
@@ -42,20 +39,32 @@ class CertificateSchema:
         message = "the package xmlschema is not installed, so nothing can be validated"
         cure = "pip install 'inertial-bench[certificate]', or leave --schema out"
         package = optional("xmlschema", InputError("B-DCC-010", message, where="--schema", next_step=cure))
-        files = _schemas(path, package)
-        version = ET.fromstring(files[path.name].read_bytes()).get("version")
-        if version != VERSION:
-            raise _unusable(path, f"is of version {version}", f"name the dcc.xsd of version {VERSION}")
+        _check_version(path)
         self._package = package
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                self._schema: Any = package.XMLSchema(
-                    str(path), allow="local", uri_mapper=lambda uri: _local(str(uri), files)
-                )
-        except (package.XMLSchemaException, Warning, OSError, ValueError) as error:
-            first = (str(error).splitlines() or ["?"])[0]
-            raise _unusable(path, f"is not a usable schema: {first}", "fetch it again from its publisher") from error
+        signatures, missing = Path(package.__file__).parent / "schemas" / "DSIG", set[str]()
+
+        def local(uri: object) -> str:
+            """Return the file that stands for the address of a schema."""
+            name = str(uri).rsplit("/", 1)[-1]
+            for file in (path.parent / name, signatures / name):
+                if file.is_file():
+                    return file.resolve().as_uri()
+            missing.add(name)
+            return str(uri)
+
+        broken: Exception | None = None
+        with warnings.catch_warnings(record=True) as told:  # so that all that is missing is named at once
+            warnings.simplefilter("always")
+            try:
+                self._schema: Any = package.XMLSchema(str(path), allow="local", uri_mapper=local)
+            except (package.XMLSchemaException, OSError, ValueError) as error:
+                broken = error
+        if missing and (broken or told):  # else the package knows the namespace by itself
+            names = ", ".join(sorted(missing))
+            raise _unusable(path, f"imports what is not in its folder: {names}", f"put {names} beside it")
+        if broken or told:
+            first = (str(broken or told[0].message).splitlines() or ["?"])[0]
+            raise _unusable(path, f"is not a usable schema: {first}", "fetch it again from its publisher") from broken
 
     def violations(self, text: str) -> list[Violation]:
         """Return what does not hold in a certificate, in the order of its lines."""
@@ -88,50 +97,18 @@ def _short(text: str) -> str:
     return " ".join(text.split())
 
 
-def _schemas(path: Path, package: Any) -> dict[str, Path]:
-    """Return file name -> file of the schema and all that it imports, directly or not."""
-    files: dict[str, Path] = {}
-    missing: list[str] = []
-    waiting = [path]
-    while waiting:
-        current = waiting.pop()
-        files[current.name] = current
-        for namespace, name in _imports(current):
-            beside = path.parent / name
-            shipped = Path(package.__file__).parent / "schemas" / "DSIG" / name
-            if name in files or name in missing:
-                continue
-            if beside.is_file():
-                waiting.append(beside)
-            elif namespace == _SIGNATURES and shipped.is_file():
-                files[name] = shipped
-            else:
-                missing.append(name)
-    if missing:
-        names = ", ".join(sorted(missing))
-        raise _unusable(path, f"imports what is not in its folder: {names}", f"put {names} beside it")
-    return files
-
-
-def _imports(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield namespace and file name of what a schema imports or includes."""
+def _check_version(path: Path) -> None:
+    """Refuse what is no schema, or one of another version."""
     try:
         root = ET.fromstring(path.read_bytes())
     except (OSError, ET.ParseError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise _unusable(path, f"cannot be read: {reason}", "name the file dcc.xsd") from error
-    if root.tag != f"{_XS}schema":
+    if root.tag != "{http://www.w3.org/2001/XMLSchema}schema":
         raise _unusable(path, "is not an XML schema", "name the file dcc.xsd")
-    for tag in ("import", "include"):
-        for element in root.findall(f"{_XS}{tag}"):
-            if location := element.get("schemaLocation"):
-                yield element.get("namespace", ""), location.rsplit("/", 1)[-1]
-
-
-def _local(uri: str, files: dict[str, Path]) -> str:
-    """Return address of a schema -> the file that stands for it."""
-    file = files.get(uri.rsplit("/", 1)[-1])
-    return uri if file is None else file.resolve().as_uri()
+    version = root.get("version")
+    if version != VERSION:
+        raise _unusable(path, f"is of version {version}", f"name the dcc.xsd of version {VERSION}")
 
 
 def _unusable(path: Path, message: str, next_step: str) -> InputError:

@@ -37,7 +37,7 @@ def timetable_picture(table: Timetable, trace: TemperatureTrace, words: Texts) -
 
 def _has_readings(trace: TemperatureTrace) -> bool:
     """Return whether anybody read a temperature; a bench without a chamber notes its environment without one."""
-    return any(np.isfinite(curve).any() for curve in (trace.air_degC, trace.unit_degC, trace.planned_degC))
+    return any(np.isfinite(curve).any() for curve in (trace.air_degC, trace.unit_degC))
 
 
 def plot_timetable(plan: Plan, path_svg: Path) -> None:
@@ -72,11 +72,8 @@ def _time_unit(table: Timetable, trace: TemperatureTrace) -> tuple[float, str]:
 
 
 def _draw_temperature(axes: Axes, table: Timetable, trace: TemperatureTrace, divisor: float, words: Texts) -> None:
-    planned = (table.planned_t_s, table.planned_degC)
-    if trace.planned_degC.size:
-        planned = thin(trace.t_s, trace.planned_degC)
     series = (
-        (words("series.planned"), planned, INK, (0, (4, 2))),
+        (words("series.planned"), (table.planned_t_s, table.planned_degC), INK, (0, (4, 2))),
         (words("series.air"), thin(trace.t_s, trace.air_degC), BLUE, "-"),
         (words("series.unit"), thin(trace.t_s, trace.unit_degC), VERMILION, "-"),
     )

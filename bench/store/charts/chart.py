@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ _STATISTICS = ("ewma", "cusum_up", "cusum_down")
 class ChartedSeries:
     """Points of one series in order of time, (n,); those of the first phase are not judged.
 
-    ``names``: sessions, or certificates of which each is a point. ``change`` belongs to the signal of the same place.
+    ``names``: sessions, or certificates of which each is a point.   ``change``: that a signal at a place shows.
     """
 
     parameter: Parameter
@@ -35,8 +36,12 @@ class ChartedSeries:
     first: int
     scatter_std: float
     limits: Limits
-    charts: Charts  # of the points behind the first phase
-    changes: list[Change | None]
+    change: Callable[[int], Change | None]
+
+    @cached_property
+    def charts(self) -> Charts:
+        """Charts of the scores behind the first phase."""
+        return chart(self.score[self.first :], self.limits)
 
     @property
     def label(self) -> str:
@@ -48,11 +53,11 @@ class ChartedSeries:
         """How many points are judged: those behind the first phase of which something could be expected."""
         return int(np.isfinite(self.score[self.first :]).sum())
 
-    @property
+    @cached_property
     def signals(self) -> list[tuple[Signal, int, Change | None]]:
         """Signals with the place of their point in the series, and the change that they show."""
-        pairs = zip(self.charts.signals, self.changes, strict=True)
-        return [(signal, signal.point + self.first, change) for signal, change in pairs]
+        places = [(signal, self.first + signal.point) for signal in self.charts.signals]
+        return [(signal, place, self.change(place)) for signal, place in places]
 
     def as_json(self) -> dict[str, Any]:
         """Return numbers for people and machines; a statistic of a point that is not judged is null."""
@@ -111,11 +116,6 @@ class ChartedSubject:
             "charts_together": len(KINDS) * len(self.series),
             "series": [series.as_json() for series in self.shown],
         }
-
-
-def judged(score: Floats, first: int, limits: Limits) -> Charts:
-    """Plot the scores behind a first phase."""
-    return chart(score[first:], limits)
 
 
 def wanted(charted: Sequence[ChartedSeries], filters: Filters) -> list[ChartedSeries]:

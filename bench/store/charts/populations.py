@@ -14,7 +14,7 @@ from bench.maths.control.limits import limits_for
 from bench.maths.control.predictions import Readings, predictions, step_until
 from bench.maths.drift import NO_STANDARD
 from bench.model.arrays import Floats
-from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged, wanted
+from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, wanted
 from bench.store.charts.phases import phase_document, phase_of
 from bench.store.database import reading
 from bench.store.selection import Filters, require, units
@@ -72,7 +72,6 @@ def _certificates(quantity: Quantity, run_length: float, together: int) -> Chart
     everyone = [unit.readings for unit in quantity.units]
     steps = certificate_steps(everyone, quantity.stated, limits.shewhart)
     everything = population(everyone, len(quantity.certificates))
-    charts = judged(steps.score, 0, limits)
     label = np.concatenate([unit.standard for unit in everyone])
     t_year = np.concatenate([unit.t for unit in everyone])
     return ChartedSeries(
@@ -86,8 +85,7 @@ def _certificates(quantity: Quantity, run_length: float, together: int) -> Chart
         first=0,
         scatter_std=float(np.sqrt(everything.variance)),
         limits=limits,
-        charts=charts,
-        changes=[step_until(steps.moved, steps.std, signal.point, everything.freedom) for signal in charts.signals],
+        change=lambda place: step_until(steps.moved, steps.std, place, everything.freedom),
     )
 
 
@@ -169,8 +167,6 @@ def _station(quantity: Quantity, station: str, until: float, run_length: float, 
     there = np.array([place == station for place in stations])
     readings = everyone.of(there)
     expected, std, score = predicted.expected[there], predicted.std[there], predicted.score[there]
-    first, limits = int(np.count_nonzero(readings.t <= until)), limits_for(run_length, together, scatter.dof)
-    charts = judged(score, first, limits)
     error = np.where(readings.t > until, readings.value - expected, np.nan)
     return ChartedSeries(
         parameter=quantity.parameter,
@@ -180,11 +176,10 @@ def _station(quantity: Quantity, station: str, until: float, run_length: float, 
         expected=expected,
         std=std,
         score=score,
-        first=first,
+        first=int(np.count_nonzero(readings.t <= until)),
         scatter_std=float(np.sqrt(scatter.variance)),
-        limits=limits,
-        charts=charts,
-        changes=[step_until(error, std, first + signal.point, scatter.dof) for signal in charts.signals],
+        limits=limits_for(run_length, together, scatter.dof),
+        change=lambda place: step_until(error, std, place, scatter.dof),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from bench.maths.control.predictions import (
     predictions,
 )
 from bench.model.errors import FitError
-from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged, wanted
+from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, wanted
 from bench.store.charts.phases import BY_DEFAULT, LEAST, phase_document, phase_of
 from bench.store.database import reading
 from bench.store.selection import Filters
@@ -110,8 +111,6 @@ def _charted(
     assert scatter is not None
     readings = readings_of(series, column, rows)
     predicted = predictions(readings, scatter)
-    limits = limits_for(run_length, together, scatter.dof)
-    charts = judged(predicted.score, first, limits)
     return ChartedSeries(
         parameter=series.parameters[column],
         names=[str(series.calibrations[row]["session"]) for row in rows],
@@ -122,7 +121,6 @@ def _charted(
         score=predicted.score,
         first=first,
         scatter_std=float(np.sqrt(scatter.variance)),
-        limits=limits,
-        charts=charts,
-        changes=[change_until(readings, scatter, first + signal.point) for signal in charts.signals],
+        limits=limits_for(run_length, together, scatter.dof),
+        change=partial(change_until, readings, scatter),
     )

@@ -15,6 +15,7 @@ from bench.model.declaration import (
     Count,
     Hint,
     Rule,
+    Section,
     System,
     UnitSections,
     stated,
@@ -45,22 +46,15 @@ def _sensor(text: str) -> str:
     return text
 
 
-class Typical(StrictModel):
+class Typical(Section):
     """What the data sheet says of the bias of a kind of channel: a prediction holds for such a one."""
+
+    in_manifest = ("bias_A", "bias_tc1_A_degC", "hysteresis_width_A", "play_half_width_degC")
 
     bias: Annotated[float, *quantity("A", -1.0, 1.0)] = Field(description="at the reference temperature")
     bias_tc1: Annotated[float, *quantity("A/degC", -1.0, 1.0)] = Field(description="its temperature coefficient")
     hysteresis_width: Annotated[float, *quantity("A", -1.0, 1.0)] = Field(description="falling minus rising branch")
     play_half_width: Annotated[float, *quantity("degC", 0.01, 50.0)]
-
-    def constants(self) -> dict[str, float]:
-        """Return them for the manifest."""
-        return {
-            "bias_A": self.bias,
-            "bias_tc1_A_degC": self.bias_tc1,
-            "hysteresis_width_A": self.hysteresis_width,
-            "play_half_width_degC": self.play_half_width,
-        }
 
 
 class Kind(ChannelKind):

@@ -284,10 +284,9 @@ def _tables(estimates: Estimates) -> list[Table]:
         [say(f"bias.row.{quantity}"), *(_cell(estimates, quantity, axis, factor) for axis in AXES)]
         for quantity, factor in factors.items()
     ]
-    headers = [say("bias.head.quantity"), *AXES]
     return [
-        worded_table(say, "bias", headers, rows[:2], lead=True),
-        worded_table(say, "table2", headers, rows[2:], lead=True),
+        worded_table(say, "bias", ["quantity"], rows[:2], AXES, lead=True),
+        worded_table(say, "table2", ["quantity"], rows[2:], AXES, lead=True),
     ]
 
 

@@ -132,9 +132,9 @@ def table_3(estimates: Estimates, campaign: Document) -> Table:
         _row(promised, [entry for entry in estimates if entry.quantity in promised.quantities], limits, rule)
         for promised in ROWS
     ]
-    headers = say.heads("table3", "parameter", "unit", "measured", "limit", "of", "verdict")
+    heads = ["parameter", "unit", "measured", "limit", "of", "verdict"]
     tested = any(row[-1] != NOT_TESTED for row in rows)  # of nothing but "not tested" nobody reads first
-    return worded_table(say, "table3", headers, rows, lead=tested)
+    return worded_table(say, "table3", heads, rows, lead=tested)
 
 
 def _row(row: Row, entries: Estimates, limits: Limits, rule: str) -> list[Any]:

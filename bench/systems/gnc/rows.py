@@ -318,8 +318,8 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
                 say.listed(found or [say("found.nothing")]),
             ]
         )
-    headers = say.heads("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
-    return worded_table(say, "samples", headers, rows)
+    heads = ["record", "item", "samples", "missing", "jitter", "clock", "found"]
+    return worded_table(say, "samples", heads, rows)
 
 
 def _clock(ticks: TickFindings) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Material, Table, no_result, unseen_tables, with_uncertainty
+from bench.analysis import Analysis, Material, Table, no_result, unseen_tables, with_uncertainty, worded_table
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW
@@ -56,8 +56,9 @@ def tables(results: Sequence[LaserResult], requirement: Requirement, method: str
 
 
 def _table(
-    results: Sequence[LaserResult], headers: Sequence[str], rows: Sequence[Sequence[Sequence[Any]]], **words: Any
-) -> Table:
+    results: Sequence[LaserResult], name: str, heads: Sequence[str], rows: Sequence[Sequence[Sequence[Any]]],
+    *more: str, lead: bool = False, **fields: Any,
+) -> Table:  # fmt: skip
     """Return a table with the columns that say which record a row is of; ``rows``: those of each record."""
     settings = [laser.record.phase_setting_deg for laser in results]
     several = any(setting is not None for setting in settings)
@@ -66,8 +67,8 @@ def _table(
         place = [f"{100 * laser.record.path_length_m:g}", f"{laser.clock_Hz / 1e6:g}"]
         place += [] if not several else ["–" if phase is None else f"{phase:g}"]
         whole += [[*place, *line] for line in lines]
-    places = say.heads("", "path", "clock", *(["phase_set"] if several else []))
-    return Table(headers=[*places, *headers], rows=whole, **words)
+    places = ["path", "clock", *(["phase_set"] if several else [])]
+    return worded_table(say, name, [*places, *heads], whole, more, lead=lead, **fields)
 
 
 def _comparison(results: Sequence[LaserResult], method: str) -> Table:
@@ -76,9 +77,8 @@ def _comparison(results: Sequence[LaserResult], method: str) -> Table:
         phase = laser.backscatter_deg
         seen = "–" if phase is None else f"{phase.value:.1f}"
         rows.append([[seen, *(_ratio(laser, name) for name in COMPENSATORS)]])
-    headers = [*say.heads("", "found"), *map(label, COMPENSATORS)]
-    title, caption = say("comparison.title"), say("comparison.caption", method=label(method))
-    return _table(results, headers, rows, title=title, caption=caption, lead=True)
+    names = map(label, COMPENSATORS)
+    return _table(results, "comparison", ["found"], rows, *names, lead=True, method=label(method))
 
 
 def _ratio(laser: LaserResult, method: str) -> str:
@@ -111,16 +111,17 @@ def _alignment(results: Sequence[LaserResult], requirement: Requirement, method:
         times = [None if walk is None else alignment_s(walk, requirement) for walk in (raw, after)]
         factor = None if ratio is None else squared(ratio)
         rows.append([[*(_bounded(value) for value in (*times, factor)), _by_bias(laser, method, requirement)]])
-    mil = requirement.error_deg / NATO_MIL_DEG
-    caption = say(
-        "alignment.caption",
+    return _table(
+        results,
+        "alignment",
+        ["before", "after", "factor", "by_bias"],
+        rows,
+        lead=True,
         error=requirement.error_deg,
-        mil=mil,
+        mil=requirement.error_deg / NATO_MIL_DEG,
         latitude=requirement.latitude_deg,
         method=label(method),
     )
-    headers = say.heads("", "before", "after", "factor", "by_bias")
-    return _table(results, headers, rows, title=say("alignment.title"), caption=caption, lead=True)
 
 
 def _by_bias(laser: LaserResult, method: str, requirement: Requirement) -> str:
@@ -141,14 +142,13 @@ def _constants(results: Sequence[LaserResult]) -> Table:
         cells = [_text(laser.lock_in_deg_s, 1e3), _text(laser.backscatter_deg)]
         cells += ["–" if sensed is None else f"{sensed:.2f}", f"{laser.counted_dither_deg_s:.2f}"]
         rows.append([[*cells, "–" if share is None else f"{100 * share:.1f}"]])
-    headers = say.heads("", "lock_in_rate", "backscatter", "dither_sensed", "dither_counted", "left")
-    return _table(results, headers, rows, title=say("constants.title"), caption=say("constants.caption"))
+    heads = ["lock_in_rate", "backscatter", "dither_sensed", "dither_counted", "left"]
+    return _table(results, "constants", heads, rows)
 
 
 def _walks(results: Sequence[LaserResult]) -> Table:
     rows = [[_walk_row(laser, method) for method in (RAW, *COMPENSATORS) if method in laser.walks] for laser in results]
-    headers = say.heads("", "output", "random_walk", "quantisation", "theory", "chi2")
-    return _table(results, headers, rows, title=say("walks.title"), caption=say("walks.caption"))
+    return _table(results, "walks", ["output", "random_walk", "quantisation", "theory", "chi2"], rows)
 
 
 def _walk_row(laser: LaserResult, method: str) -> list[str]:
@@ -169,8 +169,7 @@ def _material(results: Sequence[LaserResult]) -> Table:
         cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "0"]
         lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.missing]
         rows.append([[*cells, *lost]])
-    headers = say.heads(
-        "",
+    heads = [
         "time",
         "edges",
         "turnarounds",
@@ -180,8 +179,8 @@ def _material(results: Sequence[LaserResult]) -> Table:
         "blocks_lost",
         "dropped",
         "missing_inside",
-    )
-    return _table(results, headers, rows, title=say("material.title"), caption=say("material.caption"))
+    ]
+    return _table(results, "material", heads, rows)
 
 
 def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str) -> list[str]:

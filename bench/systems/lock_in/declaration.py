@@ -13,6 +13,7 @@ from bench.model.declaration import (
     Log,
     LogColumn,
     LogSections,
+    Section,
     System,
     UnitSections,
 )
@@ -20,8 +21,10 @@ from bench.model.units import quantity
 from bench.model.yamlio import StrictModel
 
 
-class DeclaredLaser(StrictModel):
+class DeclaredLaser(Section):
     """Laser block and dither, for predictions; lock-in rate and quantum noise fall with the square of the path."""
+
+    in_manifest = ("path_length_m", "lock_in_deg_s", "quantum_deg_rt_s", "dither_deg_s", "dither_Hz", "pick_off_s")
 
     path_length: Annotated[float, *quantity("m", 1e-3, 1e3)] = Field(description="that the rates are of, such as 28 cm")
     lock_in_rate: Annotated[float, *quantity("deg/s", 1e-9, 100.0)]
@@ -43,19 +46,7 @@ class LaserUnit(UnitSections):
     @classmethod
     def constants(cls, unit: Any) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"; what is not stated is left out."""
-        laser = unit.laser
-        if laser is None:
-            return {}
-        return {
-            "declared_laser": {
-                "path_length_m": laser.path_length,
-                "lock_in_deg_s": laser.lock_in_rate,
-                "quantum_deg_rt_s": laser.quantum_random_walk,
-                "dither_deg_s": laser.dither_rate,
-                "dither_Hz": laser.dither_frequency,
-                "pick_off_s": laser.pick_off_noise,
-            }
-        }
+        return {} if unit.laser is None else {"declared_laser": unit.laser.constants()}
 
 
 class LaserColumn(LogColumn):

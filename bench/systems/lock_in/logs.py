@@ -111,8 +111,7 @@ def _table(entries: Estimates) -> Table:
         ]
         for entry in entries
     ]
-    headers = say.heads("", "quantity", "unit", "value")
-    return worded_table(say, "log", headers, rows, lead=True)
+    return worded_table(say, "log", ["quantity", "unit", "value"], rows, lead=True)
 
 
 def _figure(noise: NoiseAtRest) -> Figure:

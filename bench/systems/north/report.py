@@ -79,7 +79,7 @@ def convention_table(solution: Solution) -> Table:
         for sense in sorted(senses, reverse=True)
     ]
     rows.append([say("convention.tilt"), say("convention.tilt_means")])
-    return worded_table(say, "convention", say.heads("", "quantity", "meaning"), rows, prose=True, lead=True)
+    return worded_table(say, "convention", ["quantity", "meaning"], rows, prose=True, lead=True)
 
 
 def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float) -> Table:
@@ -93,9 +93,9 @@ def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float)
          number(errors.scatter_deg, 3), number(errors.ratio, 2), errors.gross, _seconds(errors.time_s)]
         for errors in accuracy
     ]  # fmt: skip
-    headers = say.heads("", "method", "sets", "rms", "mean", "scatter", "scatter_over_bound", "gross", "time")
+    heads = ["method", "sets", "rms", "mean", "scatter", "scatter_over_bound", "gross", "time"]
     return worded_table(
-        say, "methods", headers, rows, lead=True, measured=measured_s(solution), bound=bound, penalty=SQUARE_PENALTY,
+        say, "methods", heads, rows, lead=True, measured=measured_s(solution), bound=bound, penalty=SQUARE_PENALTY,
         coverage=COVERAGE, limit=limit_deg, bench=bench_s(solution),
     )  # fmt: skip
 
@@ -117,8 +117,8 @@ def error_table(solution: Solution) -> list[Table]:
         + [number(means[place].error_deg, 3) if place in means else "–" for means in by_method.values()]
         for place in places
     ]
-    headers = [*say.heads("", "head", *(["parameters"] if several else []), "stated"), *map(method_name, METHODS)]
-    return [worded_table(say, "errors", headers, rows)] if rows else []
+    heads = ["head", *(["parameters"] if several else []), "stated"]
+    return [worded_table(say, "errors", heads, rows, [*map(method_name, METHODS)])] if rows else []
 
 
 def parameter_table(solution: Solution) -> list[Table]:
@@ -136,7 +136,7 @@ def parameter_table(solution: Solution) -> list[Table]:
         rows.append([method_name(method), *cells])
     counted = say.heads("", "sets", "rms", "gross")
     headers = [say("head.of_kind", kind=kind, what=what) for kind in solution.kinds for what in counted]
-    return [worded_table(say, "parameters", [*say.heads("", "method"), *headers], rows, lead=True)]
+    return [worded_table(say, "parameters", ["method"], rows, headers, lead=True)]
 
 
 def failure_table(solution: Solution) -> Table:
@@ -144,7 +144,7 @@ def failure_table(solution: Solution) -> Table:
     seen = np.isfinite(solution.u1_V).all(axis=1) & np.isfinite(solution.u2_V).all(axis=1)
     count = int(seen.sum())
     rows = [[say(f"failures.{name}"), int(np.sum(flags[seen] > 0)), count] for name, flags in solution.failures.items()]
-    return worded_table(say, "failures", say.heads("", "fails", "sets", "of"), rows, method=method_name(LITERAL))
+    return worded_table(say, "failures", ["fails", "sets", "of"], rows, method=method_name(LITERAL))
 
 
 def calibration_table(solution: Solution) -> list[Table]:
@@ -162,8 +162,8 @@ def calibration_table(solution: Solution) -> list[Table]:
             rows.append([*row, number(1e3 * float(offset), 3), index.sets])
     if not rows:
         return []
-    headers = say.heads("", "rotation", "index", "placement", "gain", "offset", "sets")
-    return [worded_table(say, "index", headers, rows)]
+    heads = ["rotation", "index", "placement", "gain", "offset", "sets"]
+    return [worded_table(say, "index", heads, rows)]
 
 
 def tilt_table(solution: Solution) -> list[Table]:
@@ -182,8 +182,8 @@ def tilt_table(solution: Solution) -> list[Table]:
             rows.setdefault(north_set.group, row)
     if not rows:
         return []
-    headers = say.heads("", "what", "head", "x_tilt", "y_tilt", "correction")
-    return [worded_table(say, "tilt", headers, list(rows.values()))]
+    heads = ["what", "head", "x_tilt", "y_tilt", "correction"]
+    return [worded_table(say, "tilt", heads, list(rows.values()))]
 
 
 def harmonic_table(solution: Solution) -> list[Table]:
@@ -205,8 +205,8 @@ def harmonic_table(solution: Solution) -> list[Table]:
             [f"{share:.3f}", f"{square_deg:.3f}"] if apparent > floor else [say("harmonics.below", floor=floor), "–"]
         )
         rows.append([order, *shown])
-    headers = say.heads("", "harmonic", "share", "square")
-    return [worded_table(say, "harmonics", headers, rows, count=len(raw), chance=100.0 * FALSE_CLAIM)]
+    heads = ["harmonic", "share", "square"]
+    return [worded_table(say, "harmonics", heads, rows, count=len(raw), chance=100.0 * FALSE_CLAIM)]
 
 
 def _harmonic_noise_V2(waveform: LikelihoodNorth) -> float:

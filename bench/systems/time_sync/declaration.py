@@ -15,6 +15,7 @@ from bench.model.declaration import (
     Log,
     LogColumn,
     LogSections,
+    Section,
     System,
     UnitSections,
     stated,
@@ -23,26 +24,21 @@ from bench.model.units import known_unit, quantity
 from bench.model.yamlio import Name, StrictModel
 
 
-class Inertial(StrictModel):
+class Inertial(Section):
     """Noise and biases of an inertial measurement unit, one sigma, as its data sheet declares them."""
+
+    in_manifest = ("accel_bias_g", "velocity_walk_g_rtHz", "gyro_bias_deg_s", "angle_walk_deg_rth")
 
     accelerometer_bias: Annotated[float, *quantity("g", 1e-9, 1.0)]
     velocity_walk_per_rtHz: Annotated[float, *quantity("g", 1e-9, 1.0)] = Field(description="density of the noise")
     gyro_bias: Annotated[float, *quantity("deg/s", 1e-9, 10.0)]
     angle_walk_per_rth: Annotated[float, *quantity("deg", 1e-6, 10.0)] = Field(description="after one hour")
 
-    def constants(self) -> dict[str, float]:
-        """Return them with their units in the names."""
-        return {
-            "accel_bias_g": self.accelerometer_bias,
-            "velocity_walk_g_rtHz": self.velocity_walk_per_rtHz,
-            "gyro_bias_deg_s": self.gyro_bias,
-            "angle_walk_deg_rth": self.angle_walk_per_rth,
-        }
 
-
-class Egi(StrictModel):
+class Egi(Section):
     """Errors of the solution of an EGI, one sigma per axis; that of its position is in its frames, too."""
+
+    in_manifest = ("velocity_m_s", "level_deg", "heading_deg", "wander_s", "heading_wander_s", "position_m")
 
     velocity: Annotated[float, *quantity("m/s", 1e-6, 100.0)]
     level: Annotated[float, *quantity("deg", 1e-6, 10.0)] = Field(description="of roll and pitch")
@@ -53,38 +49,24 @@ class Egi(StrictModel):
         None, description="for a prediction; results take what the frames say"
     )
 
-    def constants(self) -> dict[str, float]:
-        """Return them with their units in the names."""
-        return {
-            "velocity_m_s": self.velocity,
-            "level_deg": self.level,
-            "heading_deg": self.heading,
-            "wander_s": self.wander,
-            "heading_wander_s": self.heading_wander,
-        } | stated({"position_m": self.position})
 
-
-class Latency(StrictModel):
+class Latency(Section):
     """From the validity of a sample to the first byte of its frame, as the makers of both units state it."""
+
+    in_manifest = ("egi_s", "imu_s", "std_s")
 
     egi: Annotated[float, *quantity("s", 0.0, 1.0)]
     imu: Annotated[float, *quantity("s", 0.0, 1.0)]
     uncertainty: Annotated[float, *quantity("s", 1e-9, 1.0)] = Field(description="standard uncertainty of either")
 
-    def constants(self) -> dict[str, float]:
-        """Return them with their units in the names."""
-        return {"egi_s": self.egi, "imu_s": self.imu, "std_s": self.uncertainty}
 
-
-class Stamps(StrictModel):
+class Stamps(Section):
     """Receive stamps of two units that stream side by side and their clocks; only a prediction needs them."""
+
+    in_manifest = ("jitter_s", "clock")
 
     jitter: Annotated[float, *quantity("s", 1e-9, 1.0)] = Field(description="mean of what a latency is more than least")
     clock: Annotated[float, *quantity("1", 0.0, 1e-2)] = Field(description="as much as the rate of a clock may be off")
-
-    def constants(self) -> dict[str, float]:
-        """Return them with their units in the names."""
-        return {"jitter_s": self.jitter, "clock": self.clock}
 
 
 class NavigationUnits(UnitSections):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from bench.analysis import Document, stated_limits
 from bench.model.errors import FitError
-from bench.systems.time_sync.declaration import DECLARATION
+from bench.systems.time_sync import declaration
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, ImuDensities
 
 UNCERTAINTY, DIFFERENCE = "time_offset_uncertainty", "stamps_difference"
@@ -39,7 +39,7 @@ def demands_of(campaign: Document) -> Demands:
 
     Raises: FitError B-SYNC-005 for a limit that no time offset has, in a wrong unit or not above zero.
     """
-    declared = DECLARATION.analysis("time_sync")
+    declared = declaration.DECLARATION.analysis("time_sync")
     limits = {
         **SPECIFIED_s,
         **stated_limits(campaign, declared.limits, "B-SYNC-005", "a time offset has no such limit"),
@@ -52,7 +52,7 @@ def latency_of(campaign: Document) -> Latency | None:
 
     Raises: FitError B-SYNC-006 if it is incomplete or negative.
     """
-    stated = _stated(campaign, "latency", ("egi_s", "imu_s", "std_s"), zero=True)
+    stated = _stated(campaign, "latency", declaration.Latency.in_manifest, zero=True)
     return None if stated is None else Latency(**stated)
 
 
@@ -61,8 +61,7 @@ def densities_of(campaign: Document) -> ImuDensities:
 
     Raises: FitError B-SYNC-006 if the section is incomplete or a value is not above zero.
     """
-    names = ("accel_bias_g", "velocity_walk_g_rtHz", "gyro_bias_deg_s", "angle_walk_deg_rth")
-    stated = _stated(campaign, "inertial", names)
+    stated = _stated(campaign, "inertial", declaration.Inertial.in_manifest)
     if stated is None:
         return ImuDensities()
     return ImuDensities(

@@ -95,11 +95,11 @@ def _filters(result: SyncResult) -> Table:
             _part(offset.prior_std_s), _part(offset.drift_std_s), _part(offset.std_s), significant(offset.normalised),
             significant(float(result.seen.associated[-1, group])), say("yes" if offset.seen else "no"),
         ])  # fmt: skip
-    headers = say.heads(
-        "filters", "filter", "believed", "stated", "nis", "beforehand", "drift", "all", "variance", "eigenvalue",
+    heads = [
+        "filter", "believed", "stated", "nis", "beforehand", "drift", "all", "variance", "eigenvalue",
         "observable",
-    )  # fmt: skip
-    return worded_table(say, "filters", headers, rows, loose=_noise(LOOSE), tight=_noise(TIGHT))
+    ]  # fmt: skip
+    return worded_table(say, "filters", heads, rows, loose=_noise(LOOSE), tight=_noise(TIGHT))
 
 
 def _part(std_s: float) -> str:
@@ -125,8 +125,8 @@ def _clocks(result: SyncResult, entries: Estimates) -> Table:
     if clocks.latency is not None:
         latency = clocks.latency
         stated = say("clocks.latencies", egi=_MS * latency.egi_s, imu=_MS * latency.imu_s, std=_MS * latency.std_s)
-    headers = say.heads("clocks", "clock", "frames", "rate", "jitter", "noise", "step")
-    return worded_table(say, "clocks", headers, rows, stated=stated, longer=_MS * clocks.line_s)
+    heads = ["clock", "frames", "rate", "jitter", "noise", "step"]
+    return worded_table(say, "clocks", heads, rows, stated=stated, longer=_MS * clocks.line_s)
 
 
 def _consistency(result: SyncResult) -> Table:
@@ -134,15 +134,14 @@ def _consistency(result: SyncResult) -> Table:
     for group, name in enumerate(GROUPS):
         ratios = [ratio_of(run, group, block) for block in range(len(NIS_BLOCKS))]
         rows.append([filter_name(name), *(significant(ratio) if math.isfinite(ratio) else "–" for ratio in ratios)])
-    headers = say.heads("consistency", "filter", *NIS_BLOCKS)
-    return worded_table(say, "consistency", headers, rows)
+    return worded_table(say, "consistency", ["filter", *NIS_BLOCKS], rows)
 
 
 def _biases(result: SyncResult, entries: Estimates) -> Table:
     kinds = ("accel_bias", "gyro_bias")
     rows = [[axis, *(_stated(entries, quantity, axis=axis) for quantity in kinds)] for axis in "xyz"]
-    headers = say.heads("biases", "axis", "accelerometer", "gyro")
-    return worded_table(say, "biases", headers, rows, name=filter_name(result.method))
+    heads = ["axis", "accelerometer", "gyro"]
+    return worded_table(say, "biases", heads, rows, name=filter_name(result.method))
 
 
 def _image(image: Image, result: SyncResult) -> Table:
@@ -158,9 +157,9 @@ def _image(image: Image, result: SyncResult) -> Table:
             ])  # fmt: skip
     left_s = result.found.offsets[COMPENSATED].offset_s - result.found.shift_s  # the rest is out of the tags of both
     due_m = -image.speed_m_s * left_s
-    headers = say.heads("image", "target", "navigation", "shift", "resolution", "pslr", "islr", "peak")
+    heads = ["target", "navigation", "shift", "resolution", "pslr", "islr", "peak"]
     return worded_table(
-        say, "image", headers, rows, pulses=image.pulses, due=due_m, speed=image.speed_m_s, left=_MS * left_s
+        say, "image", heads, rows, pulses=image.pulses, due=due_m, speed=image.speed_m_s, left=_MS * left_s
     )
 
 
@@ -176,8 +175,7 @@ def _received(result: SyncResult) -> Table:
         [say("received.odd_solutions"), ready.odd_egi],
         [say("received.odd_samples"), ready.odd_imu],
     ]
-    headers = say.heads("received", "what", "number")
-    return worded_table(say, "received", headers, rows, name=manoeuvre_name(result.manoeuvre))
+    return worded_table(say, "received", ["what", "number"], rows, name=manoeuvre_name(result.manoeuvre))
 
 
 def figures(result: SyncResult) -> list[Figure]:

@@ -10,14 +10,13 @@ import json
 import os
 import re
 import stat
-from contextlib import suppress
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
 from bench.maths.verdict import worst
+from bench.model.clock import NS, utc_of_stamp
 from bench.model.errors import BenchError
 from bench.model.posix import AT_ONCE, NO_LINK, RAW
 from bench.model.segments import SEGMENT_NAME
@@ -32,7 +31,6 @@ FILES = {
 READ_AT_ONCE = 24  # sessions that one request reads; the rest follows with the next requests
 _FIRST_SEGMENT = layout.segment_name(1)
 _HEAD_BYTES = (1 << 18, 1 << 21)  # the manifest is the first message; its chunk holds the plan too
-_STARTED = re.compile(r"(\d{8}T\d{6})Z_")
 
 Row = dict[str, Any]
 Stamp = tuple[int, ...]
@@ -121,12 +119,9 @@ def verdict_of(results: Row) -> str:
 
 
 def _unread(name: str) -> Row:
-    started, utc = _STARTED.match(name), None
-    if started:
-        with suppress(ValueError):  # digits that are no time: somebody named the folder
-            utc = datetime.strptime(started[1], "%Y%m%dT%H%M%S").replace(tzinfo=UTC).timestamp()
+    utc_ns = utc_of_stamp(name)
     empty = dict.fromkeys(("title", "sequence", "state", "uut", "simulated", "verdict", "records", "report", "outcome"))
-    return {"run": name, "started_utc_s": utc, **empty}
+    return {"run": name, "started_utc_s": None if utc_ns is None else utc_ns / NS, **empty}
 
 
 def _manifest(segment: Path) -> Row:

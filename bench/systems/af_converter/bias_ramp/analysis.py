@@ -94,8 +94,7 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
                 _text(fit.reduced_chi2, 3),
             ]
         )
-    headers = say.heads("joint", *_JOINT)
-    return worded_table(say, "joint", headers, rows)
+    return worded_table(say, "joint", _JOINT, rows)
 
 
 def estimators_of(channel: ChannelFit) -> str:
@@ -112,8 +111,7 @@ def _widths(fits: Iterable[ChannelFit]) -> Table:
             value, std = width_at(channel.fit, at - channel.offset_degC)
             numbers = (value * _nA, coverage_factor() * std * _nA, air[index] * _nA, sensor[index] * _nA)
             rows.append([channel.readings.channel.number, f"{at:g}", *(_text(number, 2) for number in numbers)])
-    headers = say.heads("widths", "channel", "degC", "joint", "U", "air", "sensor")
-    return worded_table(say, "widths", headers, rows)
+    return worded_table(say, "widths", ["channel", "degC", "joint", "U", "air", "sensor"], rows)
 
 
 def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
@@ -123,8 +121,7 @@ def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
         parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
         rows += [[channel.readings.channel.number, name, f"{value * _nA:.3g}"] for name, value in parts.items()]
     reference = campaign.reference_temperature_degC
-    headers = say.heads("bias", "channel", "component", "u")
-    return Table(say("bias.components_title", degC=reference), say("bias.components_caption"), headers, rows)
+    return worded_table(say, "components", ["channel", "component", "u"], rows, degC=reference)
 
 
 def components(fits: Iterable[ChannelFit], campaign: Campaign) -> list[dict[str, Any]]:

@@ -144,8 +144,7 @@ def noise_table(noises: Sequence[ChannelNoise]) -> Table:
                     figures(term.upper_limit * _nA),
                 ]
             )
-    headers = say.heads("noise", "channel", "term", "unit", "coefficient", "u", "upper")
-    return worded_table(say, "noise", headers, rows)
+    return worded_table(say, "noise", ["channel", "term", "unit", "coefficient", "u", "upper"], rows)
 
 
 def noise_figures(noises: Sequence[ChannelNoise]) -> list[Figure]:

@@ -268,8 +268,7 @@ def zero_table(log: MeterLog) -> list[Table]:
     rows = [[1e3 * range_A, 1e9 * zero_A, 1e9 * std_A] for range_A, (zero_A, std_A) in sorted(log.zeros_A.items())]
     if not rows:
         return []
-    headers = [say(f"meter.zeros.{head}") for head in ("range", "zero", "u")]
-    return [worded_table(say, "meter.zeros", headers, rows)]
+    return [worded_table(say, "meter.zeros", ["range", "zero", "u"], rows)]
 
 
 def _agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
@@ -296,8 +295,7 @@ def _agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campa
     if not rows:
         return []
     largest = max(abs(row[-1]) for row in rows)
-    headers = say.heads("agreement", *_HEADS)
-    return [worded_table(say, "agreement", headers, rows, largest=largest)]
+    return [worded_table(say, "agreement", _HEADS, rows, largest=largest)]
 
 
 def _difference_std_ppm(

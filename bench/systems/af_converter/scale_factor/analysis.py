@@ -210,8 +210,7 @@ def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, me
             for kind, differences in pairs.items()]  # fmt: skip
     if not rows:
         return []
-    headers = [say(f"zeros.{head}") for head in ("kind", "every", "pair")]
-    return [worded_table(say, "zeros", headers, rows)]
+    return [worded_table(say, "zeros", ["kind", "every", "pair"], rows)]
 
 
 def zero_gain_notes(tables: list[Table]) -> list[str]:

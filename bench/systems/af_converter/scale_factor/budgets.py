@@ -261,7 +261,7 @@ def check_table(
 ) -> Table:
     """The budgets of dsf_n beside the shortest intervals of the trials, with the test of JCGM 101:2008 clause 8.1."""
     rows = [_check_row(visit, budget, fitted, campaign, standards, method) for visit, budget in checked]
-    return worded_table(say, "trials", [say(f"trials.{head}") for head in _HEADERS], rows, trials=number(TRIALS))
+    return worded_table(say, "trials", _HEADERS, rows, trials=number(TRIALS))
 
 
 def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Distribution:

@@ -270,8 +270,7 @@ def _segments(columns: RampColumns) -> Table:
         ]
         for segment in columns.segments
     ]
-    headers = say.heads("log", "kind", "start", "length", "rate", "from", "to")
-    return worded_table(say, "log.segments", headers, rows)
+    return worded_table(say, "log.segments", ["kind", "start", "length", "rate", "from", "to"], rows)
 
 
 def _totals(columns: RampColumns) -> Table:
@@ -292,8 +291,8 @@ def _by_sensor(fit: ReadingFit, columns: RampColumns) -> Table:
     rows.append(
         [say("log.by_sensor.after_drift"), *(round(fit.after_drift[name].estimate(BRANCH)[0], 2) for name in by_sensor)]
     )
-    title, caption = say("log.by_sensor.title", name=fit.name), say("log.by_sensor.caption", unit=columns.unit)
-    return Table(title, caption, [say("log.axis.temperature"), *map(_sensor, by_sensor)], rows)
+    heads = [say("log.axis.temperature"), *map(_sensor, by_sensor)]
+    return worded_table(say, "log.by_sensor", [], rows, heads, name=fit.name, unit=columns.unit)
 
 
 def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> Table:
@@ -304,9 +303,7 @@ def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> Table:
             lag_min = fit.joint.fit.value(LAG) / 60.0
             model = say("log.left.joint", lag=lag_min)
             rows.append([fit.name, model, *_rounded(*fit.joint.width, fit.joint.fit.residual)])
-    headers = say.heads("log", "reading", "model")
-    headers += say.heads("log", "apart", "std", "rms", unit=columns.unit)
-    return worded_table(say, "log.left", headers, rows)
+    return worded_table(say, "log.left", ["reading", "model", "apart", "std", "rms"], rows, unit=columns.unit)
 
 
 def _rounded(value: float, std: float, residual: Floats) -> list[float]:

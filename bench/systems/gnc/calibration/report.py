@@ -185,7 +185,7 @@ def _triad(sensor: Sensor, fit: TriadFit) -> Table:
         rows.append([axis, *matrix, bias, scale, *coupling])
     couplings = [say("matrix.head.coupling", axis=axis) for axis in AXES]
     errors = say("matrix.head.bias", unit=sensor.small_unit), say("matrix.head.scale")
-    headers = [say("matrix.head.axis"), *(f"K {axis}" for axis in AXES), *errors, *couplings]
+    headers = [say("head.axis"), *(f"K {axis}" for axis in AXES), *errors, *couplings]
     return Table(say(f"matrix.{sensor.prefix}"), say("matrix.caption"), headers, rows, lead=True)
 
 

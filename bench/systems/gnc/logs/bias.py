@@ -230,8 +230,7 @@ def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
         scatter = f"{np.nanstd(sensor.samples, ddof=1):.4g} {sensor.unit}"
         rows.append([sensor.name, scatter, *(own.get(name, "–") for name in names)])
     of_quantities = [say("in_unit", quantity=quantity_word(quantity), unit=unit) for quantity, unit in names]
-    headers = [*say.heads("resting", "sensor", "sample"), *of_quantities]
-    return worded_table(say, "resting", headers, rows, lead=True)
+    return worded_table(say, "resting", ["sensor", "sample"], rows, of_quantities, lead=True)
 
 
 def _figures(sensors: Sequence[Resting]) -> list[Figure]:

@@ -16,6 +16,7 @@ from bench.analysis import (
     unseen_tables,
     value_and_uncertainty,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.arrays import Flags, Integers
 from bench.maths.samples import few, is_silent
@@ -186,7 +187,6 @@ def _table(sphere: Sphere, unit: str) -> Table:
         ]
         for k, axis in enumerate(AXES)
     ]
-    caption = say("log.iron.caption", noise=factor * fit.noise, unit=name)
     soft = [say("log.iron.soft", axis=axis) for axis in AXES]
-    headers = [say("matrix.head.axis"), say("log.iron.hard", unit=name), *soft]
-    return Table(say("log.iron.title"), caption, headers, rows, lead=True)
+    noise = factor * fit.noise
+    return worded_table(say, "log.iron", ["axis", "hard"], rows, soft, lead=True, noise=noise, unit=name)

@@ -200,10 +200,9 @@ def _table(fit: NormFit, unit: str) -> Table:
         output = value_and_uncertainty(fit.counts_per_unit[k], factor * fit.counts_per_unit_std[k])
         zero = value_and_uncertainty(fit.zero[k], factor * fit.zero_std[k])
         rows.append([axis, *output, *zero, *(float(value) for value in fit.matrix[k])])
-    heads = say.heads("poses", "output_wide", "zero", "zero_wide")
-    headers = [say("matrix.head.axis"), say("poses.head.output", unit=unit), *heads, *(f"U {axis}" for axis in AXES)]
+    heads = ["axis", "output", "output_wide", "zero", "zero_wide"]
     return worded_table(
-        say, "poses", headers, rows, lead=True,
+        say, "poses", heads, rows, [f"U {axis}" for axis in AXES], lead=True,
         rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification,
     )  # fmt: skip
 

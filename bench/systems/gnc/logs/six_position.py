@@ -151,6 +151,6 @@ def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[T
             key = "log.six.residual" if fit.residual_dof else "log.six.no_residual"
             caption = say(key, rms=rms(fit.residual), unit=bias_unit)
             bias = say("matrix.head.bias", unit=bias_unit)
-            headers = [say("matrix.head.axis"), *(f"K {axis}" for axis in AXES), bias]
+            headers = [say("head.axis"), *(f"K {axis}" for axis in AXES), bias]
             tables.append(Table(title, caption, headers, rows, lead=True))
     return tables

@@ -212,8 +212,8 @@ def _rest_table(drifts: list[RestDrift]) -> Table:
         ]
         for d in drifts
     ]
-    headers = say.heads("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
-    return worded_table(say, "drift", headers, rows, lead=True)
+    heads = ["over", "stretches", "attitude", "walk", "velocity", "distance"]
+    return worded_table(say, "drift", heads, rows, lead=True)
 
 
 def _rms_text(drift: RestDrift, value: float) -> str:
@@ -230,16 +230,14 @@ def _class_table(rates: Estimates) -> Table:
              _class_name(str(rate.conditions["sensor_class"])), *bounds]
         )  # fmt: skip
     reach = [say("class.up_to", name=_class_name(sensor_class.name)) for sensor_class in CLASSES]
-    headers = [*say.heads("class", "figure", "unit", "found", "class"), *reach]
-    return worded_table(say, "class", headers, rows, lead=True)
+    return worded_table(say, "class", ["figure", "unit", "found", "class"], rows, reach, lead=True)
 
 
 def _between_table(between: BetweenRests) -> Table:
     speed = np.linalg.norm(between.velocity_error_m_s, axis=1)
     columns = (between.bias_s, between.motion_s, between.tilted_deg, between.level_error_deg, speed)
     rows = [[int(rest) + 1, *(float(column[k]) for column in columns)] for k, rest in enumerate(between.rest)]
-    headers = say.heads("between", "rest", "length", "motion", "tipped", "level", "velocity")
-    return worded_table(say, "between", headers, rows)
+    return worded_table(say, "between", ["rest", "length", "motion", "tipped", "level", "velocity"], rows)
 
 
 def figures_of(result: Found) -> list[Figure]:

@@ -10,13 +10,12 @@ Source: GNC-module paper, section 5.2 (results in a folder per test item) and se
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, worded_table
+from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, estimate, results_json, worded_table
 from bench.model.errors import FitError
 from bench.model.lab import folder_name
 from bench.systems.gnc.limits import table_3
@@ -58,10 +57,8 @@ def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
         failed = [title_of(item.item) for item in unit.all if item.verdict == "fail"]
         rows.append([unit.unit, *times, len(unit.wrong), say.listed(failed or ["–"]), _verdict(unit.verdict)])
     clock = "s" if offset_s is None else "UTC"
-    begin, end = say.heads("units", "start", "end", clock=clock)
-    elapsed, *others = say.heads("units", "elapsed", "wrong", "failed", "verdict")
-    headers = [say("units.head.unit"), begin, elapsed, end, *others]
-    return worded_table(say, "units", headers, rows, prose=True, lead=True)
+    heads = ["unit", "start", "elapsed", "end", "wrong", "failed", "verdict"]
+    return worded_table(say, "units", heads, rows, prose=True, lead=True, clock=clock)
 
 
 def _moment(at_s: float, offset_s: float | None) -> str:
@@ -78,8 +75,7 @@ def item_table(units: Sequence[UnitResult]) -> Table:
     for unit in units:
         by_item = {item.item: _verdict(item.verdict) for item in unit.all}
         rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
-    headers = [say("units.head.unit"), *map(title_of, names)]
-    return worded_table(say, "table1", headers, rows, prose=True, lead=True)
+    return worded_table(say, "table1", ["unit"], rows, [*map(title_of, names)], prose=True, lead=True)
 
 
 def measured_table(units: Sequence[UnitResult]) -> list[Table]:
@@ -104,8 +100,8 @@ def measured_table(units: Sequence[UnitResult]) -> list[Table]:
         ]
         for (quantity, place, unit), members in values.items()
     ]
-    headers = say.heads("measured", "quantity", "of", "values", "lowest", "highest", "unit", "limit")
-    return [worded_table(say, "measured", headers, rows)] if rows else []
+    heads = ["quantity", "of", "values", "lowest", "highest", "unit", "limit"]
+    return [worded_table(say, "measured", heads, rows)] if rows else []
 
 
 def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
@@ -149,9 +145,9 @@ def folders_of(units: Sequence[UnitResult], material: Material) -> dict[str, str
         folder = folder_name(unit.unit)
         for item in unit.all:
             if item.runs:
-                texts[f"{folder}/{item.item}/result.json"] = _json(_result(unit.unit, item, offset_s))
+                texts[f"{folder}/{item.item}/result.json"] = results_json(_result(unit.unit, item, offset_s))
                 texts[f"{folder}/{item.item}/log.txt"] = _log(unit.unit, item, offset_s)
-        texts[f"{folder}/summary.json"] = _json(_summary(unit, offset_s))
+        texts[f"{folder}/summary.json"] = results_json(_summary(unit, offset_s))
     return texts
 
 
@@ -212,10 +208,6 @@ def _stamp(times: Document, name: str) -> str:
 
 def _utc(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
-
-
-def _json(document: Document) -> str:
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n"
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:

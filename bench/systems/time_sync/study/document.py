@@ -7,13 +7,23 @@ Figures of the study, numbered as in the paper: errors, offset, observability ov
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Chapter, Document, Estimate, Figure, Series, Table, documents, estimates_of, series
+from bench.analysis import (
+    Chapter,
+    Document,
+    Estimate,
+    Figure,
+    Series,
+    Table,
+    documents,
+    estimates_of,
+    results_json,
+    series,
+)
 from bench.maths.arrays import rms
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.estimators.sar.response import Response
@@ -356,7 +366,7 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
 
 def study_json(document: Document) -> str:
     """Canonical text: sorted keys, shortest exact floats, one newline at the end."""
-    return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    return results_json(document)
 
 
 def _raw(response: Response, offset_ms: float, solution: str) -> list[dict[str, Any]]:
