@@ -2,139 +2,38 @@
 
 The columns are scaled and decomposed orthogonally. A well-conditioned problem is solved in doubles, by singular
 values. Beyond a condition number of 1,000 (columns of unit norm, whitened) doubles would lose more than the six digits
-that leave nine, so the same problem is factorised in twice the precision.
+that leave nine, so the same problem is factorised in decimals of 40 digits.
 
 Source: Golub and Van Loan, Matrix Computations, sections 5.3 (QR), 5.5 (rank) and 6.1 (generalised least squares);
 Björck, Numerical Methods for Least Squares Problems, sections 1.4 (the square of the condition number in the error),
-2.4 (modified Gram-Schmidt with the readings as one more column) and 2.7.3 (pivoting and rank). Twice the precision is
-the unevaluated sum of two doubles, some 32 digits, by error-free transformations: Dekker, Numer. Math. 18 (1971) 224;
-Knuth, The Art of Computer Programming 2, section 4.2.2; Hida, Li and Bailey, 15th IEEE Symposium on Computer Arithmetic
-(2001) 155.
+2.4 (modified Gram-Schmidt with the readings as one more column) and 2.7.3 (pivoting and rank).
 """
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from decimal import Context, Decimal, localcontext
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 
+Exact = NDArray[np.object_]  # of decimals
 _RANK_TOLERANCE = 1e-9  # smallest singular value of the scaled design, relative to the largest
-_EXACT_RANK_TOLERANCE = 1e-20  # the same for columns that are known to twice the precision
+_EXACT_RANK_TOLERANCE = 1e-20  # the same for columns that are known in decimals
 _CONDITION_LIMIT = 1e3  # of the scaled, whitened design: the error of doubles goes with its square
 
-_SPLIT = float((1 << 27) + 1)
+_DIGITS = Context(prec=40)
+_exact: Any = np.frompyfunc(Decimal, 1, 1)  # doubles as decimals, digit by digit
 
 
 @dataclass(frozen=True)
-class Extended:
-    """Numbers ``high + low``, both of one shape; ``low`` is at most half a unit in the last place of ``high``."""
-
-    high: Floats
-    low: Floats
-
-    @classmethod
-    def of(cls, values: ArrayLike) -> Extended:
-        """Return doubles as they are."""
-        high = np.asarray(values, np.float64)
-        return cls(high, np.zeros_like(high))
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the array of numbers."""
-        return self.high.shape
-
-    @property
-    def transposed(self) -> Extended:
-        """The transposed matrix."""
-        return Extended(self.high.T, self.low.T)
-
-    def __getitem__(self, place: Any) -> Extended:
-        return Extended(self.high[place], self.low[place])
-
-    def __neg__(self) -> Extended:
-        return Extended(-self.high, -self.low)
-
-    def __add__(self, other: Extended) -> Extended:
-        high, error = _two_sum(self.high, other.high)
-        low, rest = _two_sum(self.low, other.low)
-        high, error = _fast_two_sum(high, error + low)
-        return Extended(*_fast_two_sum(high, error + rest))
-
-    def __sub__(self, other: Extended) -> Extended:
-        return self + (-other)
-
-    def __mul__(self, other: Extended) -> Extended:
-        high, error = _two_product(self.high, other.high)
-        return Extended(*_fast_two_sum(high, error + (self.high * other.low + self.low * other.high)))
-
-    def __truediv__(self, other: Extended) -> Extended:
-        first = Extended.of(self.high / other.high)
-        rest = self - first * other
-        second = Extended.of(rest.high / other.high)
-        rest = rest - second * other
-        return first + second + Extended.of(rest.high / other.high)
-
-    def sqrt(self) -> Extended:
-        """Return square roots of positive numbers: one Newton step from the double root."""
-        root = Extended.of(np.sqrt(self.high))
-        rest = self - root * root
-        return root + Extended.of(rest.high / (2.0 * root.high))
-
-    def sum(self) -> Extended:
-        """Return sum over the first axis, in pairs of pairs."""
-        total = self
-        while len(total.high) > 1:
-            half = len(total.high) // 2
-            paired = total[:half] + total[half : 2 * half]
-            total = paired if len(total.high) == 2 * half else stacked(paired, total[2 * half :])
-        return total[0]
-
-
-def stacked(*parts: Extended) -> Extended:
-    """Return the parts one after the other along the first axis.
-
-    Args:    parts: arrays of numbers, alike but for their first axis.
-    Returns: Extended.
-    Source:  plain rearrangement.
-    """
-    return Extended(np.concatenate([p.high for p in parts]), np.concatenate([p.low for p in parts]))
-
-
-def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    total = a + b
-    part = total - a
-    return total, (a - (total - part)) + (b - part)
-
-
-def _fast_two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the same where |a| >= |b|."""
-    total = a + b
-    return total, b - (total - a)
-
-
-def _two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    product = a * b
-    a_high, a_low = _split(a)
-    b_high, b_low = _split(b)
-    return product, ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
-
-
-def _split(a: Floats) -> tuple[Floats, Floats]:
-    """Return halves of 26 bits, whose products are exact; for sizes below 1e300."""
-    scaled = _SPLIT * a
-    high = scaled - (scaled - a)
-    return high, a - high
-
-
-@dataclass(frozen=True)
-class ExtendedFit:
+class ExactFit:
     """Least-squares solution of full column rank.
 
     Attributes:
@@ -156,58 +55,45 @@ class Undetermined:
     weight: Floats
 
 
-def solve_extended(design: Extended, readings: Extended, tolerance: float) -> ExtendedFit | Undetermined:
-    """Least squares by Gram-Schmidt on the columns in order of what is left of them, readings last.
+def _orthogonalised(design: Exact, readings: Exact, tolerance: float) -> ExactFit | Undetermined:
+    """Solve by Gram-Schmidt on the columns (m, p) in order of what is left of them, readings (m,) last.
 
-    Args:    design: (m, p), columns of norms of about one.   readings: (m,).
-             tolerance: what is left of a column is nothing below this.
-    Returns: ExtendedFit, or Undetermined.
-    Source:  Björck, Numerical Methods for Least Squares Problems, sections 2.4 and 2.7.3.
+    What is left of a column, which has a norm of about one, is nothing below the tolerance.
+    Source: Björck, Numerical Methods for Least Squares Problems, sections 2.4 and 2.7.3.
     """
     rows, columns = design.shape
     order = np.arange(columns)
-    left = stacked(design.transposed, readings[None, :])  # one row a column, readings last
-    upper = Extended.of(np.zeros((columns, columns + 1)))
-    unit = Extended.of(np.zeros((columns, rows)))
+    left = np.vstack([design.T, readings])  # one row a column, readings last
+    upper, unit = _exact(np.zeros((columns, columns + 1))), _exact(np.zeros((columns, rows)))
     for k in range(columns):
-        best = k + int(np.argmax(np.linalg.norm(left.high[k:columns], axis=1)))
-        for swapped in (left.high, left.low, upper.high.T, upper.low.T, order):
+        best = k + int(np.argmax(np.linalg.norm(left[k:columns].astype(float), axis=1)))
+        for swapped in (left, upper.T, order):
             swapped[[k, best]] = swapped[[best, k]]
-        length = _squared(left[k]).sqrt()
-        if not length.high > tolerance:
+        length = (left[k] @ left[k]).sqrt()
+        if not length > tolerance:
             return _vanishing(upper[:, :columns], k, order)
-        along = left[k] / length
-        share = (left[k + 1 :].transposed * along[:, None]).sum()
-        rest = left[k + 1 :] - share[:, None] * along[None, :]
-        left.high[k + 1 :], left.low[k + 1 :] = rest.high, rest.low
-        upper.high[k, k], upper.low[k, k] = length.high, length.low
-        upper.high[k, k + 1 :], upper.low[k, k + 1 :] = share.high, share.low
-        unit.high[k], unit.low[k] = along.high, along.low
-    sides = stacked(upper.transposed[columns:], unit.transposed, Extended.of(np.eye(columns))).transposed
-    solved = _back_substitute(upper[:, :columns], sides).high[np.argsort(order)]
-    return ExtendedFit(solved[:, 0], solved[:, 1 : rows + 1], solved[:, rows + 1 :], left.high[-1])
+        unit[k] = left[k] / length
+        upper[k, k], upper[k, k + 1 :] = length, left[k + 1 :] @ unit[k]
+        left[k + 1 :] -= np.outer(upper[k, k + 1 :], unit[k])
+    sides = np.hstack([upper[:, columns:], unit, _exact(np.eye(columns))])
+    solved = _back_substituted(upper[:, :columns], sides)[np.argsort(order)].astype(float)
+    return ExactFit(solved[:, 0], solved[:, 1 : rows + 1], solved[:, rows + 1 :], left.astype(float)[-1])
 
 
-def _squared(column: Extended) -> Extended:
-    return (column * column).sum()
-
-
-def _back_substitute(upper: Extended, sides: Extended) -> Extended:
+def _back_substituted(upper: Exact, sides: Exact) -> Exact:
     """Return solution of upper @ x = sides for sides (p, s)."""
-    rest = Extended(sides.high.copy(), sides.low.copy())
-    for k in range(len(sides.high) - 1, -1, -1):
-        row = rest[k] / upper[k, k]
-        rest.high[k], rest.low[k] = row.high, row.low
-        above = rest[:k] - upper[:k, k][:, None] * row[None, :]
-        rest.high[:k], rest.low[:k] = above.high, above.low
-    return rest
+    solved = sides.copy()
+    for k in range(len(solved) - 1, -1, -1):
+        solved[k] /= upper[k, k]
+        solved[:k] -= np.outer(upper[:k, k], solved[k])
+    return solved
 
 
-def _vanishing(upper: Extended, rank: int, order: Integers) -> Undetermined:
+def _vanishing(upper: Exact, rank: int, order: Integers) -> Undetermined:
     """Return which columns take part in the combinations that vanish."""
     columns = len(order)
     null = np.eye(columns)[:, rank:]
-    null[:rank] = -_back_substitute(upper[:rank, :rank], upper[:rank, rank:]).high
+    null[:rank] = -_back_substituted(upper[:rank, :rank], upper[:rank, rank:])
     weight = np.zeros(columns)
     weight[order] = np.abs(null / np.linalg.norm(null, axis=0)).max(axis=1)
     return Undetermined(rank, weight)
@@ -229,11 +115,11 @@ class LinearFit:
     dof: int
 
 
-def solve(design: Floats | Extended, readings: Floats, covariance: Floats, names: Sequence[str]) -> LinearFit:
+def solve(design: Floats | Exact, readings: Floats, covariance: Floats, names: Sequence[str]) -> LinearFit:
     """Generalised least squares: whiten by the Cholesky factor, scale the columns, decompose, test the rank.
 
-    Args:    design: (m, p), taken as exact. High powers should come from ``polynomial_columns``: where columns are
-             nearly dependent, powers rounded to doubles are already another problem.
+    Args:    design: (m, p), taken as exact; of decimals where columns are nearly dependent, as high powers are: rounded
+             to doubles they are already another problem.
              readings: (m,).   covariance: (m, m) of the readings, positive definite.
              names: p parameter names for the messages.
     Returns: LinearFit with the parameters in the caller's units.
@@ -242,8 +128,7 @@ def solve(design: Floats | Extended, readings: Floats, covariance: Floats, names
     Source:  Golub and Van Loan, Matrix Computations, section 6.1.
     """
     factor = _factor(covariance)
-    exact = design if isinstance(design, Extended) else Extended.of(design)
-    white = _whitened(factor, exact.high)
+    white = _whitened(factor, design.astype(float))
     rows, columns = white.shape
     length = np.linalg.norm(white, axis=0)
     scale = np.exp2(np.rint(np.log2(np.where(length > 0, length, 1.0))))  # powers of two: scaling rounds nothing
@@ -251,15 +136,18 @@ def solve(design: Floats | Extended, readings: Floats, covariance: Floats, names
     sizes = np.zeros(columns)
     sizes[: singular.size] = singular
     null = sizes <= _RANK_TOLERANCE * sizes.max(initial=0.0)
-    if null.any() and not isinstance(design, Extended):
+    if null.any() and design.dtype != object:
         raise _undetermined(rows, names, Undetermined(columns - int(null.sum()), np.abs(right[null]).max(axis=0)))
     if sizes[0] > _CONDITION_LIMIT * sizes[-1]:
-        fit = _in_extended(exact, readings, factor, scale, names)
+        with localcontext(_DIGITS):
+            fit = _in_decimals(_exact(design), _exact(readings), _exact(factor), _exact(scale))
+        if isinstance(fit, Undetermined):
+            raise _undetermined(rows, names, fit)
     else:
         root = (right.T / singular) / scale[:, None]
         white_readings = _whitened(factor, readings)
         parameters = root @ (left.T @ white_readings)
-        fit = ExtendedFit(parameters, root @ left.T, root, white_readings - white @ parameters)
+        fit = ExactFit(parameters, root @ left.T, root, white_readings - white @ parameters)
     return LinearFit(
         parameters=fit.parameters,
         covariance=fit.root @ fit.root.T,
@@ -270,21 +158,23 @@ def solve(design: Floats | Extended, readings: Floats, covariance: Floats, names
     )
 
 
-def _in_extended(
-    design: Extended, readings: Floats, factor: Floats, scale: Floats, names: Sequence[str]
-) -> ExtendedFit:
-    """Whitening and factorisation in twice the precision."""
-    scaled = Extended(design.high / scale, design.low / scale)
-    both = stacked(scaled.transposed, Extended.of(readings[None, :])).transposed
-    both = _whitened_extended(factor, both)
-    fit = solve_extended(both[:, :-1], both[:, -1], _EXACT_RANK_TOLERANCE)
+def _in_decimals(design: Exact, readings: Exact, factor: Exact, scale: Exact) -> ExactFit | Undetermined:
+    """Whiten and factorise, all in the context of the caller."""
+    both = np.column_stack([design / scale, readings])
+    if factor.ndim == 1:
+        both = both / factor[:, None]
+    else:  # one row after the other, from the top
+        for k in range(len(both)):
+            both[k] = (both[k] - factor[k, :k].dot(both[:k])) / factor[k, k]
+    fit = _orthogonalised(both[:, :-1], both[:, -1], _EXACT_RANK_TOLERANCE)
     if isinstance(fit, Undetermined):
-        raise _undetermined(len(readings), names, fit)
-    return ExtendedFit(
-        parameters=fit.parameters / scale,
-        pseudo_inverse=fit.pseudo_inverse / scale[:, None],
-        root=fit.root / scale[:, None],
-        residual=fit.residual,
+        return fit
+    size = scale.astype(float)
+    return replace(
+        fit,
+        parameters=fit.parameters / size,
+        pseudo_inverse=fit.pseudo_inverse / size[:, None],
+        root=fit.root / size[:, None],
     )
 
 
@@ -323,17 +213,6 @@ def _whitened(factor: Floats, rows: Floats) -> Floats:
     if factor.ndim == 1:
         return (rows.T / factor).T
     return np.asarray(np.linalg.solve(factor, rows), dtype=np.float64)
-
-
-def _whitened_extended(factor: Floats, rows: Extended) -> Extended:
-    """Return the same in twice the precision: one row after the other, from the top."""
-    if factor.ndim == 1:
-        return rows / Extended.of(factor[:, None])
-    lower, done = Extended.of(factor), rows[:1] / Extended.of(factor[:1, :1])
-    for k in range(1, len(factor)):
-        known = (lower[k, :k][:, None] * done).sum()
-        done = stacked(done, (rows[k : k + 1] - known[None, :]) / lower[k : k + 1, k : k + 1])
-    return done
 
 
 def _unwhitened_operator(factor: Floats, pseudo_inverse: Floats) -> Floats:

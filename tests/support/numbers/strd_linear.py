@@ -5,11 +5,12 @@ given by x and an order, the others by their columns.
 """
 
 from dataclasses import dataclass
+from decimal import Decimal, localcontext
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.maths.arrays import Floats
-from bench.maths.least_squares import Extended, stacked
 from bench.systems.af_converter.estimators.gates import Whitener
 
 
@@ -128,18 +129,16 @@ PROBLEMS = (
 )  # fmt: skip
 
 
-def polynomial_columns(x: Floats, order: int) -> Extended:
-    """Columns 1, x, x^2 ... x^order, each power right to about 31 digits; a power in doubles is right to 15.
+def polynomial_columns(x: Floats, order: int) -> NDArray[np.object_]:
+    """Columns 1, x, x^2 ... x^order, each power right to about 39 digits; a power in doubles is right to 15.
 
     Args:    x: (m,), any unit, taken as exact.   order: highest power, >= 0.
-    Returns: Extended (m, order + 1), a design for bench.maths.least_squares.solve.
-    Source:  Dekker, Numer. Math. 18 (1971) 224.
+    Returns: decimals (m, order + 1), a design for bench.maths.least_squares.solve.
+    Source:  definition.
     """
-    base = Extended.of(np.asarray(x, np.float64)[None, :])
-    powers = [Extended.of(np.ones(base.shape))]
-    for _ in range(order):
-        powers.append(powers[-1] * base)
-    return stacked(*powers).transposed
+    base = np.frompyfunc(Decimal, 1, 1)(np.asarray(x, np.float64))
+    with localcontext(prec=40):
+        return np.multiply.accumulate(np.column_stack([0 * base + 1, *[base] * order]), axis=1)
 
 
 def covariance_of(whitener: Whitener) -> Floats:
