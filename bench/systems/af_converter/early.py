@@ -118,7 +118,7 @@ def _change(first: RecordRow, second: RecordRow, number: int, campaign: Campaign
         channel.noise.walk_A_rth**2 * apart_h + ((channel.stability_limit_ppm or 0.0) * 1e-6 * first_A / 1.96) ** 2
     )
     for length_s in lengths_s:
-        variance += channel.noise.white_A_rtHz**2 / length_s + (channel.k0_C / length_s) ** 2 / 6.0
+        variance += channel.noise.white_A_rtHz**2 / (2.0 * length_s) + (channel.k0_C / length_s) ** 2 / 6.0
     return abs(second_A - first_A) / math.sqrt(variance)
 
 
