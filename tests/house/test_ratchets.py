@@ -8,13 +8,13 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 976_139,
-    "tokens a line": 10.57,
+    "tokens": 962_983,
+    "tokens a line": 10.56,
     "files": 733,
-    "dict[str, Any]": 482,
-    "lines of tests": 90_000,
+    "dict[str, Any]": 478,
+    "lines of tests": 89_917,
     "tests of several deep modules": 129,
-    "words of docs": 154_830,
+    "words of docs": 154_762,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 59,
