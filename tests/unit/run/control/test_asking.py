@@ -420,8 +420,8 @@ def test_links_are_judged_by_their_shares() -> None:
 
 
 def test_a_repeated_point_is_judged_by_noise_pulses_and_stability() -> None:
-    """White noise of 1 uA in 1 Hz over 100 s is 0.1 uA; a pulse of 1 uC over 100 s is 4.1 nA; so 0.1415 uA for two."""
-    sigma_counts = 0.14154 * 100.0
+    """One-sided, 1 uA in 1 Hz over 100 s is 70.7 nA; a pulse of 1 uC over 100 s is 4.1 nA; so 0.1002 uA for two."""
+    sigma_counts = 0.10017 * 100.0
     for change, ok in ((4.9, True), (5.1, False)):
         rows = [row(1, 1000), row(2, 1000 + round(change * sigma_counts * 1.0))]
         found = repeat_check(rows, CAMPAIGN, 5.0)
@@ -436,7 +436,7 @@ def test_neighbours_without_a_gap_are_judged_by_their_scatter() -> None:
     rng = np.random.default_rng(4)
     print("seed 4")
     for factor, ok in ((1.0, True), (10.0, False)):
-        counts = 1000 + rng.normal(0.0, 10.0 * factor, 200)
+        counts = 1000 + rng.normal(0.0, 7.07 * factor, 200)
         rows = [row(n, round(count), route="open") for n, count in enumerate(counts, 1)]
         found = scatter_check(rows, CAMPAIGN, 5.0)
         assert found.ok is ok
