@@ -35,7 +35,7 @@ _Set = tuple[float | None, float | None]
 
 @dataclass(frozen=True)
 class Known:
-    """What is known at a place of the plan.
+    """Knowledge of the compiler at a place of the plan.
 
     ``at_s``: planned time.   ``sources_A``: level and range that each source was programmed to, None if not known.
     ``settle_band_degC``: that of the last soak.

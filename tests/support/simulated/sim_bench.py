@@ -66,10 +66,11 @@ class PlainTruth:
         return 0.0 if order else 1.5
 
 
-def plain_thermal(unit_degC: Callable[[Any], Any]) -> Any:
+def plain_thermal(degC: Callable[[Any], Any]) -> Any:
     """Temperatures of a unit by a function of time, (n,) to (n,); it has no past and shows no hysteresis."""
-    moment = lambda t_ns: (float(unit_degC(np.array([t_ns]))[0]), 0.0)  # noqa: E731 - it is handed on
-    return SimpleNamespace(unit_degC=unit_degC, unit_moment=moment, turns_degC=lambda _: ())
+    return SimpleNamespace(
+        unit_degC=degC, turns_degC=lambda _: (), unit_moment=lambda t_ns: (float(degC(np.array([t_ns]))[0]), 0.0)
+    )
 
 
 class RecordingUnit:

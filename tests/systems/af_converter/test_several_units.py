@@ -224,7 +224,6 @@ def test_a_run_that_is_gone_on_with_keeps_who_was_left_out(tmp_path: Path) -> No
             raise OperatorStop("B-RUN-010", "stopped by the test")
 
     first = rehearsed(tmp_path, units_plan(tmp_path), act=pull_then_stop).run
-    assert first.outcome.error is not None
     stopped = read_stopped(first.folder)
     resume(first.folder, None, None, as_json=False)
     of_each = {path.parent.name: path.read_bytes() for path in first.folder.glob("units/*/results.json")}

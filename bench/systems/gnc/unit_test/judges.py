@@ -23,7 +23,7 @@ from bench.systems.gnc.wording import quantity_word, say
 
 @dataclass(frozen=True)
 class Rules:
-    """What modules are judged by: their limits, and ``imu`` and ``site`` as the sequence states them."""
+    """Rules by which modules are judged: their limits, and ``imu`` and ``site`` as the sequence states them."""
 
     limits: Limits
     imu: Document
