@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site figures ways validate public bench lint wheel lock
+.PHONY: demo test mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site figures ways validate public bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -24,10 +24,6 @@ demo: $(VENV)/.run
 # processes, two with those that compute (tests/support/two_ends.py).
 test: $(VENV)/.dev $(VENV)/.broker
 	$(PY) -m pytest -n 4 --dist loadfile -m "not sweep"
-
-# Pages of docs/instruments from the tables beside the drivers.
-manuals: $(VENV)/.dev
-	$(PY) docs/site/manuals.py docs/instruments
 
 mutants: $(VENV)/.dev
 	$(PY) tests/mutants/run.py

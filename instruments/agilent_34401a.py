@@ -24,6 +24,7 @@ class Agilent34401A(ScpiInstrument):
     @action(bus_s=2.0, returns="V")
     def measure_voltage(self) -> float:
         """Measure one dc voltage, volt. Raises: InstrumentError B-INST-007 on overload."""
+        self.bring("measure_voltage")
         self.set("CONF:VOLT:DC", either(self._is_set_up, True))
         return self.measured(read_number, _READING_LIMIT_S)
 
@@ -39,6 +40,7 @@ class Agilent34401A(ScpiInstrument):
         Raises: InstrumentError B-INST-008, B-INST-007 on overload (above 120 % of the range) and with open leads.
         """
         range_ohm, cycles = self.checked("measure_resistance", range=range, cycles=cycles)
+        self.bring("measure_resistance")
         configured = either(lambda: is_range(self.ask("CONF?", read_text), range_ohm), True)
         self.set(f"CONF:FRES {exponent_form(range_ohm)}", configured)
         self.set(f"FRES:NPLC {cycles}", self.number("FRES:NPLC?", cycles, 0.0))

@@ -51,7 +51,7 @@ class Agilent34970A(ScpiInstrument):
         Raises: InstrumentError B-INST-007 if a thermocouple is open, B-INST-004 if readings are missing, B-INST-008 if
         the unit has none.
         """
-        channels = self._channel_list()
+        channels = f"(@{self.station_words['channels']})"
         if not self.options["channels"]:
             raise self.error("B-INST-008", "scan: the station gives the unit no thermocouples; nothing was sent")
         self.set(f"ROUT:SCAN {channels}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), channels))
@@ -87,9 +87,6 @@ class Agilent34970A(ScpiInstrument):
             raise ValueError(f"{len(self.options['channels'])} readings are due")
         return readings
 
-    def _channel_list(self) -> str:
-        return f"(@{','.join(map(str, self.options['channels']))})"
-
     @classmethod
     def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
         channels, kind = options["channels"], options["thermocouple"]
@@ -104,17 +101,10 @@ class Agilent34970A(ScpiInstrument):
             return "thermocouple", f"thermocouple {kind!r} is none of {', '.join(_THERMOCOUPLES)}, {_NONE}"
         return None
 
-    def _prepare(self) -> None:
-        self.abort()  # a scan of somebody else would refuse what follows
-        self.set("TRIG:SOUR IMM;COUN 1")
-        self.set("FORM:READ:UNIT OFF;TIME OFF;CHAN OFF;ALAR OFF")
-        channels = self._channel_list()
-        if not self.options["channels"]:
-            return
-        self.set(f"CONF:TEMP TC,{self.options['thermocouple']},{channels}")
-        self.set(f"UNIT:TEMP C,{channels}")
-        junctions = ",".join(["INT"] * len(self.options["channels"]))
-        self.ensure(f"TEMP:TRAN:TC:RJUN:TYPE? {channels}", junctions, f"TEMP:TRAN:TC:RJUN:TYPE INT,{channels}")
+    @property
+    def station_words(self) -> dict[str, str]:
+        """The thermocouples, for the state table."""
+        return {"channels": ",".join(map(str, self.options["channels"])), "thermocouple": self.options["thermocouple"]}
 
     _go_safe = ScpiInstrument.abort
 

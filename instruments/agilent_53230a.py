@@ -51,10 +51,6 @@ class Agilent53230A(ScpiInstrument):
     def _has_gate(self, gate_s: float) -> bool:
         return abs(self.ask("FREQ:GATE:TIME?", read_number) - gate_s) <= _GATE_STEP_S
 
-    def _prepare(self) -> None:
-        self.set("*RST")  # the counter drives nothing, and every measurement sets up itself
-        self.set("ROSC:SOUR EXT", either(lambda: self.ask("ROSC:SOUR?", read_text), "EXT"))
-
     _go_safe = ScpiInstrument.abort
 
 

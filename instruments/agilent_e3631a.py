@@ -84,9 +84,6 @@ class AgilentE3631A(ScpiSupply):
             self._select(rail)
             return self.ask("MEAS:VOLT?", read_number)
 
-    def _prepare(self) -> None:
-        self.set("OUTP:TRAC OFF", self.switch("OUTP:TRAC?", 0))  # rail 3 would follow rail 2
-
     def _select(self, rail: int) -> None:
         if rail != self.selected:
             self.seen.clear()  # it was about another rail

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 from pyvisa.resources import MessageBasedResource
 
 from bench.model.clock import NS, Clock
+from bench.model.drivers import manual_of
 from bench.model.errors import InputError, InstrumentError
 from bench.model.ports import Identity, Tells, Transcript, actions_of
 from instruments.bus import BUS_FAILED, TIMED_OUT, BusSession
@@ -63,6 +64,8 @@ class BaseInstrument(Commands):
         self.identity: Identity | None = None
         self.seen: dict[str, object] = {}
         self.kept = ()
+        if manual := manual_of(type(self).__module__.rpartition(".")[2]):
+            self.states = manual.states
         self._said = ""  # the last reply to the identity question
         self.bus = BusSession(resource, role, clock, transcript, self.spacing_s)
         self.bus.climb = Ladder(self.bus, self._drain_known, self._readmit, reopen, interface_clear).climb
@@ -188,6 +191,7 @@ class BaseInstrument(Commands):
 
     def _prepare(self) -> None:
         """Set what the driver relies on, without touching any output."""
+        self.bring("prepare")
 
     def _recheck(self) -> None:
         """Raise InstrumentError B-INST-011 unless what this run has set, and relies on, is still set."""

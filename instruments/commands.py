@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from bench.model.clock import Clock, to_ns
+from bench.model.drivers import Condition
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action
 from instruments.bus import DOUBTFUL, BusSession
@@ -51,7 +52,8 @@ class Commands:
     """Commands with their checks; ``timeout_s`` limits a plain command, 1.5 s is the most.
 
     ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt. ``kept`` is
-    what this run has set, has read back and relies on.
+    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file);
+    ``station_words`` stand for the words in braces there.
     """
 
     timeout_s: ClassVar[float] = 1.0
@@ -60,6 +62,8 @@ class Commands:
     actions: Mapping[str, Action]
     seen: dict[str, object]
     kept: tuple[Setting, ...]
+    states: Mapping[str, Condition] = {}
+    station_words: Mapping[str, str] = {}
 
     def set(self, command: str, read_back: ReadBack | None = None) -> None:
         """Send one set command and read the error queue empty; see the module about what is in doubt.
@@ -125,17 +129,42 @@ class Commands:
         before = self.seen.get(query)
         return ReadBack(lambda: self.ask(query, read_text).upper(), wanted.__eq__, lambda value: value == before)
 
-    def ensure(self, query: str, wanted: str, command: str) -> None:
-        """Set a word by ``command`` if it is not as ``wanted`` already. Raises: InstrumentError B-INST-011."""
+    def bring(self, when: str) -> None:
+        """Bring each setting of the state table that is due then to what the driver relies on.
 
-        def see() -> str:
-            return self.ask(query, read_text).upper().replace(" ", "")
+        One question that shows several of them is asked once, until something is set.
 
-        if (before := see()) == wanted:
+        Raises: InstrumentError B-INST-019 (as it must not be, and no command mends it), B-INST-011, as ``set``.
+        """
+        replies: dict[str, str] = {}
+        for name, condition in self.states.items():
+            if when in condition.when and all(self.station_words[word] for word in condition.words):
+                self._bring(name, condition, replies)
+
+    def judge(self, query: str, reply: str) -> None:
+        """Raise InstrumentError B-INST-019 with every row of the state table that a reply shows as it must not be."""
+        rows = {name: row for name, row in self.states.items() if row.ask == query and not row.is_right(reply)}
+        if rows:
+            reasons = "; ".join(dict.fromkeys(row.why for row in rows.values()))
+            steps = "; ".join(dict.fromkeys(row.person for row in rows.values()))
+            raise self.error("B-INST-019", f"{', '.join(rows)}: {query} tells {reply.strip()}: {reasons}", steps)
+
+    def _bring(self, name: str, condition: Condition, replies: dict[str, str]) -> None:
+        command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+        if query and query not in replies:
+            replies[query] = self.ask(query, read_text)
+        before = replies.get(query, "")
+        if condition.is_right(before) if query else not command:
             return
-        self.set(command, ReadBack(see, wanted.__eq__, before.__eq__))
-        if (found := see()) != wanted:
-            raise self.error("B-INST-011", f"{query!r} reads back {found!r}, but {wanted!r} was set")
+        if not command:
+            self.judge(condition.ask, before)
+        replies.clear()
+        if not query:
+            self.set(command)
+            return
+        self.set(command, ReadBack(lambda: self.ask(query, read_text), condition.is_right, before.__eq__))
+        if not condition.is_right(reply := self.ask(query, read_text)):
+            raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
 
     def switch(self, query: str, wanted: int) -> ReadBack:
         """Return the read-back of something that is on (1) or off (0)."""

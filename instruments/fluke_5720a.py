@@ -8,15 +8,16 @@ The range the calibrator is really in is not read back: ``OUT?`` does not name i
 After ``RANGELCK OFF``, acknowledged by an empty fault queue, it is the lowest of ``ranges_A`` that holds the value; the
 static check goes by that, and ``OUT?`` confirms the value alone.
 
-With OFFSET or SCALE active, keys of the front panel, the terminals carry another current than the set-point and nothing
-but two bits of ``ISR?`` tells it: wherever that is read they must be 0. The driver refuses and does not send ``*RST``:
-no other command that ends them is confirmed, and a reset may take the entry limits that a person set with it.
+With OFFSET, SCALE or BOOST active, keys of the front panel, the terminals carry another current than the set-point and
+nothing but bits of ``ISR?`` tells it: wherever that is read they must be 0 (state table). The driver refuses and does
+not send ``*RST``: no other command that ends them is confirmed, and a reset may take the entry limits that a person set
+with it. Guard and range lock are read there, too, as no question for them is confirmed.
 
 Source: Fluke 5700A/5720A Series II Operators Manual, ch. 5 (5-13 responses, 5-14 input buffer of 128 bytes), command
 table 5-2 (5-51: bits of ``ISR?``), 4-46 (SCALE). Not confirmed on hardware: what ``OUT?`` tells with an offset, the
 settling limit of 15 s, whether standby shorts or opens the loop, the fault numbers of a compliance trip, the resolution
-with which ``OUT?`` answers, the replies to ``RANGELCK?``, ``CUR_POST?`` and ``EXTGUARD?``, minutes of ``ONTIME?`` and
-days of ``CAL_DAYS? ZERO`` (as in public programs), 30 min of warm-up and 30 days between zeros.
+with which ``OUT?`` answers, minutes of ``ONTIME?`` and days of ``CAL_DAYS? ZERO`` (as in public programs), 30 min of
+warm-up and 30 days between zeros.
 """
 
 from __future__ import annotations
@@ -31,13 +32,12 @@ from instruments.values import exponent_form, read_integer, read_number, read_te
 
 _OPERATING = 1 << 0
 _SETTLED = 1 << 12
-_ALTERED_BY = {1 << 8: "OFFSET", 1 << 9: "SCALE"}
+_LOCKED = 1 << 5
 _ALTERED = "B-INST-019"
 _SETTLE_LIMIT_S = 15.0
 _POLL_S = 0.25
 _INPUT_BUFFER_BYTES = 128
 _MINUTE_S = 60.0
-_TERMINALS = (("CUR_POST?", "NORMAL"), ("EXTGUARD?", "OFF"))
 _ZERO_LIMIT_DAYS = 30.0
 # full scale of each range (A) and its resolution (A)
 _RANGES_A = ((2.2e-4, 1e-10), (2.2e-3, 1e-9), (2.2e-2, 1e-8), (2.2e-1, 1e-7), (2.2, 1e-6))
@@ -49,13 +49,6 @@ def read_output(reply: str) -> float:
     if unit.strip().upper() != "A" or read_number(frequency) != 0:
         raise ValueError("the output is not a dc current")
     return read_number(value)
-
-
-def read_lock(reply: str) -> str:
-    """Return the word of a ``RANGELCK?`` reply. Raises: ValueError unless it is ON or OFF."""
-    if reply.upper() not in ("ON", "OFF"):
-        raise ValueError("ON or OFF is due")
-    return reply.upper()
 
 
 def _resolution_A(current_A: float) -> float:
@@ -75,7 +68,7 @@ class Fluke5720A(BaseInstrument):
     programmed_A: float | None = None
 
     def make_safe(self) -> None:
-        """Set standby and confirm it, also while OFFSET or SCALE forbids everything else. Raises: as of any driver."""
+        """Set standby and confirm it, also while the state table forbids everything else. Raises: as of any driver."""
         try:
             super().make_safe()
         except InstrumentError as error:
@@ -108,7 +101,7 @@ class Fluke5720A(BaseInstrument):
         current, range = self.checked("output", current=current, range=range)  # noqa: A001
         self.programmed_A = None
         lock = "ON" if range == "locked" else "OFF"
-        self.set(f"RANGELCK {lock}", either(lambda: self.ask("RANGELCK?", read_lock), lock))
+        self.set(f"RANGELCK {lock}", either(lambda: bool(self._status() & _LOCKED), range == "locked"))
         self.set(f"OUT {exponent_form(current)} A, 0 HZ", self._output_read_back(current))
         self._confirm_output(current)
         self.programmed_A = current
@@ -118,7 +111,7 @@ class Fluke5720A(BaseInstrument):
         """Set the output on and return when it is on and settled.
 
         Refused (B-INST-010) unless ``output`` was set before; the fault queue must be empty, the set-point must read
-        back and neither OFFSET nor SCALE may be active (B-INST-019). Raises: InstrumentError B-INST-013 if it trips,
+        back and nothing may alter it (B-INST-019). Raises: InstrumentError B-INST-013 if it trips,
         B-INST-012 if it does not settle; standby was sent then.
         """
         if self.programmed_A is None:
@@ -171,12 +164,6 @@ class Fluke5720A(BaseInstrument):
             raise self.error("B-INST-014", message, "send it in parts")
         return super().raw(command, answers=answers)
 
-    def _prepare(self) -> None:
-        """The current comes out of OUTPUT HI, the guard is inside: asked first, a run may be going on."""
-        self._status()
-        for question, wanted in _TERMINALS:
-            self.ensure(question, wanted, f"{question.rstrip('?')} {wanted}")
-
     def _is_settled(self) -> bool:
         status = self._untripped_status()
         return bool(status & _OPERATING and status & _SETTLED)
@@ -195,9 +182,7 @@ class Fluke5720A(BaseInstrument):
     def _status(self) -> int:
         """Return instrument status. Raises: InstrumentError B-INST-019 if the current is not that of the set-point."""
         status = self._status_word()
-        if keys := " and ".join(key for bit, key in _ALTERED_BY.items() if status & bit):
-            message = f"{keys} active (ISR? tells {status}, bits 8 and 9 must be 0): the output is not its set-point"
-            raise self.error(_ALTERED, message, f"press LOCAL, then {keys} at its front panel; *RST ends it, too")
+        self.judge("ISR?", str(status))
         return status
 
     def _status_word(self) -> int:

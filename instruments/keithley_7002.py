@@ -105,10 +105,6 @@ class Keithley7002(ScpiInstrument):
         valid = bool(slots) and all(type(slot) is int and 1 <= slot <= _SLOTS for slot in slots)
         return None if valid else ("slot", f"slot {options['slot']!r} is no whole number from 1 to {_SLOTS}")
 
-    def _prepare(self) -> None:
-        self.set(":INIT:CONT OFF")
-        self.set(":ABOR")  # a scan that somebody left running would go on opening and closing
-
     def _recheck(self) -> None:
         if self.routed is not None and (closed := self.closed()) != self.routed:
             message = f"closed are {', '.join(closed) or 'none'}, but {', '.join(self.routed) or 'none'} was verified"

@@ -107,7 +107,7 @@ class Acutrol3000(CommandDevice):
         self._binary = False
         self._noise = self.rng("table encoders")
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         self._binary = bool(draw.integers(2))
         for axis in self.axes:
             for what, mode in axis.limits:
@@ -118,7 +118,6 @@ class Acutrol3000(CommandDevice):
             axis.obey(self.now_ns)
         for _ in range(int(draw.integers(_QUEUE + 1))):
             self.error(*NOT_RECOGNIZED)
-        super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
         rates = [round(float(axis.motion.rate_deg_s(self.now_ns)), 3) for axis in self.axes]

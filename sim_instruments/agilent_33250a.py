@@ -95,7 +95,7 @@ class Agilent33250A(ScpiDevice):
         self.mode, self.polarity, self.duty_percent = "", "NORM", 50.0
         self._apply()
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         self.mode = str(draw.choice(["", *_MODES]))
         self.function = str(draw.choice(["SIN", "SQU", "RAMP", "PULS"]))
         self.frequency_Hz = round(10.0 ** draw.uniform(-3.0, 5.9), 6)
@@ -106,7 +106,6 @@ class Agilent33250A(ScpiDevice):
         self.amplitude_unit = str(draw.choice(["VPP", "VRMS"]))
         self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), draw.uniform(20.0, 80.0)
         self.on = bool(draw.integers(2))
-        super().left_by_another(draw)
         self._apply()
 
     @property

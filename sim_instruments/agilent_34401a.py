@@ -9,10 +9,9 @@ NPLCycles, ZERO:AUTO, overload reading 9.9E37; 512 readings are kept by INITiate
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import ClassVar
-
-import numpy as np
 
 from sim_instruments.agilent_e3631a import AgilentE3631A
 from sim_instruments.bus.kept import (
@@ -21,6 +20,8 @@ from sim_instruments.bus.kept import (
     Kept,
     KeptSettings,
     held_count,
+    held_number,
+    held_switch,
     held_word,
 )
 from sim_instruments.bus.ohms import LINE_HZ, RESOLUTION, Ohmmeter, OhmsSetting
@@ -40,6 +41,7 @@ _OTHERS = {  # functions by name: header, least and greatest value
 OTHERS = tuple(_OTHERS)
 _FUNCTIONS = {"VOLT:DC": "VOLT", "CURR:DC": "CURR", "VOLT:DC:RAT": "VOLT:RAT"}  # other spellings
 _MEMORY = 512
+_DBM_OHM = 600.0  # reference of a level in dBm
 NOT_FOR_READ = (-214, "Trigger deadlock")
 
 
@@ -84,12 +86,16 @@ class Agilent34401A(ScpiDevice):
         "[:SENSe]:RESistance:NPLCycles?": lambda self: f"{self.ohms_cycles:+.8E}",
         ":TRIGger:COUNt?": lambda self: f"{self.triggers or INFINITE:+.8E}",
         ":DATA:POINts?": lambda self: str(len(self._stored)),
-        ":ROUTe:TERMinals?": lambda self: "FRON",
+        ":ROUTe:TERMinals?": lambda self: self.terminals,
     }
 
     held: ClassVar[HeldSettings] = {
         ":TRIGger:SOURce": held_word("source", "IMMediate", "BUS", "EXTernal"),
         ":SAMPle:COUNt": held_count("samples", 1, 50000, ""),
+        ":CALCulate:FUNCtion": held_word("mathematics", "NULL", "DB", "DBM", "AVERage", "LIMit"),
+        ":CALCulate:STATe": held_switch("calculates"),
+        ":CALCulate:NULL:OFFSet": held_number("null", -1e9, 1e9, form="+.8E"),
+        ":TRIGger:DELay": held_number("delay_s", 0.0, 3600.0, "S", "+.8E"),
     }
 
     kept: ClassVar[KeptSettings] = {
@@ -103,7 +109,6 @@ class Agilent34401A(ScpiDevice):
         "[:SENSe]:PERiod:APERture": Kept(0.1, 0.01, 1.0, "S"),
         "[:SENSe]:DETector:BANDwidth": Kept(20.0, 3.0, 200.0),
         ":INPut:IMPedance:AUTO": Kept(False),
-        ":TRIGger:DELay": Kept(0.0, 0.0, 3600.0, "S"),
         ":TRIGger:DELay:AUTO": Kept(True),
         ":DISPlay": Kept(True),
         ":DISPlay:TEXT": Kept("", text=True),
@@ -111,6 +116,7 @@ class Agilent34401A(ScpiDevice):
     }
 
     def power_up(self) -> None:
+        self.terminals = "FRON"
         super().power_up()
         self._ohmmeter = Ohmmeter(self, "34401A", TWO_WIRE_OHM)
         self._gain = self.rng("34401A gain").normal(1.0, GAIN_SIGMA)
@@ -121,21 +127,16 @@ class Agilent34401A(ScpiDevice):
         self.range_V: float | None = None  # autorange
         self.power_line_cycles = 10.0
         self.ohms: OhmsSetting | None = None  # volts
-        self.autozero, self.other = True, ""
+        self.autozero, self.other, self.mathematics, self.null = True, "", "NULL", 0.0
         self._stored: list[str] = []
         self._at_once()
 
     def _at_once(self) -> None:
         """One reading by an internal trigger, as ``CONFigure`` leaves it."""
-        self.source, self.triggers, self.samples = "IMM", 1, 1
+        self.source, self.triggers, self.samples, self.delay_s, self.calculates = "IMM", 1, 1, 0.0, False
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
-        self.range_V = float(draw.choice(RANGES_V))
-        self.power_line_cycles = float(draw.choice(CYCLES))
-        self.autozero = bool(draw.integers(2))
-        self.source, self.samples = str(draw.choice(["IMM", "BUS", "EXT"])), int(draw.integers(1, 5))
-        self.triggers, self.other = int(draw.integers(1, 4)), str(draw.choice(["", *OTHERS]))
-        super().left_by_another(draw)
+    def press(self, keys: str) -> None:
+        self.terminals = "REAR" if self.terminals == "FRON" else "FRON"
 
     def further(self) -> Handlers:
         configure: dict[str, Handler] = {
@@ -172,7 +173,20 @@ class Agilent34401A(ScpiDevice):
         return float(supply.output(0)[0] if supply is not None else self.world.rail_V)
 
     def _measure(self) -> str:
-        self.reply_after(self.reading_s * self.samples * self.triggers)
+        self.reply_after((self.delay_s + self.reading_s) * self.samples * self.triggers)
+        return self._calculated(self._seen())
+
+    def _calculated(self, seen: str) -> str:
+        """Return a reading as mathematics alter it. Source: 34401A User's Guide, CALCulate."""
+        if not self.calculates or self.mathematics in ("AVER", "LIM"):
+            return seen
+        value = float(seen)
+        if self.mathematics == "NULL":
+            return f"{value - self.null:+.8E}"
+        level = 20.0 * math.log10(max(abs(value), 1e-9))
+        return f"{level if self.mathematics == 'DB' else level - 10.0 * math.log10(_DBM_OHM * 1e-3):+.8E}"
+
+    def _seen(self) -> str:
         if self.other:
             return self.reading(self.overload if self.other in OPEN_INPUT else f"{0.0:+.8E}")
         if self.ohms is not None:

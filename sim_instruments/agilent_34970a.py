@@ -77,7 +77,7 @@ class Agilent34970A(ScpiDevice):
         self.source, self.count = "IMM", 1
         self.told = dict.fromkeys(_TOLD, False)
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         self.source, self.count = str(draw.choice(["IMM", "BUS", "EXT", "TIM"])), int(draw.integers(1, 6))
         self.told = {name: bool(draw.integers(2)) for name in _TOLD}
         self.scan_list = [int(channel) for channel in draw.choice(np.arange(101, 121), 3, replace=False)]
@@ -85,7 +85,6 @@ class Agilent34970A(ScpiDevice):
         channels = range(101, 104)
         self.junctions = {channel: str(draw.choice(["INT", "EXT", "FIX"])) for channel in channels}
         self.fixed_degC = {channel: draw.uniform(*FIXED_DEGC) for channel in channels}
-        super().left_by_another(draw)
 
     def _listed_channels(self, text: str) -> list[int]:
         match = _LIST.fullmatch(text.strip())

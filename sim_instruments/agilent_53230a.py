@@ -57,13 +57,12 @@ class Agilent53230A(ScpiDevice):
         self.samples, self.triggers, self.trigger_source, self.impedance_ohm = 1, 1, "IMM", 1e6
         self._event = 0
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         self.gate_s, self.gate_source = 10.0 ** draw.uniform(-3.0, 1.0), str(draw.choice(["TIME", "IMM", "EXT"]))
         self.samples, self.triggers = int(draw.integers(1, 1000)), int(draw.integers(1, 10))
         self.trigger_source = str(draw.choice(["IMM", "EXT", "BUS"]))
         self.impedance_ohm = float(draw.choice([50.0, 1e6]))
         self.reference = str(draw.choice(["INT", "EXT"]))
-        super().left_by_another(draw)
 
     def _measure(self) -> str:
         source = self.partner(Agilent33250A)

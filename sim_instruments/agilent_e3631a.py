@@ -61,14 +61,13 @@ class AgilentE3631A(ScpiDevice):
         )
         self.selected, self.on, self.tracks = 0, False, False
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         for rail in self.rails:
             rail.voltage_V, rail.current_A = (
                 draw.uniform(rail.low_V, rail.high_V),
                 draw.uniform(0.01, 1.0),
             )
         self.selected, self.on, self.tracks = int(draw.integers(3)), bool(draw.integers(2)), bool(draw.integers(2))
-        super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "voltages_V": [rail.voltage_V for rail in self.rails]}

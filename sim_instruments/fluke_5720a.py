@@ -25,7 +25,8 @@ from sim_instruments.bus.live import CommandDevice, CommandError
 from sim_instruments.faults.fault import Fault, NamedFaults
 from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
-OPERATING_BIT, OFFSET_BIT, SCALE_BIT, SETTLED_BIT = 1 << 0, 1 << 8, 1 << 9, 1 << 12
+OPERATING_BIT, GUARD_BIT, SENSE_BIT, BOOST_BIT = 1 << 0, 1 << 1, 1 << 2, 1 << 3
+LOCK_BIT, OFFSET_BIT, SCALE_BIT, SETTLED_BIT = 1 << 5, 1 << 8, 1 << 9, 1 << 12
 FAULT_AVAILABLE = 8  # status byte
 QUEUE_LENGTH = 16
 LOST_PATH = 502
@@ -36,7 +37,7 @@ GAIN_SIGMA = 10e-6
 DAY_S = 86_400.0
 ON_MIN = 300  # it was switched on so long before the bench
 SINCE_CALIBRATION_DAYS = 5
-LEFT_ALTERED_IN = 8  # one of so many users leaves an offset, one a scale factor
+_KEYS = {"OFFSET": "offset_A", "SCALE": "scale", "BOOST": "boosted", "EX SNS": "external_sense"}
 _ZERO_A = 1e-12
 
 FAULTS = {
@@ -112,7 +113,7 @@ class Fluke5720A(CommandDevice):
         self.settled = True
         self.unit = "V"
         self.value = 0.0
-        self.offset_A, self.scale = 0.0, 1.0
+        self.offset_A, self.scale, self.boosted, self.external_sense = 0.0, 1.0, False, False
         self.range_index = 0
         self.range_locked = False
         self.post = "NORMAL"
@@ -142,6 +143,11 @@ class Fluke5720A(CommandDevice):
             level_A = float(np.sign(asked_A)) * rng.normal(0.0, sigma_A)
         return float(asked_A * (1.0 + gain) + offset_A + level_A)
 
+    @property
+    def elsewhere(self) -> bool:
+        """Whether a current comes out of other terminals than those of the bench."""
+        return self.post != "NORMAL" or self.boosted
+
     def trip(self, number: int = LOST_PATH) -> None:
         """Drop to standby and queue a fault, as the protection does; nothing happens in standby."""
         if self.operating:
@@ -159,26 +165,13 @@ class Fluke5720A(CommandDevice):
             "calibrator", (), "the calibrator's output goes off without a word; readback disagrees", drop),
     }  # fmt: skip
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
-        self.unit = str(draw.choice(["A", "V"]))
-        self.range_index = int(draw.integers(len(CURRENT_RANGES)))
-        self.value = draw.uniform(0.0, 1.0) * (
-            CURRENT_RANGES[self.range_index].full_scale_A if self.unit == "A" else 10.0
-        )
-        self.range_locked, self.external_guard = bool(draw.integers(2)), bool(draw.integers(2))
-        self.post = str(draw.choice(["NORMAL", "AUX"]))
-        if draw.integers(LEFT_ALTERED_IN) == 0:
-            self.offset_A = draw.uniform(-1e-3, 1e-3)
-        if draw.integers(LEFT_ALTERED_IN) == 0:
-            self.scale = draw.uniform(0.95, 1.05)
-        if draw.integers(2):
-            self.limits["A"] = (-2.2, draw.uniform(1e-4, 2.2))
-        if draw.integers(2):
-            self.operating = True
+    def press(self, keys: str) -> None:
+        for key, attribute in _KEYS.items():
+            if keys.startswith(key):
+                entered = keys.removeprefix(key)
+                setattr(self, attribute, float(entered) if entered else True)
+        if self.operating:
             self._drive(range_changed=True)
-        for _ in range(int(draw.integers(QUEUE_LENGTH + 1))):
-            self.error(702)
-        super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
         return {"operating": self.operating, "set": self.value, "unit": self.unit}
@@ -187,7 +180,7 @@ class Fluke5720A(CommandDevice):
         """Apply the present setting to the wires: nearly there at once, exactly there when it has settled."""
         wiring = self.world.wiring
         current_A = self.true_current_A()
-        if self.unit == "A" and abs(current_A) > TRIP_CURRENT_A and (self.post != "NORMAL" or not wiring.has_path):
+        if self.unit == "A" and abs(current_A) > TRIP_CURRENT_A and (self.elsewhere or not wiring.has_path):
             self.trip(501)
             return
         if self.unit == "V":
@@ -314,6 +307,10 @@ class Fluke5720A(CommandDevice):
     def _ask_status(self, _: str) -> str:
         bits = {
             OPERATING_BIT: self.operating,
+            GUARD_BIT: self.external_guard,
+            SENSE_BIT: self.external_sense,
+            BOOST_BIT: self.boosted,
+            LOCK_BIT: self.range_locked,
             OFFSET_BIT: self.offset_A != 0.0,
             SCALE_BIT: self.scale != 1.0,
             SETTLED_BIT: self.settled,

@@ -14,8 +14,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from bench.model.clock import to_ns
 from sim_instruments.bus.live import CommandDevice, CommandError
 
@@ -97,15 +95,6 @@ class Hp3458A(CommandDevice):
         """With the input buffer off a triggering command is done when its reading is."""
         return 0 if self.buffered else self._done_ns
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
-        self.function, self.range = str(draw.choice(["DCV", "DCI"])), float(draw.choice(CURRENT_RANGES_A))
-        self.power_line_cycles, self.digits = float(draw.choice([0.0, 1.0, 10.0, 1000.0])), int(draw.integers(3, 9))
-        self.autozero, self.buffered, self.scaled = (bool(draw.integers(2)) for _ in range(3))
-        self.arm, self.trig = str(draw.choice(["AUTO", "HOLD"])), str(draw.choice(["AUTO", "HOLD", "SYN", "EXT"]))
-        self.end_mode = str(draw.choice(["OFF", "ON", "ALWAYS"]))
-        self.errors.extend([SYNTAX] * int(draw.integers(20)))
-        super().left_by_another(draw)
-
     def _answer(self, text: str, after_s: float = 0.0) -> None:
         self.reply(text + "\r", after_s=after_s, end=self.end_mode != "OFF")
 
@@ -127,7 +116,8 @@ class Hp3458A(CommandDevice):
             raise CommandError(SYNTAX)
 
     def error(self, number: int) -> None:
-        self.errors.append(number)
+        if number not in self.errors:  # a register: one bit each
+            self.errors.append(number)
 
     def status_byte(self) -> int:
         status = READY_BIT | (ERROR_BIT if self.errors else 0)

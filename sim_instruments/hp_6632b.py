@@ -81,13 +81,12 @@ class Hp6632B(ScpiDevice):
         self.armed = False
         self._apply()
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         self.voltage_V, self.trip_V = draw.uniform(0.0, HIGHEST_V), draw.uniform(1.0, HIGHEST_TRIP_V)
         self.current_A, self.delay_s = draw.uniform(0.0, HIGHEST_A), draw.uniform(0.0, 30.0)
         self.over_current_trip, self.on = bool(draw.integers(2)), bool(draw.integers(2))
         self.tripped = str(draw.choice(["", "OV", "OC"], p=[0.8, 0.1, 0.1]))
         self.armed, self.next_V = bool(draw.integers(2)), draw.uniform(0.0, HIGHEST_V)
-        super().left_by_another(draw)
         self._apply()
 
     def outputs(self) -> dict[str, Any]:

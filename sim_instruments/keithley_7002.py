@@ -49,8 +49,7 @@ class Keithley7002(ScpiDevice):
         if self._closed:
             self._move(set())
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
-        super().left_by_another(draw)
+    def leave_more(self, draw: np.random.Generator) -> None:
         points = {
             (self._slots[0], int(draw.integers(1, ROWS + 1)), int(draw.integers(1, COLUMNS + 1))) for _ in range(5)
         }

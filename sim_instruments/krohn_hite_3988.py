@@ -97,14 +97,13 @@ class KrohnHite3988(LiveDevice):
         self.history: list[tuple[int, tuple[Channel, Channel]]] = [(0, (Channel(), Channel()))]
         self._shown = 1
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         for place in (0, 1):
             kind, cutoff_Hz = str(draw.choice(["HP", "LP", "BY"])), float(f"{10.0 ** draw.uniform(-1.0, 2.0):.4g}")
             gains = [int(gain) for gain in draw.choice([0, 10, 20], 2)]
             self.channels[place] = Channel(kind, cutoff_Hz, *gains, str(draw.choice(["AC", "DC"])))
         self._shown = int(draw.integers(1, 3))
         self.history.append((self.now_ns // _SAMPLE_NS, (self.channels[0], self.channels[1])))
-        super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
         return {"channels": [f"{channel.kind} {channel.cutoff_Hz:g} Hz" for channel in self.channels]}

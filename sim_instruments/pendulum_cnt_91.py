@@ -92,12 +92,11 @@ class PendulumCnt91(ScpiDevice):
         self.clock_Hz, self.continuous, self.running = CLOCKS_HZ[0], False, False
         self.blocks.clear()
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         for number in (1, 2):
             self.level_V[number] = round(draw.uniform(-5.0, 5.0) / _LEVEL_STEP_V) * _LEVEL_STEP_V
             self.inputs[number] = {node: str(draw.choice(words)) for node, words in _INPUT_WORDS.items()}
         self.clock_Hz, self.continuous = int(draw.choice(CLOCKS_HZ)), bool(draw.integers(2))
-        super().left_by_another(draw)
         if draw.integers(2):
             self._begin()
 

@@ -154,13 +154,12 @@ class SrsSr830(LiveDevice):
         low, high = (_LOWEST_SINE_V, _HIGHEST_SINE_V) if head == "SLVL" else (1e-3, _HIGHEST_HZ)
         self._numbers[head] = _inside(value, low, high)
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         self._set |= {name: int(draw.integers(1 if name == "HARM" else 0, most + 1)) for name, most in _MOST.items()}
         self._set["OUTX"] = 1
         self._phase_deg = draw.uniform(-180.0, 180.0)
         self._offsets = {place: (draw.uniform(-_MOST_OFFSET, _MOST_OFFSET), 2) for place in (1, 2, 3)}
         self._events |= _EXECUTION_ERROR | _COMMAND_ERROR
-        super().left_by_another(draw)
         self._apply()
 
     def _offset(self, arguments: list[str]) -> None:

@@ -44,13 +44,12 @@ class Thermotron3800(LiveDevice):
         rng = self.world.rng("chamber sensor offset")
         self._offset_degC = rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC)
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
+    def leave_more(self, draw: np.random.Generator) -> None:
         self.setpoint_degC = round(draw.uniform(LOW_DEGC, HIGH_DEGC), 1)
         self.rate_degC_min = round(draw.uniform(0.0, 20.0), 1)
         self.mode = int(draw.choice([EDIT_STOP, MANUAL_RUN, MANUAL_RUN | EDIT_HOLD, PROGRAM_RUN]))
         if self.mode in (MANUAL_RUN, PROGRAM_RUN):
             self._apply()
-        super().left_by_another(draw)
 
     def execute(self, message: str) -> None:
         if self.now_ns < self._deaf_until_ns:

@@ -51,12 +51,43 @@ def replies_so(form: str, reply: str) -> bool:
     return re.fullmatch(form.replace("NUMBER", _NUMBER), reply.strip(_CONTROLS)) is not None
 
 
+class Condition(StrictModel):
+    """A row of the state table: a setting or a condition that changes a number or a hazard, and how a run has it right.
+
+    It is set unless its question shows it right; one without ``set`` is refused unless it is right; one without ``ask``
+    is set unseen. A word of the station stands in braces: ``(@{channels})``.
+    """
+
+    source: str = Field(description="key of a source, and where in it")
+    when: list[str] = Field(["prepare"], description="actions that begin with it; prepare: identification does")
+    set: str = Field("", description="command that makes it right")
+    ask: str = Field("", description="question that shows it")
+    right: str = Field("", description="regular expression of the reply that is right, in capitals, without blanks")
+    bits: int = Field(0, description="bits of a reply in figures that are 0 where it is right")
+    by: list[str] = Field([], description="commands of the actions that make it right, too")
+    why: str = Field("", description="what is wrong otherwise; of one that is neither set nor asked: why not")
+    person: str = Field("", description="what a person does where it is refused")
+    left: list[str] = Field([], description="as a last user may leave it: commands, or 'key' and what is pressed")
+
+    @property
+    def words(self) -> list[str]:
+        """The words in braces."""
+        return [word[1:-1] for word in _ARGUMENT.findall(self.set + self.ask)]
+
+    def is_right(self, reply: str) -> bool:
+        """Return whether a reply to its question shows it right. Raises: ValueError for bits that are no number."""
+        if self.bits:
+            return not int(reply) & self.bits
+        return replies_so(self.right, reply.upper().replace(" ", ""))
+
+
 class Manual(StrictModel):
-    """The file: ``commands`` by their form, each argument in braces: ``FREQ {frequency}``."""
+    """The file: ``commands`` by their form, each argument in braces: ``FREQ {frequency}``; ``states`` by their name."""
 
     instrument: str
     sources: dict[str, str]
     commands: dict[str, Command]
+    states: dict[str, Condition] = Field({}, description="rows of the state table")
 
     def find(self, sent: str) -> str | None:
         """Return the form of a command that was sent, that with most letters of its own; None if it is in none."""

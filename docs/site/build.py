@@ -14,6 +14,7 @@ from pathlib import Path
 
 from api import api_page
 from commands import commands_page
+from manuals import manual_pages
 from schemas import TITLES, schema_pages
 
 TOP = Path(__file__).resolve().parents[2]
@@ -37,6 +38,7 @@ def generated_pages() -> dict[str, str]:
     """Return what is written from the software itself, by its place below docs/."""
     pages = {"reference/commands.md": commands_page(), "reference/api.md": api_page()}
     pages |= {f"reference/{kind}.md": page for kind, page in schema_pages().items()}
+    pages |= manual_pages()
     for folder, title in FOLDERS.items():
         pages[f"{folder}/index.md"] = f"# {title}\n\n```{{toctree}}\n:maxdepth: 1\n:glob:\n*\n```\n"
     return pages

@@ -1,11 +1,8 @@
-"""The pages of docs/instruments, from the tables beside the drivers."""
+"""Pages of the instruments, from the tables beside the drivers: commands, and rows of the state table."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
-from bench.model.drivers import Manual, manual_of
+from bench.model.drivers import Condition, Manual, manual_of
 from bench.model.installed import driver_packages
 
 STATES = ("confirmed", "derived", "unconfirmed")
@@ -22,7 +19,7 @@ def page(driver: str, manual: Manual) -> str:
         [
             f"# {manual.instrument}",
             "",
-            f"What the driver `{driver}` sends, as [its file](../../instruments/{driver}.yaml) has it. "
+            f"What the driver `{driver}` sends, as its file `instruments/{driver}.yaml` has it. "
             + ", ".join(f"{count} {state}" for state, count in counts.items())
             + "; none of it was tried on hardware by us: [first contact](../first-contact.md).",
             "",
@@ -32,22 +29,30 @@ def page(driver: str, manual: Manual) -> str:
             "|---|---|---|---|---|",
             *rows,
             "",
+            "| setting or condition | at | how it is had right | otherwise | source |",
+            "|---|---|---|---|---|",
+            *(
+                f"| {name} | {', '.join(one.when)} | {had_right(one)} | {one.why} | {one.source} |"
+                for name, one in manual.states.items()
+            ),
+            "",
         ]
     )
+
+
+def had_right(condition: Condition) -> str:
+    """Return how a row of the state table is had right: set, asked, refused, or not covered."""
+    ways = [f"set by `{command}`" for command in (condition.set, *condition.by) if command]
+    if condition.ask:
+        ways.append(f"{'confirmed' if condition.set else 'refused unless right'} by `{condition.ask}`")
+    return ", ".join(ways) or "not covered"
 
 
 def _cell(reply: str) -> str:
     return f"`{reply}`".replace("|", "\\|") if reply else "–"
 
 
-def write_pages(folder: Path) -> None:
-    """Write the page of every driver that has a table."""
-    for package in driver_packages():
-        for path in sorted(package.folder.glob("*.yaml")):
-            manual = manual_of(path.stem)
-            assert manual is not None
-            (folder / f"{path.stem}.md").write_text(page(path.stem, manual), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    write_pages(Path(sys.argv[1]))
+def manual_pages() -> dict[str, str]:
+    """Return the page of every driver that has a table, by its place below docs/."""
+    names = sorted(path.stem for package in driver_packages() for path in package.folder.glob("*.yaml"))
+    return {f"instruments/{name}.md": page(name, manual) for name in names if (manual := manual_of(name)) is not None}

@@ -15,10 +15,14 @@ import numpy as np
 from pyvisa_sim.devices import Device
 
 from bench.model.clock import to_ns
+from bench.model.drivers import manual_of
 from sim_instruments.faults.fault import NamedFaults
 from sim_instruments.worlds.common.world import World
 
 MESSAGE_AVAILABLE = 16
+LEFT_IN = 4  # one of so many users leaves a setting
+MOST_ERRORS = 22  # more than the queues of all models but one hold
+_NONSENSE = "NONSENSE"
 _EOM_CLASSES = ("GPIB INSTR", "ASRL INSTR", "TCPIP INSTR", "TCPIP SOCKET", "USB INSTR")
 
 
@@ -76,9 +80,39 @@ class LiveDevice(Device):
         """Carry out one message; called with the world's lock held."""
         raise NotImplementedError
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
-        """Leave the instrument as its last user may have: any legal setting, errors queued, half a command."""
+    def left_by_another(self, draw: np.random.Generator, *, by_hand: bool = True) -> list[str]:
+        """Leave the instrument as its last user may have: rows of its state table, errors queued, half a command.
+
+        Args:    by_hand: rows that only a person puts right are among them.
+        Returns: the names of those rows.
+        """
+        manual = manual_of(type(self).__module__.rpartition(".")[2])
+        states = manual.states if manual else {}
+        open_to = {name: row for name, row in states.items() if row.left and (by_hand or not row.person)}
+        left = [name for name in open_to if draw.integers(LEFT_IN) == 0]
+        for name in left:
+            self.leave(str(draw.choice(states[name].left)))
+        self.leave_more(draw)
+        for _ in range(int(draw.integers(MOST_ERRORS))):
+            self.execute(_NONSENSE)
         self._partial += b"VO"[: int(draw.integers(3))]
+        self._replies.clear()
+        return left
+
+    def leave_more(self, draw: np.random.Generator) -> None:
+        """Leave what its state table does not name yet."""
+
+    def leave(self, setting: str) -> None:
+        """Leave one setting as a row of the state table says: by a command, or by a key of the front panel."""
+        key, _, pressed = setting.partition("key ")
+        if pressed and not key:
+            self.press(pressed)
+        else:
+            self.execute(setting)
+
+    def press(self, keys: str) -> None:
+        """Press a key of the front panel, with what is entered behind it."""
+        raise NotImplementedError
 
     def on_clear(self) -> None:
         """Device clear (SDC): forget a half-made command; replies are dropped already."""

@@ -9,8 +9,6 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
-import numpy as np
-
 from bench.model.clock import NS
 from sim_instruments.bus.kept import Held, HeldSettings, Kept, KeptSettings, held_count
 from sim_instruments.bus.live import CommandDevice, CommandError
@@ -125,11 +123,6 @@ class ScpiDevice(CommandDevice):
         self._handlers = self._declared()
         self._known: dict[str, Handler | None] = {}
         self.reset()
-
-    def left_by_another(self, draw: np.random.Generator) -> None:
-        for _ in range(int(draw.integers(self.queue_length + 2))):
-            self.error(*UNDEFINED_HEADER)
-        super().left_by_another(draw)
 
     # --- for models --------------------------------------------------------------------------------------------
 

@@ -47,9 +47,18 @@ def test_garbage_is_read_again_and_then_refused() -> None:
         supply.measure_voltage()
 
 
+DC_VOLTS = [*IDENTIFY["agilent_34401a"], (b"ROUT:TERM?\n", b"FRON\n"), (b"CONF:VOLT:DC\n", None), NO_ERROR]
+
+
 @pytest.mark.parametrize("reply", [b"-9.90000000E+37\n", b"9.91E37\n"])
 def test_overload_is_an_error_and_not_retried(reply: bytes) -> None:
-    script = [*IDENTIFY["agilent_34401a"], (b"CONF:VOLT:DC\n", None), NO_ERROR, *slow(b"READ?\n", reply)]
+    script = [
+        *IDENTIFY["agilent_34401a"],
+        (b"ROUT:TERM?\n", b"FRON\n"),
+        (b"CONF:VOLT:DC\n", None),
+        NO_ERROR,
+        *slow(b"READ?\n", reply),
+    ]
     with scripted("agilent_34401a", script) as meter, refused("B-INST-007", "overload"):
         meter.measure_voltage()
 
@@ -81,7 +90,8 @@ def test_every_call_has_a_time_limit_from_the_first_on() -> None:
     assert 0 < resource.timeout <= 1500
     reading = [*slow(b"READ?\n", b"+5.0E+00\n"), NO_ERROR]
     with scripted(
-        "agilent_34401a", [*IDENTIFY["agilent_34401a"], (b"CONF:VOLT:DC\n", None), NO_ERROR, *reading]
+        "agilent_34401a",
+        [*DC_VOLTS, *reading],
     ) as meter:
         meter.measure_voltage()
         resource = meter.test_resource

@@ -213,6 +213,20 @@ def test_a_model_that_can_be_on_says_by_which_replies(name: str) -> None:
         assert {manual.commands[form].touch for form in forms.values() if form is not None} == {"asks"}
 
 
+@pytest.mark.parametrize("name", DRIVERS)
+def test_rows_of_the_state_table_name_what_there_is(name: str) -> None:
+    manual, driver = manual_of(name), make(name, [])
+    for row, one in manual.states.items():
+        assert any(key in one.source for key in manual.sources), row
+        assert set(one.when) <= {"prepare", "make_safe", *driver.actions}, row
+        assert set(one.words) <= set(driver.station_words), row
+        assert one.set or one.ask or one.by or one.why, row
+        assert not one.ask or bool(one.right) != bool(one.bits), row
+        assert one.set or not one.ask or (one.why and one.person), row
+        assert set(one.by) <= set(manual.commands), row
+        assert all(manual.find(text) for text in (one.set, one.ask) if text), row
+
+
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 

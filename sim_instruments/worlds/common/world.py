@@ -53,8 +53,8 @@ class Instrument(Protocol):
     def outputs(self) -> dict[str, Any]:
         """Return what the instrument puts out or switches at this moment."""
 
-    def left_by_another(self, draw: np.random.Generator) -> None:
-        """Leave it as its last user may have."""
+    def left_by_another(self, draw: np.random.Generator, *, by_hand: bool = True) -> list[str]:
+        """Leave it as its last user may have; returns the rows of its state table that are left so."""
 
 
 class Operation(NamedTuple):
@@ -143,10 +143,10 @@ class World:
         self.instruments[device.role] = device
 
     def use_up(self) -> None:
-        """Leave every instrument as its last user may have, by the seed."""
+        """Leave every instrument as its last user may have, by the seed, but nothing that only a person puts right."""
         with self.lock:
             for role, device in self.instruments.items():
-                device.left_by_another(self.rng(f"last user of the {role}"))
+                device.left_by_another(self.rng(f"last user of the {role}"), by_hand=False)
 
     def instrument(self, kind: type) -> Any:
         """Return the first instrument of a class, None if there is none (for the wires between instruments)."""

@@ -135,7 +135,6 @@ IDENTIFY = {
         (b"FAULT?\n", b"0\n"),
         (b"ISR?\n", b"4096\n"),
         (b"CUR_POST?\n", b"NORMAL\n"),
-        (b"EXTGUARD?\n", b"OFF\n"),
     ],
     "keithley_7002": [
         (b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"),
