@@ -102,7 +102,7 @@ class Agilent34970A(ScpiInstrument):
         return None
 
     @property
-    def station_words(self) -> dict[str, str]:
+    def station_words(self) -> Mapping[str, str]:
         """The thermocouples, for the state table."""
         return {"channels": ",".join(map(str, self.options["channels"])), "thermocouple": self.options["thermocouple"]}
 

@@ -6,14 +6,14 @@ the driver goes on; as before, the command is sent once more and read back again
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from bench.model.clock import Clock, to_ns
 from bench.model.drivers import Condition
 from bench.model.errors import InstrumentError
-from bench.model.ports import Action
+from bench.model.ports import Action, StateRow
 from instruments.bus import DOUBTFUL, BusSession
 from instruments.values import check_argument, exponent_form, read_integer, read_number, read_text
 
@@ -52,8 +52,7 @@ class Commands:
     """Commands with their checks; ``timeout_s`` limits a plain command, 1.5 s is the most.
 
     ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt. ``kept`` is
-    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file);
-    ``station_words`` stand for the words in braces there.
+    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file).
     """
 
     timeout_s: ClassVar[float] = 1.0
@@ -63,7 +62,11 @@ class Commands:
     seen: dict[str, object]
     kept: tuple[Setting, ...]
     states: Mapping[str, Condition] = {}
-    station_words: Mapping[str, str] = {}
+
+    @property
+    def station_words(self) -> Mapping[str, str]:
+        """What stands for the words in braces of the state table; "" for what the station has not."""
+        return {}
 
     def set(self, command: str, read_back: ReadBack | None = None) -> None:
         """Send one set command and read the error queue empty; see the module about what is in doubt.
@@ -137,9 +140,28 @@ class Commands:
         Raises: InstrumentError B-INST-019 (as it must not be, and no command mends it), B-INST-011, as ``set``.
         """
         replies: dict[str, str] = {}
-        for name, condition in self.states.items():
-            if when in condition.when and all(self.station_words[word] for word in condition.words):
+        for name, condition in self._due():
+            if when in condition.when:
                 self._bring(name, condition, replies)
+
+    def state_rows(self) -> Iterator[StateRow]:
+        """Ask what the last user left, row by row of the state table; nothing is set."""
+        replies: dict[str, str] = {}
+        for name, condition in self._due():
+            command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+            if query and query not in replies:
+                replies[query] = self.ask(query, read_text)
+            if reply := replies.get(query, ""):
+                advice = f"{condition.why}; {condition.person}"
+                yield StateRow(name, command, reply.strip(), condition.is_right(reply), advice)
+            elif command:
+                yield StateRow(name, command, "", None, "")
+
+    def _due(self) -> Iterator[tuple[str, Condition]]:
+        """Yield the rows of the state table that speak of what the station has."""
+        for name, condition in self.states.items():
+            if all(self.station_words[word] for word in condition.words):
+                yield name, condition
 
     def judge(self, query: str, reply: str) -> None:
         """Raise InstrumentError B-INST-019 with every row of the state table that a reply shows as it must not be."""

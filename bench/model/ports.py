@@ -7,11 +7,11 @@ state of the bench that people see is made of replies alone, so that a recording
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache, cached_property
-from typing import Any, Protocol, TypeVar, assert_never
+from typing import Any, NamedTuple, Protocol, TypeVar, assert_never
 
 
 @dataclass(frozen=True)
@@ -199,6 +199,20 @@ class Transcript(Protocol):
         """``direction`` is "tx" or "rx"."""
 
 
+class StateRow(NamedTuple):
+    """A setting that a run relies on, as it is now.
+
+    ``command``: sets it right, "" where only a person can, as ``advice`` says.   ``reply``: to its question.
+    ``right``: None where nothing can be asked.
+    """
+
+    name: str
+    command: str
+    reply: str
+    right: bool | None
+    advice: str
+
+
 class Instrument(Protocol):
     """A driver as the sequencer needs it, beside its declared actions."""
 
@@ -206,6 +220,12 @@ class Instrument(Protocol):
 
     def identify(self) -> Identity:
         """Ask who is there and refuse another model (InstrumentError B-INST-002)."""
+
+    def introduce(self) -> Identity:
+        """Ask who is there and refuse another model; nothing is prepared."""
+
+    def state_rows(self) -> Iterator[StateRow]:
+        """Ask what the last user left, row by row of the state table; nothing is set."""
 
     def make_safe(self) -> None:
         """Bring the instrument to its declared safe state; idempotent, may be called in any state."""

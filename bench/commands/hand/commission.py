@@ -48,7 +48,7 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
         bench = open_bench(station, clock, unheard, seed=0, links=False, roles=[role])
         try:
             instrument = bench.instruments[role]
-            identity = instrument.introduce()  # type: ignore[attr-defined]
+            identity = instrument.introduce()
             out.print(f"{identity.manufacturer} {identity.model}, firmware {identity.firmware or 'not told'}")
             if left := instrument.drain_errors():
                 out.print(f"errors that the last user left: {told_once(left)}")

@@ -128,7 +128,7 @@ class PreflightContext(Surroundings):
     """The bench that is about to run: its plan, what of it is open, and the machine.
 
     ``absent`` holds, by role or link, why something could not be opened; ``uncommissioned`` why drivers with commands
-    that nobody has confirmed may be used all the same ("" = they may not).
+    that nobody has confirmed may be used all the same ("" = they may not). ``asks_only``: nothing may be set.
     """
 
     plan: Plan
@@ -136,6 +136,7 @@ class PreflightContext(Surroundings):
     links: Mapping[str, ByteLink]
     absent: Mapping[str, BenchError] = field(default_factory=dict)
     uncommissioned: str = ""
+    asks_only: bool = False
 
     @property
     def station(self) -> Station:

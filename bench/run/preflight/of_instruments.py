@@ -7,6 +7,7 @@ from typing import Any
 
 from bench.model.drivers import manual_of
 from bench.model.errors import BenchError, InstrumentError
+from bench.model.ports import Instrument
 from bench.plan import WIRING, PlannedPrompt, PlannedRecord
 from bench.run.bus.first_contact import unproved
 from bench.run.bus.safety import hurried
@@ -78,7 +79,8 @@ def _identity(context: PreflightContext, role: str) -> Finding:
             raise context.absent[role]
         instrument = context.instruments[role]
         with hurried(instrument, ANSWER_S):  # no second try: whoever reads this is at the bench and sees what is off
-            identity = getattr(instrument, "identity", None) or instrument.identify()
+            known = getattr(instrument, "identity", None)
+            identity = known or (instrument.introduce() if context.asks_only else instrument.identify())
     except BenchError as error:
         return Finding(name, Status.FAIL, error.code, due, error.message, of_bench=True)
     known = identity.serial not in ("", "0")
@@ -88,6 +90,35 @@ def _identity(context: PreflightContext, role: str) -> Finding:
     value = f"{identity.model} {identity.serial if known else '(tells no number)'}"
     remark = "" if known or not due else "it does not tell its serial number: compare its label"
     return Finding(name, Status.OK, value, due, remark)
+
+
+def settings(context: PreflightContext) -> list[Finding]:
+    """What the last user left is what a run relies on, sets, or refuses; nothing is set to find that out."""
+    if not context.asks_only:
+        return []  # the instruments are prepared already
+    known = {role: each for role, each in context.instruments.items() if getattr(each, "identity", None)}
+    resources = {role: context.station.instruments[role].resource for role in known}
+    found = asked(resources, lambda role: _settings(role, known[role]), context.clock)
+    return [finding for finding in found.values() if finding is not None]
+
+
+def _settings(role: str, instrument: Instrument) -> Finding | None:
+    name = f"settings of {role}"
+    try:
+        with hurried(instrument, ANSWER_S):
+            rows = list(instrument.state_rows())
+    except InstrumentError as error:
+        return Finding(name, Status.FAIL, error.code, "", error.message, of_bench=True)
+    refused = [row for row in rows if row.right is False and not row.command]
+    if refused:
+        value = ", ".join(f"{row.name} ({row.reply})" for row in refused)
+        return Finding(name, Status.FAIL, value, "", "; ".join(row.advice for row in refused), of_bench=True)
+    changed = [f"{row.name} ({row.reply} now)" for row in rows if row.right is False]
+    unseen = [row.name for row in rows if row.right is None]
+    parts = [f"{len(rows) - len(unseen)} asked"]
+    parts += [f"a run sets {', '.join(changed)}"] if changed else []
+    parts += [f"a run sets unseen: {', '.join(unseen)}"] if unseen else []
+    return Finding(name, Status.OK, "; ".join(parts)) if rows else None
 
 
 def standards(context: PreflightContext) -> Finding:
@@ -186,7 +217,10 @@ def reference(context: PreflightContext) -> list[Finding]:
         except InstrumentError as error:
             findings.append(Finding(name, Status.WARN, "unknown", "external", f"it did not answer ({error.code})"))
             continue
-        if locked:
+        if context.asks_only and not locked:
+            text = "a run sets it to external and looks again"
+            findings.append(Finding(name, Status.WARN, "not locked", "external", text))
+        elif locked:
             text = "" if at_once else "it was lost since the last question"
             findings.append(Finding(name, Status.OK if at_once else Status.WARN, "locked", "external", text))
         else:
@@ -214,6 +248,8 @@ def laboratory(context: PreflightContext) -> Finding:
     logger = next((instrument for instrument in instruments if hasattr(instrument, "scan")), None)
     if logger is None:
         return Finding(name, Status.WARN, "unknown", limit, "the station has no logger that measures it")
+    if context.asks_only:
+        return Finding(name, Status.SKIPPED, "", limit, "a scan would move relays: a run looks at it")
     try:
         lab_degC = float(logger.scan()[0])
     except InstrumentError as error:

@@ -61,6 +61,7 @@ class Check:
 
 ALWAYS = (
     Check("identities", of_instruments.identities, on_bus=True),
+    Check("settings", of_instruments.settings, on_bus=True),
     Check("first contact", of_instruments.first_contacts),
     Check("calibration dates", of_instruments.standards),
     Check("wiring check", of_instruments.wiring),
@@ -189,13 +190,13 @@ def within(limit_s: float, call: Callable[[], T]) -> T:
 
 
 def examine(plan: Plan, clock: Clock, out: Path, host: Host | None = None, *, uncommissioned: str = "") -> Report:
-    """Return everything the pre-flight of a run would find now; no output is switched, nothing is made safe.
+    """Return everything the pre-flight of a run would find now; instruments are only asked.
 
     Instruments and ports that another controller uses are not touched: nothing of the bench is opened then.
     """
     context = PreflightContext(
         plan=plan, clock=clock, out=out, instruments={}, links={}, host=Host() if host is None else host,
-        uncommissioned=uncommissioned,
+        uncommissioned=uncommissioned, asks_only=True,
     )  # fmt: skip
     if plan.station.in_process:
         bench = open_bench(plan.station, clock, unheard, seed=SEED)
