@@ -18,6 +18,7 @@ from bench.model.ports import Identity, Tells, Transcript, actions_of
 from instruments.bus import BUS_FAILED, TIMED_OUT, BusSession
 from instruments.commands import Commands
 from instruments.ladder import Ladder
+from instruments.transport import Need, lacking
 from instruments.values import read_text
 
 WRONG_MODEL, EXCHANGED = "B-INST-002", "B-INST-016"
@@ -31,7 +32,7 @@ class BaseInstrument(Commands):
     leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
     ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards;
     ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``tells`` says which replies show
-    whether it is on, None for a model that holds no energy.
+    whether it is on, None for a model that holds no energy; ``needs`` is what its address must give besides messages.
 
     Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
@@ -43,6 +44,7 @@ class BaseInstrument(Commands):
     default_options: ClassVar[Mapping[str, Any]] = {}
     ranges_A: ClassVar[tuple[float, ...]] = ()
     spacing_s: ClassVar[float] = 0.0
+    needs: ClassVar[tuple[Need, ...]] = ()
     tells: ClassVar[Tells | None] = None
 
     def __init__(
@@ -181,6 +183,11 @@ class BaseInstrument(Commands):
         Args: options: all of ``default_options``, with the values of the station.
         """
         return None
+
+    @classmethod
+    def lacking(cls, library: str, address: str) -> list[Need]:
+        """Return which of its ``needs`` an address does not give through a VISA library, such as "@py"."""
+        return lacking(cls.needs, library, address)
 
     def _ready(self) -> None:
         if self.identity is None:

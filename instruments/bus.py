@@ -15,9 +15,8 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
-from instruments.aside import SLICE_S
 from instruments.values import CutOffError, OverloadReadingError, block_content
-from instruments.wire import MESSAGE_AVAILABLE, BusError, Wire
+from instruments.wire import MESSAGE_AVAILABLE, SLICE_S, BusError, Wire
 
 TIMED_OUT = "B-INST-001"
 BUS_FAILED = "B-INST-003"

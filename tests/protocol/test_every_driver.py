@@ -31,7 +31,7 @@ from instruments.values import (
 
 MODULES = [module.name for module in pkgutil.iter_modules(instruments.__path__)]
 DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instruments.{name}"), "DRIVER")]
-SHARED = {"acutrol_axis", "aside", "base", "bus", "commands", "ladder", "scpi", "values", "wire"}
+SHARED = {"acutrol_axis", "base", "bus", "commands", "ladder", "scpi", "transport", "values", "wire"}
 TOP = Path(__file__).parents[2]
 VERBS = ("Set", "Get", "Control", "Measure")
 QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS", "ID?", "OUTX 1", "V", "N1C1 RB I")  # who is there

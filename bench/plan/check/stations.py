@@ -38,6 +38,7 @@ from bench.plan.station import (
 
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
+_GIVES = "reach it over GPIB, VXI-11 or HiSLIP, or over USB through 'visa: \"@ivi\"' (docs/buses.md)"
 _KINDS = ("INSTR", "SOCKET", "RAW", "BACKPLANE", "MEMACC", "SERVANT", "INTFC")
 
 
@@ -126,6 +127,7 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     except InputError as error:
         draft.fail(error.code, path, error.message)
         return
+    _transport(draft, role, entry, driver)
     _limits(draft, role, entry)
     _options(draft, role, entry, driver)
     simulator = simulator_module(entry.driver) if draft.model.simulated else ""
@@ -134,6 +136,13 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     if simulator is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
         draft.fail("B-PLAN-016", path, message, "use a driver that has one")
+
+
+def _transport(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:
+    judge, visa = getattr(driver, "lacking", None), draft.model.visa
+    if judge is not None and (missing := " and no ".join(judge(visa, entry.resource))):
+        message = f"{role} ({entry.driver}): {entry.resource} through 'visa: \"{visa}\"' gives no {missing}"
+        draft.fail("B-PLAN-012", ("instruments", role, "resource"), message, _GIVES)
 
 
 def _options(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:

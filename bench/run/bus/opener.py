@@ -188,7 +188,7 @@ def _unserved(library: str, resource: str) -> str:
     of_board = name.interface_type == "GPIB"  # of an instrument it says so when it is opened
     try:
         kind = Session.get_session_class(
-            InterfaceType[name.interface_type.lower()], "INTFC" if of_board else name.resource_class
+            InterfaceType[name.interface_type.lower().replace("-", "_")], "INTFC" if of_board else name.resource_class
         )
     except (KeyError, ValueError):
         return f"{name.interface_type} {name.resource_class} is no kind that it knows"

@@ -14,9 +14,9 @@ from sim_bench import Served, serve
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InstrumentError
-from instruments.aside import Aside, NotReturnedError
 from instruments.bus import BUS_FAILED, BusSession
 from instruments.ladder import Ladder
+from instruments.wire import Aside, NotReturnedError
 
 SEED = 42
 QUESTIONS = {"VOLT?": "voltage_V", "CURR?": "current_A", "VOLT:PROT?": "trip_V"}
