@@ -148,7 +148,7 @@ class Wire:
         self.lost = ""
         self._calling: Aside[Any] | None = None
         self.in_step = name.endswith("::SOCKET")
-        if self.in_step:
+        if self.in_step and self.echo is not None:
             self._owe_nothing()
         resource.write_termination = "\n"
         resource.read_termination = "\n"
@@ -245,9 +245,20 @@ class Wire:
         self.in_step = self._device_cleared() or (not self.hurried and self._echoed())
 
     def owe(self, question: str) -> None:
-        """A question was not answered in time; the answer to the one who is there may be mistaken for an echo."""
-        if self.echo is not None and question == self.echo[0]:
+        """Note a question without an answer in time, if its late reply may be mistaken for an echo."""
+        if self.echo is None or question == self.echo[0]:
             self._owed_ns.append(self._clock.now_ns())
+
+    def came_late(self, question: str, reply: str) -> bool:
+        """Return whether a reply is owed to an earlier question who is there, and not the answer to this one.
+
+        At a first contact nobody can be told by an echo, and an instrument that boots, or a gateway, answers late.
+        """
+        late = self._owed_ns and self.echo is not None and question != self.echo[0] and reply.strip() == self.echo[1]
+        if late:
+            del self._owed_ns[0]
+            self.note("rx", f"<not used: {reply}>")
+        return bool(late)
 
     def hear(self, limit_s: float) -> str | None:
         """Return the next reply, to whatever question; None if none comes in ``limit_s`` (second) or the bus fails."""
@@ -360,7 +371,7 @@ class Wire:
         An echo that is missing may be lost or late. It is listened for, and not asked for again, until it must be lost.
         """
         if self.echo is None:
-            return self._is_quiet(_ECHO_S)
+            return self._is_quiet(_ECHO_S)  # what comes later still is told by its text
         question, answer = self.echo
         if not self._listening:
             self.note("tx", question)
@@ -395,6 +406,8 @@ class Wire:
         reply = self.hear(limit_s)
         if reply is not None:
             self.note("rx", f"<not used: {reply}>")
+            if self.echo is None:
+                del self._owed_ns[:1]
         return reply
 
 

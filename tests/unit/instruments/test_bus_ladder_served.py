@@ -4,13 +4,14 @@ import importlib
 import socket
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
 import pyvisa
 from pyvisa.resources import MessageBasedResource
-from sim_bench import Served, serve
+from sim_bench import DRIVERS, Served, serve
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InstrumentError
@@ -146,6 +147,30 @@ def test_on_a_raw_socket_the_late_reply_is_told_from_the_echo(server: LineServer
     assert late[1].startswith("rx <not used: HEWLETT")
     assert answer == server.heard.index("VOLT?", 3) + 1
     driver.close()
+
+
+@pytest.mark.parametrize("gateway", [False, True])
+def test_a_first_reply_that_is_late_is_no_answer_to_a_later_question(gateway: bool) -> None:
+    """Three supplies at a time; behind a gateway opening again does not lose what still comes."""
+    with serve() as served:
+
+        def identified(role: str, late_s: float) -> list[str]:
+            resource = served.open_socket(role)
+            faults, heard = served.world.faults.instrument(role), []
+            driver = importlib.import_module(f"instruments.{DRIVERS[role]}").DRIVER(
+                resource, role=role, clock=WallClock(), reopen=(lambda: resource) if gateway else None,
+                transcript=lambda _, way, text, __: heard.append(f"{way} {text}"),
+            )  # fmt: skip
+            if gateway:
+                driver.bus.release = lambda *_: None
+            faults.late_s, faults.late_replies = late_s, 1
+            driver.identify()
+            assert driver.drain_errors() == []
+            return [line for line in heard if "<not used" in line]
+
+        roles = {"supply": 2.5, "rail_dmm": 3.0, "aux_supply": 4.5}
+        with ThreadPoolExecutor() as threads:
+            assert all(threads.map(identified, roles, roles.values()))
 
 
 def test_a_call_that_hangs_is_left_and_taken_when_it_comes() -> None:
