@@ -32,7 +32,8 @@ class BaseInstrument(Commands):
     leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
     ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards;
     ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``tells`` says which replies show
-    whether it is on, None for a model that holds no energy; ``needs`` is what its address must give besides messages.
+    whether it is on, None for a model that holds no energy; ``needs`` is what its address must give besides messages;
+    ``remote`` is what takes it out of local on a serial line, also behind a gateway, where no line of a bus does.
 
     Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
@@ -45,6 +46,7 @@ class BaseInstrument(Commands):
     ranges_A: ClassVar[tuple[float, ...]] = ()
     spacing_s: ClassVar[float] = 0.0
     needs: ClassVar[tuple[Need, ...]] = ()
+    remote: ClassVar[str] = ""
     tells: ClassVar[Tells | None] = None
 
     def __init__(
@@ -84,7 +86,7 @@ class BaseInstrument(Commands):
         self.drain_errors()
         self.identity = identity
         try:
-            self._prepare()
+            self._take_control()
         except InstrumentError:
             self.identity = None
             raise
@@ -193,6 +195,11 @@ class BaseInstrument(Commands):
         if self.identity is None:
             self._identified()
 
+    def _take_control(self) -> None:
+        if self.remote and self.bus.stream:
+            self.bus.write(self.remote, self.timeout_s)
+        self._prepare()
+
     def _prepare(self) -> None:
         """Set what the driver relies on, without touching any output."""
 
@@ -231,7 +238,7 @@ class BaseInstrument(Commands):
             )
             raise self.error(EXCHANGED, message, "find out what was exchanged, then start again")
         self.drain_errors()
-        self._prepare()
+        self._take_control()
         self._recheck()
 
     def _drain_known(self) -> None:

@@ -31,7 +31,10 @@ def is_stream(address: str) -> bool:
 
 
 def lacking(needs: Collection[Need], library: str, address: str) -> list[Need]:
-    """Return what is needed and not given by an address through a library such as "@py"; none if that is not there."""
+    """Return what is needed and not given by an address through a library such as "@py", or "adapters".
+
+    Nothing is lacking where the library is not there.
+    """
     try:
         return [need for need in needs if is_stream(address) or not _implements(library, address, need)]
     except (KeyError, ValueError):  # no such library, or no such kind in it, which is told where it is opened
@@ -39,6 +42,8 @@ def lacking(needs: Collection[Need], library: str, address: str) -> list[Need]:
 
 
 def _implements(library: str, address: str, need: Need) -> bool:
+    if library == "adapters":  # bench.run.bus.prologix; the end of a reply is a line feed there
+        return need in ("serial poll", "device clear")
     if need == "END":
         return True
     call, wrapper = _CALLS[need], get_wrapper_class(library.removeprefix("@"))

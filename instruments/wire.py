@@ -119,6 +119,7 @@ class Wire:
 
     ``echo`` is the identity question with its known reply, once there is one. ``in_step`` is False while a reply to an
     earlier question may still come. ``alive`` is what the last serial poll said, None when there is none on this bus.
+    ``stream``: nothing but bytes reaches the instrument.
     ``lost``: the code of the error after which nobody is there, "" while somebody is; only opening the address again
     helps.   ``heard_ns``: time of the last reply; ``silent_since_ns``: of the first question since then that got none.
     """
@@ -143,7 +144,8 @@ class Wire:
         name = resource.resource_name.upper()
         self._resource = resource
         self._timeout_s = 0.0
-        self._clears = not is_stream(name)
+        self.stream = is_stream(name)
+        self._clears = not self.stream
         self.alive: bool | None = True
         self.lost = ""
         self._calling: Aside[Any] | None = None

@@ -25,6 +25,7 @@ from bench.model.lab import demand
 from bench.model.ports import Instrument, actions_of
 from bench.model.posix import signals
 from bench.run.bus.opener import open_instrument, open_visa, unheard
+from bench.run.bus.side_by_side import bus_of
 from bench.run.guard.act import Controller, Opener, act
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.diary import Diary
@@ -51,7 +52,7 @@ def main() -> int:
     brief = Brief.of_line(lines.first())
     clock = WallClock()
     controller = Controller(brief.pid)
-    visa = open_visa(brief.visa)
+    visa = open_visa(brief.visa, brief.boards)
     demand(brief.code, "the run")
     for entry in brief.instruments:
         driver_class(entry.driver)
@@ -93,7 +94,9 @@ def _watch(
     A guard that was stopped itself cannot say that its controller was silent meanwhile. It begins to wait anew, but
     once only until it hears a heartbeat again: one that hangs must not live on with a guard that is often late.
     """
-    own = OwnReading(brief.instruments if AIR in brief.limits else (), opened, clock)
+    # an adapter has one client, which is the controller as long as it lives
+    asked = [address for address in brief.instruments if bus_of(address.resource) not in brief.boards]
+    own = OwnReading(asked if AIR in brief.limits else (), opened, clock)
 
     def judge(limit_s: float) -> Action | None:
         for line in lines.next(limit_s):

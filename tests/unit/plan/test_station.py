@@ -133,7 +133,7 @@ def test_a_served_station_has_the_same_register(tmp_path: Path) -> None:
         ((LINKS, PROBE.replace("reference_probe", "supply").format(due="2000-11-01", r0="1 ohm") + LINKS),
          "B-YAML-012", "'supply' is an instrument"),
         (("GPIB0::22::INSTR", "TCPIP0::h::5025::SOCKET"), "B-PLAN-012",
-         "dmm (hp_3458a): TCPIP0::h::5025::SOCKET through 'visa: \"@bench\"' gives no serial poll"),
+         "dmm (hp_3458a): TCPIP0::h::5025::SOCKET through '@bench' gives no serial poll"),
     ],
 )  # fmt: skip
 def test_a_wrong_entry_is_one_clear_mistake(tmp_path: Path, change: tuple[str, str], code: str, said: str) -> None:
