@@ -86,7 +86,7 @@ class BaseInstrument(Commands):
         self.drain_errors()
         self.identity = identity
         try:
-            self._take_control()
+            self._prepare()
         except InstrumentError:
             self.identity = None
             raise
@@ -109,6 +109,7 @@ class BaseInstrument(Commands):
             message = f"{identity.manufacturer} {identity.model} answers where {self.identity_pattern!r} is due"
             raise self.error(WRONG_MODEL, message, "correct the address in the station file; nothing was switched")
         self.bus.echo = (self.identity_question, self._said)
+        self._take_control()
         return identity
 
     def make_safe(self) -> None:
@@ -198,7 +199,6 @@ class BaseInstrument(Commands):
     def _take_control(self) -> None:
         if self.remote and self.bus.stream:
             self.bus.write(self.remote, self.timeout_s)
-        self._prepare()
 
     def _prepare(self) -> None:
         """Set what the driver relies on, without touching any output."""
@@ -239,6 +239,7 @@ class BaseInstrument(Commands):
             raise self.error(EXCHANGED, message, "find out what was exchanged, then start again")
         self.drain_errors()
         self._take_control()
+        self._prepare()
         self._recheck()
 
     def _drain_known(self) -> None:

@@ -193,8 +193,7 @@ class _Adapter:
 
     def __init__(self, exchanges: Mapping[str, Exchange], clock: Clock, sock: socket.socket) -> None:
         self._exchanges, self._clock, self._sock = exchanges, clock, sock
-        self._settings = {"addr": "0", "auto": "1", "eoi": "1", "eos": "0", "eot_char": "0", "eot_enable": "0",
-                          "mode": "1", "read_tmo_ms": "1000", "savecfg": "1"}  # fmt: skip
+        self._settings = {"addr": "0", "auto": "1", "eos": "0", "read_tmo_ms": "1000"}
         self._stopping = threading.Event()
 
     def run(self) -> None:
@@ -222,20 +221,18 @@ class _Adapter:
 
     def _obey(self, word: str, values: list[str]) -> None:
         addressed = self._exchanges.get(values[0] if word == "spoll" and values else self._settings["addr"])
-        if word in self._settings and values:
-            self._settings[word] = values[0]
-        elif word in self._settings:
-            self._say(self._settings[word])
+        if word == "read":
+            self._read()
         elif word == "ver":
             self._say(VERSION)
-        elif word == "read":
-            self._read()
         elif word == "spoll":
             self._say(str(0 if addressed is None else addressed.status_byte()))
         elif word == "clr" and addressed is not None:
             addressed.clear()
-        elif word not in ("clr", "ifc"):
-            self._say("Unrecognized command")
+        elif values:
+            self._settings[word] = values[0]
+        elif word in self._settings:
+            self._say(self._settings[word])
 
     def _read(self) -> None:
         """Pass on what the addressed instrument says within the time; nothing, if it says nothing."""

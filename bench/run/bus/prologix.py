@@ -51,6 +51,7 @@ class PrologixBoard:
             self._version = "ver"  # part of what every one of them answers
             self._stream.write_raw(b"\n".join([*_SETTINGS, b""]))
             self._version = self._settle()
+            self._settle()  # refuses what only looked like a version, left by an earlier client
 
     def exchange(self, limit_ms: float, *lines: bytes, answers: bool = False) -> str:
         """Send lines, and return the one that comes back if one does.

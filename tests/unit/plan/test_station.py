@@ -21,6 +21,7 @@ PROBE = """standards:
     stated: {{r0: {r0}, a: 3908.1 ppm/degC, b: -0.5774 ppm/degC2}}}}
 
 """
+BOARD = "PRLGX-TCPIP::10.0.0.7::1234::INTFC"
 ABORT = "{signal: unit_temperature, high: 65 degC, dwell: 10 s, action: abort}"
 MISTAKES = [
     ("- {range: 22 mA, gain", "- {range: 23 mA, gain", "B-PLAN-064 B-PLAN-065"),
@@ -30,6 +31,7 @@ MISTAKES = [
     ("resource: GPIB0::7::INSTR", "resource: GPIB::4", "B-PLAN-013"),
     ("resource: GPIB0::7::INSTR", "resource: GPIB0:7:INSTR", "B-PLAN-012"),
     ("resource: GPIB0::22::INSTR", "resource: TCPIP0::10.0.0.1::inst0::INSTR", ""),
+    ("world:", f"adapters: [{BOARD}]\nworld:", ""),
     ("name: af_converter", "name: af_convertor", "B-PLAN-014"),
     ('    noise: "on"', '    nois: "on"', "B-PLAN-004"),
     ('    noise: "on"', "    noise: maybe", "B-PLAN-015"),
@@ -134,6 +136,10 @@ def test_a_served_station_has_the_same_register(tmp_path: Path) -> None:
          "B-YAML-012", "'supply' is an instrument"),
         (("GPIB0::22::INSTR", "TCPIP0::h::5025::SOCKET"), "B-PLAN-012",
          "dmm (hp_3458a): TCPIP0::h::5025::SOCKET through '@bench' gives no serial poll"),
+        (("GPIB0::22::INSTR", BOARD), "B-PLAN-012", "is an interface, not an instrument"),
+        (("driver: hp_3458a\n", "driver: hp_3458a\n    serial_line: {baud: 9600}\n"), "B-YAML-012", "no serial port"),
+        (("world:", "adapters: [TCPIP::h::1234::SOCKET]\nworld:"), "B-YAML-012", "write it as PRLGX-TCPIP0::"),
+        (("world:", f"adapters: [{BOARD}, {BOARD}]\nworld:"), "B-YAML-012", "one number of a GPIB board"),
     ],
 )  # fmt: skip
 def test_a_wrong_entry_is_one_clear_mistake(tmp_path: Path, change: tuple[str, str], code: str, said: str) -> None:
@@ -324,6 +330,7 @@ def test_a_plan_that_no_interlock_watches_says_so(tmp_path: Path) -> None:
         ("@ivi", "USB0::0x0957::0x0607::MY1::INSTR", "", ""),
         ("@ivi", "ASRL1::INSTR", "serial poll", "END, device clear"),
         ("@absent", "GPIB0::22::INSTR", "", ""),
+        ("adapters", "GPIB0::22::INSTR", "", "END"),
     ],
 )
 def test_what_an_address_does_not_give(library: str, address: str, dmm: str, tagger: str) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from plan_sample import make_bench, mistakes
 from sim_bench import DRIVERS, Served, serve
 
 from bench.model.clock import WallClock
@@ -68,25 +67,6 @@ def test_a_serial_line_is_set_as_the_station_says(monkeypatch: pytest.MonkeyPatc
     assert {name.name: int(value) for name, value in found} == {
         "asrl_baud_rate": 4800, "asrl_data_bits": 7, "asrl_parity": 2, "asrl_stop_bits": 20, "asrl_flow_control": 4,
     }  # fmt: skip
-
-
-BOARD = "PRLGX-TCPIP::10.0.0.7::1234::INTFC"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "code", "said"),
-    [
-        ("world:", f"adapters: [{BOARD}]\nworld:", "", ""),
-        ("world:", "adapters: [TCPIP::10.0.0.7::1234::SOCKET]\nworld:", "B-YAML-012", "write it as PRLGX-TCPIP0::"),
-        ("world:", f"adapters: [{BOARD}, {BOARD}]\nworld:", "B-YAML-012", "one number of a GPIB board"),
-        ("GPIB0::22::INSTR", BOARD, "B-PLAN-012", "is an interface, not an instrument"),
-        ("driver: hp_3458a\n", "driver: hp_3458a\n    serial_line: {baud: 9600}\n", "B-YAML-012", "no serial port"),
-    ],
-)  # fmt: skip
-def test_a_station_with_an_adapter(tmp_path: Any, old: str, new: str, code: str, said: str) -> None:
-    found = mistakes(make_bench(tmp_path, station=(old, new)))
-    assert [error.code for error in found] == code.split()
-    assert not found or said in found[0].message
 
 
 def test_boards_by_the_number_of_their_adapter() -> None:
