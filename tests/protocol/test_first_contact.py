@@ -147,7 +147,9 @@ def test_a_record_that_somebody_changed_proves_nothing(tmp_path: Path) -> None:
     assert unproved(tmp_path / "station.yaml", "m1", MANUAL, WHO) == ["MODE? {n}", "ERR?"]
 
 
-OPEN = {  # what is never sent alone
+OPEN = {  # what is never sent alone, or on a serial line only
+    "agilent_34401a": {"SYST:REM"},
+    "agilent_e3631a": {"SYST:REM"},
     "agilent_34970a": {"FRES:NPLC? {channels}", "CONF:FRES {range},{channels}", "FRES:NPLC {cycles},{channels}"},
     "agilent_53230a": {"READ?"},
     "acutrol_3000": {":mode:pos {axis}"},

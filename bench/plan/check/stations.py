@@ -30,14 +30,17 @@ from bench.plan.station import (
     Station,
     StationFile,
     World,
+    boards_of,
     driver_actions,
     driver_ladder_A,
     option_mistakes,
     option_text,
 )
 
+ADAPTER = "adapters"  # in place of a library, for an instrument behind one
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
+_GIVES = "reach it over GPIB, VXI-11 or HiSLIP, or over USB with 'visa: \"@ivi\"' (docs/buses.md)"
 _KINDS = ("INSTR", "SOCKET", "RAW", "BACKPLANE", "MEMACC", "SERVANT", "INTFC")
 
 
@@ -85,7 +88,10 @@ def _addresses(draft: Draft[StationFile]) -> None:
         address = canonical_address(entry.resource)
         if address is None:
             message = f"{role}: {entry.resource!r} is not a VISA address"
-            draft.fail("B-PLAN-012", path, message, "write it as GPIB0::4::INSTR")
+            draft.fail("B-PLAN-012", path, message, "write it as GPIB0::4::INSTR; of an alias, what it stands for")
+        elif address.endswith("::INTFC"):
+            message = f"{role}: {entry.resource!r} is an interface, not an instrument"
+            draft.fail("B-PLAN-012", path, message, "name it under 'adapters', and the instrument GPIB0::22::INSTR")
         elif address in taken:
             message = f"{role} and {taken[address]} both stand at {address}"
             draft.fail("B-PLAN-013", path, message, "give each its own address")
@@ -126,6 +132,7 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     except InputError as error:
         draft.fail(error.code, path, error.message)
         return
+    _transport(draft, role, entry, driver)
     _limits(draft, role, entry)
     _options(draft, role, entry, driver)
     simulator = simulator_module(entry.driver) if draft.model.simulated else ""
@@ -134,6 +141,14 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     if simulator is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
         draft.fail("B-PLAN-016", path, message, "use a driver that has one")
+
+
+def _transport(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:
+    judge, behind = getattr(driver, "lacking", None), boards_of(draft.model.adapters)
+    library = ADAPTER if entry.resource.split("::")[0].upper() in behind else draft.model.visa
+    if judge is not None and (missing := " and no ".join(judge(library, entry.resource))):
+        message = f"{role} ({entry.driver}): {entry.resource} through {library!r} gives no {missing}"
+        draft.fail("B-PLAN-012", ("instruments", role, "resource"), message, _GIVES)
 
 
 def _options(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:
