@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.frame import load_frame
-from bench.model.drivers import driver_class
+from bench.model.drivers import driver_class, manual_of
 from bench.model.errors import InputError
 from bench.model.installed import offer_of, offers, simulator_module, try_foreign, world_parts
 from bench.model.lab import find_beside
+from bench.model.ports import actions_of
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import parse_yaml
 from bench.plan.findings import Draft, Findings, suggestion
@@ -132,6 +133,7 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     except InputError as error:
         draft.fail(error.code, path, error.message)
         return
+    _table(draft, path, entry.driver, {"prepare", "make_safe", *actions_of(driver)})
     _transport(draft, role, entry, driver)
     _limits(draft, role, entry)
     _options(draft, role, entry, driver)
@@ -141,6 +143,19 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     if simulator is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
         draft.fail("B-PLAN-016", path, message, "use a driver that has one")
+
+
+def _table(draft: Draft[StationFile], path: tuple[str, ...], driver: str, moments: Collection[str]) -> None:
+    """Judge the table beside a driver: what it has wrong, and rows that no action begins with."""
+    try:
+        manual = manual_of(driver)
+    except InputError as error:
+        draft.findings.extend(error)
+        return
+    for name, condition in manual.states.items() if manual else ():
+        if strange := [when for when in condition.when if when not in moments]:
+            message = f"{driver}.yaml: the row {name!r} waits for {strange[0]!r}{suggestion(strange[0], moments)}"
+            draft.fail("B-PLAN-050", path, message, "name an action of the driver, or prepare")
 
 
 def _transport(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:

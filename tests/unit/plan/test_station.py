@@ -1,6 +1,7 @@
 """Station files: standards, ranges, safe order, options, certificates, interlocks, and each mistake with its place."""
 
 from datetime import date
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -116,15 +117,22 @@ def test_a_certificate_may_state_degrees_of_freedom_and_values(tmp_path: Path) -
     assert (entry["driver"], entry["certificate"], entry["due"]) == ("", "C-1", "2000-11-01")
 
 
-def test_a_served_station_has_the_same_register(tmp_path: Path) -> None:
-    make_bench(tmp_path, station=probe())
-    station = load_station(tmp_path / "stations" / "af_bench_sim.yaml")
-    places = dict.fromkeys(station.instruments, "TCPIP0::h::hislip0::INSTR")
+@pytest.mark.parametrize(
+    "path", [*ROOT.glob("stations/*_sim.yaml"), *ROOT.glob("examples/*/stations/*.yaml")], ids=attrgetter("stem")
+)
+def test_a_served_station_is_the_same_but_for_places_and_dates(path: Path) -> None:
+    station = load_station(path)
+    places = {role: f"TCPIP0::h::hislip{at}::INSTR" for at, role in enumerate(station.instruments)}
     urls = dict.fromkeys(station.links, "/dev/null")
     text = served_station(station, places, urls, Path("/control.sock"), date(2026, 1, 1))
-    again = parse_yaml(text, "served.yaml", StationFile).model.standards["reference_probe"]
-    assert again.stated == station.file.standards["reference_probe"].stated
-    assert again.due == date(2026, 12, 2)
+    again, dates = parse_yaml(text, "served.yaml", StationFile).model, {"calibrated", "due"}
+    entries = again.instruments | again.standards, station.file.instruments | station.file.standards
+    served, written = (
+        {name: one.model_dump(exclude={"resource": True, "standard": dates, **dict.fromkeys(dates, True)})
+         for name, one in either.items()} for either in entries
+    )  # fmt: skip
+    assert served == written
+    assert {str(one.due) for one in again.standards.values()} <= {"2026-12-02"}
 
 
 @pytest.mark.parametrize(
