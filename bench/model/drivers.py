@@ -127,16 +127,20 @@ def _says(form: str, sent: str) -> bool:
 
 
 def manual_of(driver: str) -> Manual | None:
-    """Return the table of a driver, None if it has none. Raises: InputErrors for a file that is not right."""
+    """Return the table of a driver, None if it has none.
+
+    Raises: InputErrors for a file that is not right, InstallationError B-LAB-004 of the lab folder.
+    """
     return _manual_of(driver, _here())
 
 
 @lru_cache(maxsize=64)
 def _manual_of(driver: str, here: Path) -> Manual | None:
-    own, package = lab.own_code("instruments", driver), package_of_driver(driver)
-    folders = [*(() if own is None else (own.parent,)), *(() if package is None else (package.folder,))]
-    paths = [folder / f"{driver}.yaml" for folder in folders]
-    return next((parse_yaml(path.read_bytes(), path.name, Manual).model for path in paths if path.is_file()), None)
+    if (own := lab.table_of(driver)) is not None:
+        return parse_yaml(own, f"{driver}.yaml", Manual).model
+    package = package_of_driver(driver)
+    path = None if package is None else package.folder / f"{driver}.yaml"
+    return parse_yaml(path.read_bytes(), path.name, Manual).model if path is not None and path.is_file() else None
 
 
 def _here() -> Path:
