@@ -86,6 +86,9 @@ DIALOGUES = {
         ":CLOS:STAT? -> (@1!1!3,1!1!10,1!2!3) | :OPEN (@1!1!3) | :ROUT:CLOS:STAT? -> (@1!1!10,1!2!3) | :OPEN ALL | "
         ":CLOS:STAT? -> (@) | :CLOS (@1!1!9:1!2!1, 1!4!4) | :CLOS:STAT? -> (@1!1!9,1!1!10,1!2!1,1!4!4) | "
         ":CLOS? (@1!1!1,1!1!9) -> 0,1 | :OPEN? (@1!1!1,1!1!9) -> 1,0",
+    "what is not closed, what is and in which turn": "@switch | :FCH (@1!2!3) | :CLOS (@1!2!1:1!2!3) | !-221 | *RST | "
+        ":CONF:SLOT1:POLE 4 | :CLOS (@1!1!3) | :CLOS:STAT? -> (@1!1!3,1!3!3) | :CONF:SLOT1:CTYP C7011 | :CLOS (@1!1!4) "
+        "| !-222 | *RST | :SCAN (@1!1!1,1!2!2) | :INIT | :CLOS:STAT? -> (@1!1!1) | wait 3 | :CLOS:STAT? -> (@1!2!2)",
     **{f"bad crosspoint {points!r}": f"@switch | :CLOS (@1!1!1) | :CLOS {points} | !{number} | :CLOS:STAT? -> (@1!1!1)"
        for points, number in BAD_POINTS.items()},
     "errors of the meter": "@dmm | END ALWAYS | NONSENSE | NPLC lots | DCI 5 | stb&32 -> 32 | "

@@ -4,7 +4,7 @@ the bench and not by what reads back; a driver may also say what is wrong.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -299,9 +299,13 @@ def calibrator(bench: Bench, driver: Any) -> None:
 
 
 def switch(bench: Bench, driver: Any) -> None:
-    driver.route(3, -1)
-    bench.clock.sleep(10.0)
-    assert bench.world.instruments["switch"].outputs() == {"closed": ["1!2!3"]}
+    seen = bench.world.instruments["switch"]
+    other_card, four_poles = seen.of_slot(1, "CTYPe") != "C7012", seen.of_slot(1, "POLE") == "4"
+    code = "B-INST-005" if other_card or (1, 2, 3) in seen.forbidden else "B-INST-015" if four_poles else ""
+    with refused(code) if code else nullcontext():
+        driver.route(3, -1)
+    bench.clock.sleep(60.0)
+    assert seen.outputs() == {"closed": [] if code else ["1!2!3"]}
 
 
 def chamber(bench: Bench, driver: Any) -> None:
