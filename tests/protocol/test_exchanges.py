@@ -66,22 +66,31 @@ ROWS += [
 
 
 NAME = "agilent_34970a"
-SCAN, JUNCTION = "<start> | ROUT:SCAN (@101,102)!", "TEMP:TRAN:TC:RJUN:TYPE? (@101,102)"
-FIXED = f"<start:-1> | {JUNCTION} -> INT,FIX | TEMP:TRAN:TC:RJUN:TYPE INT,(@101,102)!"
-TYPE_K = "<start:8> | CONF:TEMP TC,K,(@203)! | UNIT:TEMP C,(@203)! | TEMP:TRAN:TC:RJUN:TYPE? (@203) -> INT"
-FOUR_WIRES = "CONF:FRES 1.0E+02,(@103)! | FRES:NPLC 10,(@103)! | ROUT:SCAN (@103)!"
+CONFIGURED, JUNCTION = "<start> | CONF:TEMP TC,T,(@101,102)!", "TEMP:TRAN:TC:RJUN:TYPE? (@101,102)"
+FIXED = f"{CONFIGURED} | {JUNCTION} -> FIX,FIX | TEMP:TRAN:TC:RJUN:TYPE INT,(@101,102)!"
+CHECKED = (
+    "TEMP:TRAN:TC:CHEC? (@101,102) -> 0,1 | TEMP:TRAN:TC:CHEC ON,(@101,102)! | TEMP:TRAN:TC:CHEC? (@101,102) -> 1, 1"
+)
+SCAN = f"{CONFIGURED} | {JUNCTION} -> INT,INT | TEMP:TRAN:TC:CHEC? (@101,102) -> 1,1"
+TYPE_K = "<start> | CONF:TEMP TC,K,(@203)! | TEMP:TRAN:TC:RJUN:TYPE? (@203) -> INT | TEMP:TRAN:TC:CHEC? (@203) -> 1"
+FOUR_WIRES = "CONF:FRES 1.0E+02,(@103)! | FRES:NPLC 10,(@103)!"
+DOUBT = "CONF:FRES 1.0E+02,(@103) | SYST:ERR? -> <timeout> | <silent> | ROUT:SCAN? -> #16(@103)"
 ONE_SHORT = "READ? ~> +2.3E+01 | <clear>"
 ROWS += [
     row(NAME, "its channels are scanned", f"{SCAN} | READ? ~> +2.31230000E+01,-9.98700000E+00 | <ok>",
         gives([23.123, -9.987], "scan")),
-    row(NAME, "another channel and thermocouple", f"{TYPE_K} | ROUT:SCAN (@203)! | READ? ~> +2.5E+01 | <ok>",
+    row(NAME, "another channel and thermocouple", f"{TYPE_K} | READ? ~> +2.5E+01 | <ok>",
         gives([25.0], "scan"), channels=[203], thermocouple="K"),
-    row(NAME, "a fixed reference junction is made the internal one", f"{FIXED} | {JUNCTION} -> INT, INT",
-        does("identify"), leaves={"mended": {"reference junction": "INT,FIX"}}),
-    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX",
-        refuses("B-INST-011", "'INT,FIX' after 'TEMP.*: reference junction", "identify")),
-    row(NAME, "an open thermocouple is no scan", f"{SCAN} | READ? ~> +2.3E+01,+9.90000000E+37",
+    row(NAME, "junctions become internal, open thermocouples looked for",
+        f"{FIXED} | {JUNCTION} -> INT, INT | {CHECKED} | READ? ~> +2.3E+01,+9.90000000E+37",
         refuses("B-INST-007", "", "scan")),
+    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX",
+        refuses("B-INST-011", "'INT,FIX' after 'TEMP.*: reference junction", "scan")),
+    row(NAME, "without its multimeter it is refused", "<start:2> | INST:DMM? -> 0",
+        refuses("B-INST-019", "internal multimeter.*INST:DMM ON", "identify")),
+    row(NAME, "what was configured is not configured again",
+        f'<start> | {DOUBT} | CONF? (@103) -> "FRES +1.0E+02,+1.0E-05" | FRES:NPLC 10,(@103)! | READ? ~> +1E+02 | <ok>',
+        gives(100.0, "measure_resistance", 103, 100.0, 10)),
     row(NAME, "a missing reading is no scan", f"{SCAN} | {ONE_SHORT} | <ok> | {ONE_SHORT} | <ok> | {ONE_SHORT}",
         refuses("B-INST-004", "2 readings are due", "scan")),
     row(NAME, "the resistance of a channel", f"<start> | {FOUR_WIRES} | READ? ~> +1.00003270E+02 | <ok>",
@@ -94,7 +103,7 @@ ROWS += [
           refuses("B-INST-008", "", "measure_resistance", 103, 100.0, 10), channels=[channel])
       for channel in (103, 113)],
     row(NAME, "without thermocouples nothing is configured and nothing scanned",
-        f"<start:8> | {FOUR_WIRES} | READ? ~> +1.0E+02 | <ok>",
+        f"<start> | {FOUR_WIRES} | READ? ~> +1.0E+02 | <ok>",
         gives(100.0, "measure_resistance", 103, 100.0, 10), refuses("B-INST-008", "", "scan"),
         thermocouple="none", channels=[]),
 ]  # fmt: skip
@@ -378,7 +387,7 @@ def test_an_exchange(case: Row) -> None:
 @pytest.mark.parametrize(
     ("name", "option", "value"),
     [
-        *[("agilent_34970a", "channels", value) for value in ([], [1], ["101"], 101)],
+        *[("agilent_34970a", "channels", value) for value in ([], [1], ["101"], 101, [102, 101], [101, 101])],
         *[("agilent_34970a", "thermocouple", value) for value in ("TT", "", "none")],
         *[("keithley_7002", "slot", value) for value in (0, 11, "one", None)],
         ("thermotron_3800", "dialect", "2800"), ("srs_sr830", "reference", "index_c"), ("srs_sr830", "input", "bfg"),

@@ -129,6 +129,12 @@ NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
 NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
 CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
 
+
+def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:
+    """A set command that is accepted."""
+    return [(command, None), ok]
+
+
 IDENTIFY = {
     "fluke_5720a": [
         (b"*IDN?\n", b"FLUKE,5720A,7005201,1.4+1.1+1.0\n"),
@@ -139,10 +145,8 @@ IDENTIFY = {
     "keithley_7002": [
         (b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"),
         NO_ERROR,
-        (b":INIT:CONT OFF\n", None),
-        NO_ERROR,
-        (b":ABOR\n", None),
-        NO_ERROR,
+        *after(b":INIT:CONT OFF\n"),
+        *after(b":ABOR\n"),
     ],
     "hp_3458a": [(b"END ALWAYS\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
@@ -165,17 +169,8 @@ IDENTIFY = {
     "agilent_34970a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,34970A,0,13-2-2\n"),
         NO_ERROR,
-        (b"ABOR\n", None),
-        NO_ERROR,
-        (b"TRIG:SOUR IMM;COUN 1\n", None),
-        NO_ERROR,
-        (b"FORM:READ:UNIT OFF;TIME OFF;CHAN OFF;ALAR OFF\n", None),
-        NO_ERROR,
-        (b"CONF:TEMP TC,T,(@101,102)\n", None),
-        NO_ERROR,
-        (b"UNIT:TEMP C,(@101,102)\n", None),
-        NO_ERROR,
-        (b"TEMP:TRAN:TC:RJUN:TYPE? (@101,102)\n", b"INT,INT\n"),
+        (b"INST:DMM?\n", b"1\n"),
+        *after(b"ABOR\n"),
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
     "pendulum_cnt_91": [(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR],
@@ -226,11 +221,6 @@ MAKE_SAFE = {
 def said(message: bytes) -> str:
     """A message as text, without its terminator and frame."""
     return message.decode().strip(CONTROLS)
-
-
-def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:
-    """A set command that is accepted."""
-    return [(command, None), ok]
 
 
 def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:

@@ -86,6 +86,9 @@ DIALOGUES = {
         ":CLOS:STAT? -> (@1!1!3,1!1!10,1!2!3) | :OPEN (@1!1!3) | :ROUT:CLOS:STAT? -> (@1!1!10,1!2!3) | :OPEN ALL | "
         ":CLOS:STAT? -> (@) | :CLOS (@1!1!9:1!2!1, 1!4!4) | :CLOS:STAT? -> (@1!1!9,1!1!10,1!2!1,1!4!4) | "
         ":CLOS? (@1!1!1,1!1!9) -> 0,1 | :OPEN? (@1!1!1,1!1!9) -> 1,0",
+    "what is not closed, what is and in which turn": "@switch | :FCH (@1!2!3) | :CLOS (@1!2!1:1!2!3) | !-221 | *RST | "
+        ":CONF:SLOT1:POLE 4 | :CLOS (@1!1!3) | :CLOS:STAT? -> (@1!1!3,1!3!3) | :CONF:SLOT1:CTYP C7011 | :CLOS (@1!1!4) "
+        "| !-222 | *RST | :SCAN (@1!1!1,1!2!2) | :INIT | :CLOS:STAT? -> (@1!1!1) | wait 3 | :CLOS:STAT? -> (@1!2!2)",
     **{f"bad crosspoint {points!r}": f"@switch | :CLOS (@1!1!1) | :CLOS {points} | !{number} | :CLOS:STAT? -> (@1!1!1)"
        for points, number in BAD_POINTS.items()},
     "errors of the meter": "@dmm | END ALWAYS | NONSENSE | NPLC lots | DCI 5 | stb&32 -> 32 | "
@@ -113,12 +116,20 @@ DIALOGUES = {
         "CONF:DIOD | CONF? -> \"DIOD\" | MEAS:CONT? ~ 9.9e37 | "
         "CONF:CURR 10 | !-222 | CONF:VOLT:DC | TRIG:COUN INF | SAMP:COUN 600 | TRIG:COUN 1 | INIT | !531 | "
         "SAMP:COUN 1 | TRIG:COUN INF | INIT | !531",
-    "a thermocouple with a fixed junction is wrong": f"@logger | {JUNCTION}:TYPE FIX,(@101) | {JUNCTION} 0.0,(@101) | "
-        f"CONF:TEMP TC,T,(@101:103) | {JUNCTION}:TYPE? (@101:103) -> FIX,INT,INT | {JUNCTION}? (@101) -> "
+    "a thermocouple with a fixed junction is wrong": f"@logger | {JUNCTION}:TYPE INT,(@102) | "
+        f"CONF:TEMP TC,T,(@101:103) | {JUNCTION}:TYPE? (@101:103) -> FIX,INT,FIX | {JUNCTION}? (@101) -> "
         f"+0.00000000E+00 | ROUT:SCAN (@101) | READ? ~ 0 1.0 | {JUNCTION} 30.0,(@101) | READ? ~ 30 1.0 | "
         f"{JUNCTION}:TYPE EXT,(@101) | READ? ~ 9.9e37 | {JUNCTION}:TYPE INT,(@101) | READ? ~ 23 1.0 | "
         f"{JUNCTION} 81,(@101) | !-222 | {JUNCTION}:TYPE ICE,(@101) | !-224",
-    "a plain channel reads a voltage": "@logger | ROUT:SCAN (@105) | READ? ~ 0 1e-3 | ROUT:SCAN (@121) | !-222",
+    "open leads are overload": "@rail_dmm | MEAS:FRES? 1000 ~ 9.9e37 | @logger | MEAS:FRES? 1000,(@104) ~ 9.9e37",
+    **{f"channel {channel} senses": f"@logger | CONF:FRES 100,(@{channel}) | !308 | CONF:RES 100,(@{channel}) | !0"
+       for channel in (111, 120, 320)},
+    "a channel is configured anew": "@logger | ROUT:SCAN (@121) | !-222 | MEAS:VOLT:DC? 10,(@106) ~ 0 1e-3 | "
+        "CALC:SCAL:OFFS 5;STAT ON | READ? ~ 5 1e-3 | FRES:NPLC 1 | !-221 | MEAS:TEMP? TC,T,(@106) ~ 0 1 | "
+        "UNIT:TEMP F | READ? ~ 32 2 | ROUT:CHAN:DEL 2;DEL:AUTO? -> 0 | CONF:RES (@106) | ROUT:CHAN:DEL:AUTO? -> 1",
+    "nothing is set while a scan runs": "@logger | INIT | !113 | ROUT:SCAN (@102,101) | ROUT:SCAN? -> #210(@101,102) | "
+        "TRIG:SOUR BUS | READ? | !-214 | TRIG:SOUR TIM;TIM 2;COUN 3 | INIT | CONF:RES (@101) | !261 | READ? | !261 | "
+        "TRIG:COUN? ~ 3 | ABOR | TRIG:COUN 1 | INIT | FETC? -> ... | INST:DMM OFF | CONF:VOLT:DC (@101) | !225",
     "a 3800 misses what comes in the second after an operation":
         "@chamber | MRMP1,0.5 | SETP1,-10 | wait 1 | MRMP1? -> 0.5 | SETP1? -> 23.0",
     "the calibrator at power-on": "@calibrator | ISR? -> 4096 | FAULT? -> 0 | OUT? -> 0.0000000E+00,V,0.00E+00 | "
@@ -267,7 +278,7 @@ def test_thermocouples_hang_in_the_laboratory_the_chamber_and_on_the_unit(bench:
     thermal = bench.world.thermal
     thermal.ramp(50.0, 5.0, 0)
     bench.clock.sleep(1200.0)
-    readings = bench.ask("logger", "CONF:TEMP TC,T,(@101:103)", "UNIT:TEMP C,(@101:103)", "READ?").split(",")
+    readings = bench.ask("logger", "CONF:TEMP TC,T,(@101:103)", f"{JUNCTION}:TYPE INT,(@101:103)", "READ?").split(",")
     now_ns = bench.clock.now_ns()
     true = [float(of(now_ns)) for of in (thermal.lab_degC, thermal.air_degC, thermal.unit_degC)]
     assert [float(r) for r in readings] == pytest.approx(true, abs=1.0)
