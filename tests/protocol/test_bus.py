@@ -250,7 +250,7 @@ DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
 CLOSE = f"<start> | :OPEN ALL! | :CLOS:STAT? -> (@) | :CLOS (@1!1!3) | {NO_QUEUE} | "
 CLOSED = ":CLOS:STAT? -> (@1!1!3)"
 RUN = "IDEN? -> Thermotron 8800 1.0 | <ok> | RUNM -> <timeout> | <silent> | "
-SET_UP = "PRESET NORM! | INBUF ON! | END ALWAYS! | DCI 1.0E-01! | NPLC 100! | NDIG 8! | AZERO ON! | TRIG HOLD!"
+SET_UP = "TERM? -> 1 | LFREQ LINE! | PRESET NORM! | INBUF ON! | DCI 1.0E-01! | NPLC 100! | NDIG 8! | TRIG HOLD!"
 LOST = f"{SET_UP.partition('NPLC')[0]}NPLC 100 | ERRSTR? -> <timeout> | <silent>"
 ROWS = [
     row("fluke_5720a", "OPER that took effect", f"{OPERATE}ISR? -> 1 | ISR? -> 4097 | <ok>", *SET, does("operate")),

@@ -34,7 +34,7 @@ DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instrum
 SHARED = {"acutrol_axis", "base", "bus", "commands", "ladder", "scpi", "transport", "values", "wire"}
 TOP = Path(__file__).parents[2]
 VERBS = ("Set", "Get", "Control", "Measure")
-QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS", "ID?", "OUTX 1", "V", "N1C1 RB I")  # who is there
+QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS;QFORMAT NORM", "ID?", "OUTX 1", "V", "N1C1 RB I")  # who is there
 LATER = ("hp_3458a", "srs_sr830")  # their question is the second thing that is sent
 
 

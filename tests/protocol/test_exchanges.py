@@ -149,7 +149,7 @@ ROWS += [
 
 
 NAME = "hp_3458a"
-SET_UP = "<start> | PRESET NORM! | INBUF ON! | END ALWAYS! | DCI {}! | NPLC 100! | NDIG 8! | AZERO ON! | TRIG HOLD!"
+SET_UP = "<start> | TERM? -> 1 | LFREQ LINE! | PRESET NORM! | INBUF ON! | DCI {}! | NPLC 100! | NDIG 8! | TRIG HOLD!"
 READY = SET_UP + " | RANGE? ->  {}"
 SINGLE = "TRIG SGL | <poll 16> | <poll 16> | <poll 16> | <poll 144> | <read>  1.000012345E-01 | <ok>"
 ROWS += [
@@ -161,7 +161,7 @@ ROWS += [
       ((0.12, "1.0E-01"), (0.2, "1.0E+00"), (1.05, "1.0E+00"), (3e-5, "1.0E-04"), (1e-9, "1.0E-07"))],
     row(NAME, "a range that was not taken is noticed", READY.format("1.0E-03", "1.0E-02"),
         refuses("B-INST-011", "RANGE", "configure_current", 1e-3)),
-    row(NAME, "an error is told", '<start> | PRESET NORM | ERRSTR? -> 105,"INVALID PARAMETER -- X" | <ok>',
+    row(NAME, "an error is told", f'{SET_UP.partition("! | INB")[0]} | ERRSTR? -> 105,"INVALID PARAMETER -- X" | <ok>',
         refuses("B-INST-005", "105 INVALID PARAMETER -- X", "configure_current", 0.1)),
     row(NAME, "an overload is no reading", "<start> | TRIG SGL | <poll 128> | <read>  1.0E+38",
         refuses("B-INST-007", "", "measure_current")),

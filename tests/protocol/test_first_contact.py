@@ -153,7 +153,7 @@ OPEN = {  # what is never sent alone, or on a serial line only
     "agilent_34970a": {"FRES:NPLC? {channels}", "CONF:FRES {range},{channels}", "FRES:NPLC {cycles},{channels}"},
     "agilent_53230a": {"READ?"},
     "acutrol_3000": {":mode:pos {axis}"},
-    "hp_3458a": {"NPLC?", "AZERO?", "NDIG?", "TRIG SGL"},
+    "hp_3458a": {"TRIG SGL"},
     "pendulum_cnt_91": {"STR:DATA? {bytes}"},
 }
 

@@ -148,7 +148,7 @@ IDENTIFY = {
         *after(b":INIT:CONT OFF\n"),
         *after(b":ABOR\n"),
     ],
-    "hp_3458a": [(b"END ALWAYS\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "hp_3458a": [(b"END ALWAYS;QFORMAT NORM\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
     "agilent_53230a": [
         (b"*IDN?\n", b"Agilent Technologies,53230A,MY50001234,02.05-1519\n"),
