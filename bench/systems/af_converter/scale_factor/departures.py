@@ -350,6 +350,7 @@ class LevelRows:
             corners=[("channel", "temperature")],
             exchanged=("channel", "kind", "polarity", "gain"),
             own={("gain", "temperature"): own_ppm},
+            order=("place",),
         )
 
 
