@@ -48,7 +48,7 @@ class Departure:
     "power" and "size" are ``of`` a label or scale, in its ``power``.   ``effect``: on the readings, (r, g), in
     their unit; several columns are one departure of which only the direction is unknown, such as a phase.
     ``about``: label values that it is confined to, and what its shape has.
-    ``whole`` (r, w): the same everywhere, of what is in some visits or records: the data do not say which are right.
+    ``whole`` (r,): the same in all visits, of what is in some of them: the data do not say which visits are right.
     ``beside`` (q,): of one column on the last rows of the fit, which are no readings, in units of their noise.
     ``own``: up to which size the item may be so, as a further order of its curve, which its coefficients carry.
     """
@@ -61,7 +61,7 @@ class Departure:
     of: str = ""
     power: int = 0
     own: float = 0.0
-    whole: Floats = field(default_factory=lambda: np.empty((0, 0)))
+    whole: Floats | None = None
     beside: Floats | None = None
 
     @property
@@ -306,7 +306,7 @@ def _finding(
 ) -> Finding:
     """Return a departure with what it moves, and what those move that are ``judged`` with it."""
     effects = {at: departures[at].effect @ sizes[at, : departures[at].effect.shape[1]] for at in {best, *judged}}
-    other_sides = [effects[at] - sizes[at, 0] * whole for at in judged for whole in departures[at].whole.T]
+    other_sides = [effects[at] - sizes[at, 0] * whole for at in judged if (whole := departures[at].whole) is not None]
     found = departures[best]
     return Finding(
         departure=found,

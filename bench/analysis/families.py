@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations, pairwise
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -135,7 +135,6 @@ class Labels:
     shape; ``corners``: those that may confine what one value of a further kind does.   ``exchanged``: items of one kind
     that could be taken for each other, their kind, their sides and the carrier.   ``own``: by carrier and scale
     up to which size a power of it may be an item's own.   ``steps_within``: whether something may step inside a visit.
-    ``order``: kinds that tell the readings of a visit apart by what was before them.
     """
 
     kinds: Mapping[str, Any]
@@ -148,7 +147,6 @@ class Labels:
     exchanged: tuple[str, str, str, str] | None = None
     own: Mapping[tuple[str, str], float] = field(default_factory=dict)
     steps_within: bool = True
-    order: Sequence[str] = ()
 
     @property
     def begins_h(self) -> dict[int, float]:
@@ -175,26 +173,25 @@ def departures_of(labels: Labels) -> list[Departure]:
     if labels.exchanged:
         found += _exchanged(labels, *labels.exchanged)
     values, others = list(_values(labels)), list(_shapes(labels))
-    in_some = {"step", "visit", *labels.order, *(name for name in labels.kinds if _is_of_visit(labels, name))}
+    in_visits = {"step", "visit", *(name for name in labels.kinds if _is_of_visit(labels, name))}
     tried = [*((scope, values + others) for scope in labels.scopes), *((scope, values) for scope in labels.corners)]
-    seen: dict[bytes, int] = {}
-    wholes: dict[int, list[Floats]] = {}
+    seen: set[bytes] = set()
     for scope, shapes in tried:
         for where, inside in _places(labels.kinds, scope):
             for carrier, (unit, one) in labels.carriers.items():
                 everywhere = one * inside
                 for shape in shapes:
                     effect = everywhere[:, None] * shape.column.reshape(one.size, -1)
-                    if shape.of in where or np.abs(effect).max() <= _LEAST * np.abs(one).max():
-                        continue
-                    at = seen.setdefault(effect.tobytes(), len(found))
-                    if {shape.name, shape.of} & in_some:
-                        wholes.setdefault(at, []).append(everywhere)
-                    if at == len(found):
+                    key = effect.tobytes()
+                    if shape.of not in where and key not in seen and np.abs(effect).max() > _LEAST * np.abs(one).max():
+                        seen.add(key)
                         own = labels.own.get((carrier, shape.of), 0.0) if shape.power > 0 else 0.0
+                        whole = everywhere if {shape.name, shape.of} & in_visits else None
                         about = {**where, **shape.about}
-                        found.append(Departure(carrier, shape.name, unit, effect, about, shape.of, shape.power, own))
-    return [replace(one, whole=np.column_stack(wholes[at])) if at in wholes else one for at, one in enumerate(found)]
+                        found.append(
+                            Departure(carrier, shape.name, unit, effect, about, shape.of, shape.power, own, whole)
+                        )
+    return found
 
 
 def _is_of_visit(labels: Labels, name: str) -> bool:

@@ -237,9 +237,9 @@ class Rows:
             return [*departures_of(labels), *self._own()]
         found = []
         for one in departures_of(labels):  # noise is measured at each place: what differs is on the side of few
-            if one.whole.size and np.count_nonzero(one.effect) > len(sets) / 2:
-                one = replace(one, effect=one.effect - one.whole[:, :1])
-            found.append(replace(one, whole=one.whole[:, :0]))
+            if one.whole is not None and np.count_nonzero(one.effect) > len(sets) / 2:
+                one = replace(one, effect=one.effect - one.whole[:, None])
+            found.append(replace(one, whole=None))
         return found
 
     def _own(self) -> Iterator[Departure]:
