@@ -84,7 +84,7 @@ ROWS += [
     row(NAME, "junctions become internal, open thermocouples looked for",
         f"{FIXED} | {JUNCTION} -> INT, INT | {CHECKED} | READ? ~> +2.3E+01,+9.90000000E+37",
         refuses("B-INST-007", "", "scan")),
-    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX",
+    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX | {JUNCTION} -> INT,FIX",
         refuses("B-INST-011", "'INT,FIX' after 'TEMP.*: reference junction", "scan")),
     row(NAME, "without its multimeter it is refused", "<start:2> | INST:DMM? -> 0",
         refuses("B-INST-019", "internal multimeter.*INST:DMM ON", "identify")),
@@ -357,6 +357,8 @@ ROWS += [
     *[row(NAME, f"one left with {keys} is refused", f"<start:2> | ISR? -> {4096 | bits}",
           refuses("B-INST-019", f"(?s){keys}.*press LOCAL, then", "identify"))
       for bits, keys in KEYS],
+    row(NAME, "a garbled status is asked for again",
+        "<start:2> | ISR? -> 40#6 | <clear> | <ok> | ISR? -> 4096 | CUR_POST? -> NORMAL", does("identify")),
     *[row(NAME, f"nothing operates with {keys}", f"{SET} | <ok> | {BACK} | ISR? -> {4096 | bits}", OUTPUT,
           refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS],
     row(NAME, "an offset that comes while it settles", f"{READY} | OPER | {ON} | ISR? -> 257 | STBY", OUTPUT,
