@@ -40,7 +40,7 @@ class BaseInstrument(Commands):
     """
 
     identity_pattern: ClassVar[str]
-    identity_question: ClassVar[str] = "*IDN?"
+    identity_question: str = "*IDN?"
     safe_state: ClassVar[str]
     longest_error_queue: ClassVar[int] = 32
     default_options: ClassVar[Mapping[str, Any]] = {}

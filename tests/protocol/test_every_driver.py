@@ -34,8 +34,8 @@ DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instrum
 SHARED = {"acutrol_axis", "base", "bus", "commands", "ladder", "scpi", "transport", "values", "wire"}
 TOP = Path(__file__).parents[2]
 VERBS = ("Set", "Get", "Control", "Measure")
-QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS;QFORMAT NORM", "ID?", "OUTX 1", "V", "N1C1 RB I")  # who is there
-LATER = ("hp_3458a", "srs_sr830")  # their question is the second thing that is sent
+QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS;QFORMAT NORM", "ID?", "OUTX 1;*IDN?", "V", "N1C1 RB I")  # who is there
+LATER = ("hp_3458a",)  # its question is the second thing that is sent
 
 
 def driver_class(name: str) -> Any:

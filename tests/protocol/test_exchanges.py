@@ -235,13 +235,16 @@ NAME = "krohn_hite_3988"
 SENT = "CH 1;IG 0;OG 0;DC | CH 1;{0} | CH 2;IG 0;OG 0;DC | CH 2;{1}"
 BAND = SENT.format("HP;BU;F 5.0E-01", "LP;BU;F 2.0E+00")
 SHOWN = "CH 1 -> 00 .5000E+0 01.1 00 DC  | CH 2 -> 00 2.000E+0 02.1 00 DC "
+ALONE = "CH 1 -> 00 .5000E+0 01.1 00 DC "
 BY_PASSED = "CH 1 -> 00 byP      01.1 00 DC  | CH 2 -> 00 byP      02.1 00 DC*"
 ROWS += [
-    row(NAME, "a band of two octaves", f"<start> | {BAND} | {SHOWN}", does("configure", 1.0),
+    row(NAME, "a band of two octaves", f"<start> | {ALONE} | {BAND} | {SHOWN}", does("configure", 1.0),
         leaves={"wanted": (0.5, 2.0), "identity.firmware": "V3.5"}),
     row(NAME, "by-pass", f"<start> | {SENT.format('BY', 'BY')} | {BY_PASSED}", does("bypass"),
         leaves={"wanted": (None, None)}),
-    *[row(NAME, f"{what} reads back different", f"<start> | {BAND} | CH 1 -> {shown} ",
+    row(NAME, "channels that are set together are refused", f"<start> | {ALONE[:-1]}*",
+        refuses("B-INST-019", "(?s)all channels together.*front panel", "configure", 1.0)),
+    *[row(NAME, f"{what} reads back different", f"<start> | {ALONE} | {BAND} | CH 1 -> {shown} ",
           refuses("B-INST-011", "channel 1", "configure", 1.0), leaves={"wanted": None})
       for what, shown in (
           ("its cutoff", "00 .6000E+0 01.1 00 DC"), ("its input gain", "10 .5000E+0 01.1 00 DC"),

@@ -182,8 +182,7 @@ IDENTIFY = {
         (b":util:form?\n", b"FLOAT\n"),
     ],
     "srs_sr830": [
-        (b"OUTX 1\n", None),
-        (b"*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
+        (b"OUTX 1;*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
         *NO_EVENT,
     ],
     "krohn_hite_3988": [(b"V\n", b"KROHN-HITE V3.5\n")],
