@@ -255,25 +255,31 @@ ROWS += [
 
 
 NAME = "leica_nivel_220"
+IN_RANGE = "G P ~> \x16\x02C1N1 OK\x03"
 MEASURED = [
     ("\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03", (0.206, -0.04, 23.8)),
     ("\x16\x02C1N1 X:-1.243 Y:0.587 T: 23.3\x03", (-1.243, 0.587, 23.3)),
-    ("\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03\x02Q", (0.206, -0.04, 23.8)),  # with a checksum behind ETX
+    ("\x02Ñ\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03", (0.206, -0.04, 23.8)),  # behind the checksum of the last
 ]
 NOT_MEASURED = {
-    "no frame": "C1N1 X:+0.206 Y:-0.040 T:+23.8",
+    "no frame": "C1N1 X:+0.206 Y:-0.040 T:+23.8\x03",
     "another sensor": "\x16\x02C1N2 X:+0.206 Y:-0.040 T:+23.8\x03",
     "half a value": "\x16\x02C1N1 X:+0.206 Y:-0.0 T:\x03",
     "a value too few": "\x16\x02C1N1 X:+0.206 T:+23.8\x03",
     "an overload": "\x16\x02C1N1 X:+9.91E37 Y:-0.040 T:+23.8\x03",
 }
 ROWS += [
-    *[row(NAME, f"measurement {number}", f"<start> | G A -> {reply}",
+    *[row(NAME, f"measurement {number}", f"<start> | {IN_RANGE} | G A ~> {reply}",
           gives({"x_mrad": x, "y_mrad": y, "temperature_degC": degC}, "measure"))
       for number, (reply, (x, y, degC)) in enumerate(MEASURED)],
     row(NAME, "who it is", "<start>", does("identify"), gives([], "drain_errors"),
-        leaves={"identity.serial": "NIVEL220 632001"}),
-    *[row(NAME, f"{what} is no measurement", " | ".join(["<start>", *[f"G A -> {reply}", "<clear>"] * 3]),
+        leaves={"identity.serial": "000005", "identity.firmware": "1.0"}),
+    row(NAME, "raw signals and another mode are set right", "<start:1> | RS C ~> \x16\x02C1N1 OFF\x03 | S C ON | "
+        "RS C ~> \x16\x02C1N1 ON\x03 | RS M ~> \x16\x02C1N1 PRE\x03 | S M CONT | RS M ~> \x16\x02C1N1 CONT\x03 | "
+        "R N ~> \x16\x02C1N1 008\x03", does("identify")),
+    row(NAME, "it is out of its range", "<start> | G P ~> \x16\x02C1N1 F\x03",
+        refuses("B-INST-019", "working range.*level the sensor", "measure")),
+    *[row(NAME, f"{what} is no measurement", " | ".join(["<start>", IN_RANGE, *[f"G A ~> {reply}", "<clear>"] * 3]),
           refuses("B-INST-004", "", "measure")) for what, reply in NOT_MEASURED.items()],
 ]  # fmt: skip
 

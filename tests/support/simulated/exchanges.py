@@ -17,7 +17,7 @@ NOTHING_WRONG = {
     "srs_sr830": "*ESR? -> 0 | ERRS? -> 0",
 }
 FRAMES = {"leica_nivel_220": "\x16\x02N1C1 {}\x03\r\n"}
-ENDS = {"leica_nivel_220": "\r\n", "hp_3458a": "\r\n"}
+ENDS = {"leica_nivel_220": "", "hp_3458a": "\r\n"}
 
 
 def exchange(name: str, script: str) -> list[tuple[Any, Any]]:
@@ -125,6 +125,11 @@ def row(name: str, claim: str, script: str, *calls: Call, leaves: dict[str, Any]
     return Row(name, claim, script, calls, leaves or {}, options)
 
 
+def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
+    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
+    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]
+
+
 NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
 NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
 CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
@@ -186,7 +191,12 @@ IDENTIFY = {
         *NO_EVENT,
     ],
     "krohn_hite_3988": [(b"V\n", b"KROHN-HITE V3.5\n")],
-    "leica_nivel_220": [(b"\x16\x02N1C1 RB I\x03\r\n", b"\x16\x02C1N1 I:NIVEL220 632001\x03\r\n")],
+    "leica_nivel_220": [
+        (b"\x16\x02N1C1 RB D\x03\r\n", b"\x16\x02C1N1 000005 1.0\x03"),
+        *slow(b"\x16\x02N1C1 RS C\x03\r\n", b"\x02\xe7\x16\x02C1N1 ON\x03"),
+        *slow(b"\x16\x02N1C1 RS M\x03\r\n", b"\x01\xb0\x16\x02C1N1 CONT\x03"),
+        *slow(b"\x16\x02N1C1 R N\x03\r\n", b"\x16\x02C1N1 008\x03"),
+    ],
 }
 
 _RATE_0 = ((b"dem:rate", b",0"), (b"mode:rate", b""))
@@ -213,15 +223,10 @@ MAKE_SAFE = {
     ],
     "srs_sr830": NO_EVENT,
     "krohn_hite_3988": IDENTIFY["krohn_hite_3988"],
-    "leica_nivel_220": IDENTIFY["leica_nivel_220"],
+    "leica_nivel_220": IDENTIFY["leica_nivel_220"][:1],
 }
 
 
 def said(message: bytes) -> str:
     """A message as text, without its terminator and frame."""
     return message.decode().strip(CONTROLS)
-
-
-def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
-    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
-    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]

@@ -362,6 +362,17 @@ def lock_in(bench: NorthBench, driver: Any) -> None:
     assert (found["overload"], found["unlocked"]) == (False, False)
 
 
+def level(bench: NorthBench, driver: Any) -> None:
+    """The axis is tilted another way from now on."""
+    began_ns = bench.clock.now_ns()
+    bench.world.level_mrad = lambda t_ns: (1.2344, -0.0406) if t_ns > began_ns else (0.3, 0.2)
+    bench.clock.sleep(20.0)
+    assert driver.measure() == {"x_mrad": 1.234, "y_mrad": -0.041, "temperature_degC": 23.0}
+    bench.world.level_mrad = lambda _: (0.0, -3.1)
+    with refused("B-INST-019", "working range.*level the sensor"):
+        driver.measure()
+
+
 def two_tones(turns: Any) -> Any:
     return np.sin(2 * np.pi * turns + PHI_RAD) + np.sin(14 * np.pi * turns)
 
@@ -391,7 +402,8 @@ def refused_by_name(rows: list[str]) -> Iterator[None]:
 ROLES: dict[str, Callable[[Bench, Any], None]] = {
     "function_generator": generator, "counter": counter, "supply": supply, "dmm": meter, "calibrator": calibrator,
     "switch": switch, "chamber": chamber, "aux_supply": rails, "logger": logger, "rail_dmm": voltmeter,
-    "direct": lock_in, "filtered": lock_in, "filter": lambda bench, _: lock_in(bench, bench.driver["filtered"]),
+    "level": level, "direct": lock_in, "filtered": lock_in,
+    "filter": lambda bench, _: lock_in(bench, bench.driver["filtered"]),
 }  # fmt: skip
 
 
