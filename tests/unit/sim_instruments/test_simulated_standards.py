@@ -14,6 +14,7 @@ from gnc_rig import open_table
 from scripted import refused
 from sim_bench import DRIVERS as BENCH_DRIVERS
 from sim_bench import Bench, open_bench
+from tagger_bench import SLOW_PS, Blocks, TaggerBench, tagger_bench
 
 from bench.model.drivers import manual_of
 from bench.model.errors import InstrumentError
@@ -373,6 +374,17 @@ def level(bench: NorthBench, driver: Any) -> None:
         driver.measure()
 
 
+def tagger(bench: TaggerBench, driver: Any) -> None:
+    driver.configure(100e6)
+    driver.start()
+    bench.clock.sleep(0.5)
+    found = Blocks(driver.read_stream(10**8))
+    k = np.arange(len(found.ticks)) + round(found.ticks[0] * 1e4 / SLOW_PS)
+    assert len(k) > 14_000
+    np.testing.assert_array_equal(found.ticks, bench.edges.times_ps(k) // 10_000)
+    np.testing.assert_array_equal(found.words & 7, bench.edges.flags(k))
+
+
 def two_tones(turns: Any) -> Any:
     return np.sin(2 * np.pi * turns + PHI_RAD) + np.sin(14 * np.pi * turns)
 
@@ -384,6 +396,9 @@ def opened(role: str) -> Iterator[tuple[Any, Any]]:
         with open_bench() as bench:
             bench.send("switch", ":CLOS (@1!1!1)")
             yield bench, bench.driver(role)
+    elif role == "tagger":
+        with tagger_bench(SLOW_PS) as alone:
+            yield alone, alone.tagger
     else:
         with closing(NorthBench(Turning(two_tones), divider=10)) as north:
             yield north, north.driver[role]
@@ -402,7 +417,7 @@ def refused_by_name(rows: list[str]) -> Iterator[None]:
 ROLES: dict[str, Callable[[Bench, Any], None]] = {
     "function_generator": generator, "counter": counter, "supply": supply, "dmm": meter, "calibrator": calibrator,
     "switch": switch, "chamber": chamber, "aux_supply": rails, "logger": logger, "rail_dmm": voltmeter,
-    "level": level, "direct": lock_in, "filtered": lock_in,
+    "tagger": tagger, "level": level, "direct": lock_in, "filtered": lock_in,
     "filter": lambda bench, _: lock_in(bench, bench.driver["filtered"]),
 }  # fmt: skip
 
