@@ -49,15 +49,7 @@ BACK = read_back("100000000")
 CONFIGURED = f"{configuring()} | {BACK}"
 STARTED = f"{CONFIGURED} | {STOP} | {SEEN} | {BACK} | STR:CLE! | INIT! | {RUNNING}"
 CONFIGURE = does("configure", 100e6)
-OTHERS = ["+1.0E-02", "-1.0E-02", "50000000"]  # what may read back in place of each
-
-
-def instead(number: int) -> str:
-    """The read-back up to this question, with another reply."""
-    questions = BACK.split(" | ")[: number + 1]
-    return " | ".join([*questions[:-1], f"{questions[-1].partition(' -> ')[0]} -> {OTHERS[number]}"])
-
-
+OTHERS = [("INP:LEV?", "+1.0E-02"), ("INP2:LEV?", "-1.0E-02"), ("STR:CLOC?", "50000000")]
 ROWS = [
     row(NAME, "the threshold goes to both inputs",
         f"{configuring('-1.25E-01', '2.0E+07')} | {read_back('20000000', '-1.25000000E-01')}",
@@ -70,8 +62,8 @@ ROWS = [
         f'{configuring().removesuffix("!")} | SYST:ERR? -> -113,"Undefined header" | <ok>',
         refuses("B-INST-005", "-113 Undefined header", "configure", 100e6),
         refuses("B-INST-010", "configure it first", "start")),
-    *[row(NAME, f"setting {number} reads back different", f"{configuring()} | {instead(number)}",
-          refuses("B-INST-011", "", "configure", 100e6)) for number in range(3)],
+    *[row(NAME, f"{query} reads back different", f"{configuring()} | {BACK.partition(query)[0]}{query} -> {other}",
+          refuses("B-INST-011", "", "configure", 100e6)) for query, other in OTHERS],
     row(NAME, "a start without effect is told", f"{STARTED.removesuffix(RUNNING)}{IDLE}", CONFIGURE,
         refuses("B-INST-011", "does not measure", "start")),
     row(NAME, "a stop without effect is told", f"<start> | ABOR! | {RUNNING} | ABOR! | {RUNNING}",

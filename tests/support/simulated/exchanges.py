@@ -179,9 +179,7 @@ IDENTIFY = {
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
     "pendulum_cnt_91": [
-        (b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"),
-        NO_ERROR,
-        (b"INIT:CONT?\n", b"0\n"),
+        *[(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR, (b"INIT:CONT?\n", b"0\n")]
     ],
     "acutrol_3000": [
         (b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"),

@@ -372,6 +372,8 @@ def level(bench: NorthBench, driver: Any) -> None:
     bench.world.level_mrad = lambda _: (0.0, -3.1)
     with refused("B-INST-019", "working range.*level the sensor"):
         driver.measure()
+    bench.world.level_mrad = None  # a bench without a tilt
+    assert driver.measure()["x_mrad"] == 0.0
 
 
 def tagger(bench: TaggerBench, driver: Any) -> None:
@@ -385,10 +387,6 @@ def tagger(bench: TaggerBench, driver: Any) -> None:
     np.testing.assert_array_equal(found.words & 7, bench.edges.flags(k))
 
 
-def two_tones(turns: Any) -> Any:
-    return np.sin(2 * np.pi * turns + PHI_RAD) + np.sin(14 * np.pi * turns)
-
-
 @contextmanager
 def opened(role: str) -> Iterator[tuple[Any, Any]]:
     """A bench with this role, and its driver."""
@@ -400,7 +398,8 @@ def opened(role: str) -> Iterator[tuple[Any, Any]]:
         with tagger_bench(SLOW_PS) as alone:
             yield alone, alone.tagger
     else:
-        with closing(NorthBench(Turning(two_tones), divider=10)) as north:
+        tones = Turning(lambda turns: np.sin(2 * np.pi * turns + PHI_RAD) + np.sin(14 * np.pi * turns))
+        with closing(NorthBench(tones, divider=10)) as north:
             yield north, north.driver[role]
 
 
