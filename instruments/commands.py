@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from bench.model.clock import Clock, to_ns
@@ -152,7 +153,7 @@ class Commands:
         for name, condition in self._due():
             command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
             if query and query not in replies:
-                replies[query] = self.ask(query, read_text)
+                replies[query] = self.ask(query, condition.read)
             if reply := replies.get(query, ""):
                 advice = f"{condition.why}; {condition.person}"
                 yield StateRow(name, command, reply.strip(), condition.is_right(reply), advice)
@@ -175,8 +176,9 @@ class Commands:
 
     def _bring(self, name: str, condition: Condition, replies: dict[str, str]) -> None:
         command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+        ask = partial(self.ask, query, condition.read)
         if query and query not in replies:
-            replies[query] = self.ask(query, read_text)
+            replies[query] = ask()
         before = replies.get(query, "")
         if condition.is_right(before) if query else not command:
             return
@@ -186,8 +188,10 @@ class Commands:
         if not query:
             self.set(command)
             return
-        self.set(command, ReadBack(lambda: self.ask(query, read_text), condition.is_right, before.__eq__))
-        if not condition.is_right(reply := self.ask(query, read_text)):
+        self.set(command, ReadBack(ask, condition.is_right, before.__eq__))
+        if not condition.is_right(reply := ask()) and reply != before:
+            reply = ask()  # neither the one nor the other: it may be garbled
+        if not condition.is_right(reply):
             raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
         self.mended[name] = before.strip()
 

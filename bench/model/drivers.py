@@ -74,8 +74,16 @@ class Condition(StrictModel):
         """The words in braces."""
         return [word[1:-1] for word in _ARGUMENT.findall(self.set + self.ask)]
 
+    def read(self, reply: str) -> str:
+        """Return a reply to its question as it is. Raises: ValueError for an empty one, and for bits that are none."""
+        if not reply:
+            raise ValueError("the reply is empty")
+        if self.bits:
+            int(reply)
+        return reply
+
     def is_right(self, reply: str) -> bool:
-        """Return whether a reply to its question shows it right. Raises: ValueError for bits that are no number."""
+        """Return whether a reply to its question, read, shows it right."""
         if self.bits:
             return not int(reply) & self.bits
         return replies_so(self.right, reply.upper().replace(" ", ""))

@@ -84,7 +84,7 @@ ROWS += [
     row(NAME, "junctions become internal, open thermocouples looked for",
         f"{FIXED} | {JUNCTION} -> INT, INT | {CHECKED} | READ? ~> +2.3E+01,+9.90000000E+37",
         refuses("B-INST-007", "", "scan")),
-    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX",
+    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX | {JUNCTION} -> INT,FIX",
         refuses("B-INST-011", "'INT,FIX' after 'TEMP.*: reference junction", "scan")),
     row(NAME, "without its multimeter it is refused", "<start:2> | INST:DMM? -> 0",
         refuses("B-INST-019", "internal multimeter.*INST:DMM ON", "identify")),
@@ -235,13 +235,16 @@ NAME = "krohn_hite_3988"
 SENT = "CH 1;IG 0;OG 0;DC | CH 1;{0} | CH 2;IG 0;OG 0;DC | CH 2;{1}"
 BAND = SENT.format("HP;BU;F 5.0E-01", "LP;BU;F 2.0E+00")
 SHOWN = "CH 1 -> 00 .5000E+0 01.1 00 DC  | CH 2 -> 00 2.000E+0 02.1 00 DC "
+ALONE = "CH 1 -> 00 .5000E+0 01.1 00 DC "
 BY_PASSED = "CH 1 -> 00 byP      01.1 00 DC  | CH 2 -> 00 byP      02.1 00 DC*"
 ROWS += [
-    row(NAME, "a band of two octaves", f"<start> | {BAND} | {SHOWN}", does("configure", 1.0),
+    row(NAME, "a band of two octaves", f"<start> | {ALONE} | {BAND} | {SHOWN}", does("configure", 1.0),
         leaves={"wanted": (0.5, 2.0), "identity.firmware": "V3.5"}),
     row(NAME, "by-pass", f"<start> | {SENT.format('BY', 'BY')} | {BY_PASSED}", does("bypass"),
         leaves={"wanted": (None, None)}),
-    *[row(NAME, f"{what} reads back different", f"<start> | {BAND} | CH 1 -> {shown} ",
+    row(NAME, "channels that are set together are refused", f"<start> | {ALONE[:-1]}*",
+        refuses("B-INST-019", "(?s)all channels together.*front panel", "configure", 1.0)),
+    *[row(NAME, f"{what} reads back different", f"<start> | {ALONE} | {BAND} | CH 1 -> {shown} ",
           refuses("B-INST-011", "channel 1", "configure", 1.0), leaves={"wanted": None})
       for what, shown in (
           ("its cutoff", "00 .6000E+0 01.1 00 DC"), ("its input gain", "10 .5000E+0 01.1 00 DC"),
@@ -252,25 +255,31 @@ ROWS += [
 
 
 NAME = "leica_nivel_220"
+IN_RANGE = "G P ~> \x16\x02C1N1 OK\x03"
 MEASURED = [
     ("\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03", (0.206, -0.04, 23.8)),
     ("\x16\x02C1N1 X:-1.243 Y:0.587 T: 23.3\x03", (-1.243, 0.587, 23.3)),
-    ("\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03\x02Q", (0.206, -0.04, 23.8)),  # with a checksum behind ETX
+    ("\x02Ñ\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03", (0.206, -0.04, 23.8)),  # behind the checksum of the last
 ]
 NOT_MEASURED = {
-    "no frame": "C1N1 X:+0.206 Y:-0.040 T:+23.8",
+    "no frame": "C1N1 X:+0.206 Y:-0.040 T:+23.8\x03",
     "another sensor": "\x16\x02C1N2 X:+0.206 Y:-0.040 T:+23.8\x03",
     "half a value": "\x16\x02C1N1 X:+0.206 Y:-0.0 T:\x03",
     "a value too few": "\x16\x02C1N1 X:+0.206 T:+23.8\x03",
     "an overload": "\x16\x02C1N1 X:+9.91E37 Y:-0.040 T:+23.8\x03",
 }
 ROWS += [
-    *[row(NAME, f"measurement {number}", f"<start> | G A -> {reply}",
+    *[row(NAME, f"measurement {number}", f"<start> | {IN_RANGE} | G A ~> {reply}",
           gives({"x_mrad": x, "y_mrad": y, "temperature_degC": degC}, "measure"))
       for number, (reply, (x, y, degC)) in enumerate(MEASURED)],
     row(NAME, "who it is", "<start>", does("identify"), gives([], "drain_errors"),
-        leaves={"identity.serial": "NIVEL220 632001"}),
-    *[row(NAME, f"{what} is no measurement", " | ".join(["<start>", *[f"G A -> {reply}", "<clear>"] * 3]),
+        leaves={"identity.serial": "000005", "identity.firmware": "1.0"}),
+    row(NAME, "raw signals and another mode are set right", "<start:1> | RS C ~> \x16\x02C1N1 OFF\x03 | S C ON | "
+        "RS C ~> \x16\x02C1N1 ON\x03 | RS M ~> \x16\x02C1N1 PRE\x03 | S M CONT | RS M ~> \x16\x02C1N1 CONT\x03 | "
+        "R N ~> \x16\x02C1N1 008\x03", does("identify")),
+    row(NAME, "it is out of its range", "<start> | G P ~> \x16\x02C1N1 F\x03",
+        refuses("B-INST-019", "working range.*level the sensor", "measure")),
+    *[row(NAME, f"{what} is no measurement", " | ".join(["<start>", IN_RANGE, *[f"G A ~> {reply}", "<clear>"] * 3]),
           refuses("B-INST-004", "", "measure")) for what, reply in NOT_MEASURED.items()],
 ]  # fmt: skip
 
@@ -357,6 +366,8 @@ ROWS += [
     *[row(NAME, f"one left with {keys} is refused", f"<start:2> | ISR? -> {4096 | bits}",
           refuses("B-INST-019", f"(?s){keys}.*press LOCAL, then", "identify"))
       for bits, keys in KEYS],
+    row(NAME, "a garbled status is asked for again",
+        "<start:2> | ISR? -> 40#6 | <clear> | <ok> | ISR? -> 4096 | CUR_POST? -> NORMAL", does("identify")),
     *[row(NAME, f"nothing operates with {keys}", f"{SET} | <ok> | {BACK} | ISR? -> {4096 | bits}", OUTPUT,
           refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS],
     row(NAME, "an offset that comes while it settles", f"{READY} | OPER | {ON} | ISR? -> 257 | STBY", OUTPUT,

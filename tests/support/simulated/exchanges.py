@@ -17,7 +17,7 @@ NOTHING_WRONG = {
     "srs_sr830": "*ESR? -> 0 | ERRS? -> 0",
 }
 FRAMES = {"leica_nivel_220": "\x16\x02N1C1 {}\x03\r\n"}
-ENDS = {"leica_nivel_220": "\r\n", "hp_3458a": "\r\n"}
+ENDS = {"leica_nivel_220": "", "hp_3458a": "\r\n"}
 
 
 def exchange(name: str, script: str) -> list[tuple[Any, Any]]:
@@ -125,6 +125,11 @@ def row(name: str, claim: str, script: str, *calls: Call, leaves: dict[str, Any]
     return Row(name, claim, script, calls, leaves or {}, options)
 
 
+def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
+    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
+    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]
+
+
 NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
 NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
 CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
@@ -173,7 +178,9 @@ IDENTIFY = {
         *after(b"ABOR\n"),
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
-    "pendulum_cnt_91": [(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR],
+    "pendulum_cnt_91": [
+        *[(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR, (b"INIT:CONT?\n", b"0\n")]
+    ],
     "acutrol_3000": [
         (b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"),
         (b"*STB?\n", b"0\n"),
@@ -182,12 +189,16 @@ IDENTIFY = {
         (b":util:form?\n", b"FLOAT\n"),
     ],
     "srs_sr830": [
-        (b"OUTX 1\n", None),
-        (b"*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
+        (b"OUTX 1;*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
         *NO_EVENT,
     ],
     "krohn_hite_3988": [(b"V\n", b"KROHN-HITE V3.5\n")],
-    "leica_nivel_220": [(b"\x16\x02N1C1 RB I\x03\r\n", b"\x16\x02C1N1 I:NIVEL220 632001\x03\r\n")],
+    "leica_nivel_220": [
+        (b"\x16\x02N1C1 RB D\x03\r\n", b"\x16\x02C1N1 000005 1.0\x03"),
+        *slow(b"\x16\x02N1C1 RS C\x03\r\n", b"\x02\xe7\x16\x02C1N1 ON\x03"),
+        *slow(b"\x16\x02N1C1 RS M\x03\r\n", b"\x01\xb0\x16\x02C1N1 CONT\x03"),
+        *slow(b"\x16\x02N1C1 R N\x03\r\n", b"\x16\x02C1N1 008\x03"),
+    ],
 }
 
 _RATE_0 = ((b"dem:rate", b",0"), (b"mode:rate", b""))
@@ -214,15 +225,10 @@ MAKE_SAFE = {
     ],
     "srs_sr830": NO_EVENT,
     "krohn_hite_3988": IDENTIFY["krohn_hite_3988"],
-    "leica_nivel_220": IDENTIFY["leica_nivel_220"],
+    "leica_nivel_220": IDENTIFY["leica_nivel_220"][:1],
 }
 
 
 def said(message: bytes) -> str:
     """A message as text, without its terminator and frame."""
     return message.decode().strip(CONTROLS)
-
-
-def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
-    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
-    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]

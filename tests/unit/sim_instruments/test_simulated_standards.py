@@ -4,7 +4,7 @@ the bench and not by what reads back; a driver may also say what is wrong.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from gnc_rig import open_table
 from scripted import refused
 from sim_bench import DRIVERS as BENCH_DRIVERS
 from sim_bench import Bench, open_bench
+from tagger_bench import SLOW_PS, Blocks, TaggerBench, tagger_bench
 
 from bench.model.drivers import manual_of
 from bench.model.errors import InstrumentError
@@ -348,6 +349,60 @@ def voltmeter(bench: Bench, driver: Any) -> None:
     assert driver.measure_voltage() == pytest.approx(true_V, rel=1e-4)
 
 
+def lock_in(bench: NorthBench, driver: Any) -> None:
+    """A seventh harmonic, as large as the signal, must neither be detected nor overload the input."""
+    bench.driver["filter"].configure(1.0)
+    driver.configure(0.3, 24, 1.0, "on")
+    driver.set_phase(0.0)
+    for _ in range(2):  # the flags of the first reading are those of the beginning
+        bench.clock.sleep(10.0)
+        found = driver.measure()
+    angle_rad = PHI_RAD - (np.pi / 2 if driver.role == "filtered" else 0.0)
+    assert found["x_V"] == pytest.approx(np.cos(angle_rad) / np.sqrt(2), abs=4e-4)
+    assert found["y_V"] == pytest.approx(np.sin(angle_rad) / np.sqrt(2), abs=4e-4)
+    assert (found["overload"], found["unlocked"]) == (False, False)
+
+
+def level(bench: NorthBench, driver: Any) -> None:
+    """The axis is tilted another way from now on."""
+    began_ns = bench.clock.now_ns()
+    bench.world.level_mrad = lambda t_ns: (1.2344, -0.0406) if t_ns > began_ns else (0.3, 0.2)
+    bench.clock.sleep(20.0)
+    assert driver.measure() == {"x_mrad": 1.234, "y_mrad": -0.041, "temperature_degC": 23.0}
+    bench.world.level_mrad = lambda _: (0.0, -3.1)
+    with refused("B-INST-019", "working range.*level the sensor"):
+        driver.measure()
+    bench.world.level_mrad = None  # a bench without a tilt
+    assert driver.measure()["x_mrad"] == 0.0
+
+
+def tagger(bench: TaggerBench, driver: Any) -> None:
+    driver.configure(100e6)
+    driver.start()
+    bench.clock.sleep(0.5)
+    found = Blocks(driver.read_stream(10**8))
+    k = np.arange(len(found.ticks)) + round(found.ticks[0] * 1e4 / SLOW_PS)
+    assert len(k) > 14_000
+    np.testing.assert_array_equal(found.ticks, bench.edges.times_ps(k) // 10_000)
+    np.testing.assert_array_equal(found.words & 7, bench.edges.flags(k))
+
+
+@contextmanager
+def opened(role: str) -> Iterator[tuple[Any, Any]]:
+    """A bench with this role, and its driver."""
+    if role in BENCH_DRIVERS:
+        with open_bench() as bench:
+            bench.send("switch", ":CLOS (@1!1!1)")
+            yield bench, bench.driver(role)
+    elif role == "tagger":
+        with tagger_bench(SLOW_PS) as alone:
+            yield alone, alone.tagger
+    else:
+        tones = Turning(lambda turns: np.sin(2 * np.pi * turns + PHI_RAD) + np.sin(14 * np.pi * turns))
+        with closing(NorthBench(tones, divider=10)) as north:
+            yield north, north.driver[role]
+
+
 @contextmanager
 def refused_by_name(rows: list[str]) -> Iterator[None]:
     """Let what is refused pass if it names one of the rows of the state table that the last user left."""
@@ -361,6 +416,8 @@ def refused_by_name(rows: list[str]) -> Iterator[None]:
 ROLES: dict[str, Callable[[Bench, Any], None]] = {
     "function_generator": generator, "counter": counter, "supply": supply, "dmm": meter, "calibrator": calibrator,
     "switch": switch, "chamber": chamber, "aux_supply": rails, "logger": logger, "rail_dmm": voltmeter,
+    "tagger": tagger, "level": level, "direct": lock_in, "filtered": lock_in,
+    "filter": lambda bench, _: lock_in(bench, bench.driver["filtered"]),
 }  # fmt: skip
 
 
@@ -369,25 +426,23 @@ ROLES: dict[str, Callable[[Bench, Any], None]] = {
 def test_what_the_last_user_left_changes_no_stimulus_and_no_reading(role: str, starts: int) -> None:
     print(f"seed {SEED}: {role}, {starts} starts")
     for seed in range(starts):
-        with open_bench() as bench:
-            bench.send("switch", ":CLOS (@1!1!1)")
+        with opened(role) as (bench, driver):
             rows = bench.world.instruments[role].left_by_another(np.random.default_rng([SEED, seed]))
             with refused_by_name(rows):
-                ROLES[role](bench, bench.driver(role))
+                ROLES[role](bench, driver)
 
 
 @pytest.mark.parametrize("role", ROLES)
 def test_what_a_last_user_may_leave_is_held_and_shown_by_questions_alone(role: str) -> None:
     """Each command of the rows is taken without an error, and the question of its row shows it."""
-    manual = manual_of(BENCH_DRIVERS[role])
+    with opened(role) as (_, driver):
+        manual = manual_of(type(driver).__module__.rpartition(".")[2])
     assert manual is not None
     for name, row in manual.states.items():
         for setting in row.left:
-            with open_bench() as bench:
-                bench.send("switch", ":CLOS (@1!1!1)")
-                driver = bench.driver(role)
-                driver.introduce()
+            with opened(role) as (bench, driver):
                 bench.world.instruments[role].leave(setting)
+                driver.introduce()
                 assert driver.drain_errors() == [], setting
                 shown = {one.name: one.right for one in driver.state_rows()}
                 assert shown.get(name) is (False if row.ask else None), setting
@@ -412,22 +467,3 @@ def test_a_table_that_somebody_left_turns_as_it_is_told(starts: int) -> None:
             rig.clock.sleep(10.0)
             assert driver.in_position()
             assert rig.angles() == pytest.approx([*before[:2], before[2] + 400.0], abs=2e-3)
-
-
-@pytest.mark.parametrize("starts", [20, pytest.param(1000, marks=pytest.mark.sweep)])
-def test_lock_in_amplifiers_and_their_filter_measure_as_after_a_clean_start(starts: int) -> None:
-    for seed in range(starts):
-        bench = NorthBench(Turning(lambda turns: np.sin(2 * np.pi * turns + PHI_RAD)), divider=10)
-        draw = np.random.default_rng([SEED, seed])
-        for role in ("direct", "filtered", "filter"):
-            bench.world.instruments[role].left_by_another(draw)
-        bench.driver["filter"].configure(1.0)
-        for role in ("direct", "filtered"):
-            bench.driver[role].configure(0.3, 24, 1.0, "on")
-            bench.driver[role].set_phase(0.0)
-        bench.clock.sleep(20.0)
-        for role, ahead_rad in (("direct", 0.0), ("filtered", np.pi / 2)):
-            found = bench.driver[role].measure()
-            assert found["x_V"] == pytest.approx(np.cos(PHI_RAD - ahead_rad) / np.sqrt(2), abs=4e-4)
-            assert found["y_V"] == pytest.approx(np.sin(PHI_RAD - ahead_rad) / np.sqrt(2), abs=4e-4)
-        bench.close()
