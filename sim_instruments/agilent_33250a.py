@@ -2,8 +2,10 @@
 function-generator input.
 
 Source: 33250A User's Guide (remote interface; ranges of square waves, load and amplitude; burst, sweep and modulation
-end each other; VRMS and DBM, which needs a load). The unit's input has a high impedance: with the load setting at
-50 ohm its amplitude is twice the programmed one.
+end each other; VRMS and DBM, which needs a load; 166: a pulse ends before the next one begins, else its width is
+reduced and told); specifications (what can be swept, modulated, given in bursts). The unit's input has a high
+impedance: with the load setting at 50 ohm its amplitude is twice the programmed one. Placeholder: the error of an
+amplitude without autorange.
 """
 
 from __future__ import annotations
@@ -12,12 +14,11 @@ import math
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
-
 from sim_instruments.bus.kept import (
     HeldSettings,
     Kept,
     KeptSettings,
+    held_number,
     held_switch,
     held_word,
     word,
@@ -38,8 +39,11 @@ UNIT_THRESHOLD_VPP = 0.5  # smaller signals are not counted by the unit
 INFINITE_OHM = 9.9e37
 BURST_HZ, SWEEP_HZ, FSK_HZ = 100.0, 550.0, 100.0  # after *RST: trigger period, mean of 100 Hz to 1 kHz, hop
 _MODULATED = 0.99  # cycles of a modulated square that the unit's threshold counts
+_EDGES = 1.6  # edge times between the end of a pulse and the next one
+_HELD_RANGE = 1.02
 _MODES = {"BURS": "BURSt", "SWE": "SWEep", "AM": "AM", "FM": "FM", "FSK": "FSKey"}
 _CREST = {"SIN": 2.0 * math.sqrt(2.0), "SQU": 2.0, "PULS": 2.0, "RAMP": 2.0 * math.sqrt(3.0)}  # peak to peak over RMS
+_NOT_IN = {"BURS": ("DC",), **dict.fromkeys(("SWE", "AM", "FM", "FSK"), ("DC", "NOIS", "PULS"))}  # functions by mode
 _HIGHEST_HZ = {"USER": 25e6, "SIN": 80e6, "SQU": 80e6, "RAMP": 1e6, "PULS": 50e6, "NOIS": 80e6, "DC": 80e6}
 
 
@@ -56,11 +60,15 @@ class Agilent33250A(ScpiDevice):
         "[:SOURce]:VOLTage:LOW?": lambda self: f"{self.offset_V - self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
         "[:SOURce]:FUNCtion:SQUare:DCYCle?": lambda self: f"{self.duty_percent:+.13E}",
+        "[:SOURce]:PULSe:PERiod?": lambda self: f"{1.0 / self.frequency_Hz:+.13E}",
+        "[:SOURce]:PULSe:WIDTh?": lambda self: f"{self.width_s:+.13E}",
         ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
     }
     held: ClassVar[HeldSettings] = {
         ":OUTPut:POLarity": held_word("polarity", "NORMal", "INVerted"),
         ":OUTPut[:STATe]": held_switch("on", applied=True),
+        "[:SOURce]:VOLTage:RANGe:AUTO": held_switch("autorange", applied=True),
+        "[:SOURce]:PULSe:TRANsition": held_number("edge_s", 5e-9, 1e-3, "s", "+.13E"),
     }
 
     kept: ClassVar[KeptSettings] = {
@@ -74,9 +82,6 @@ class Agilent33250A(ScpiDevice):
         "[:SOURce]:BURSt:GATE:POLarity": word("NORMal", "INVerted"),
         "[:SOURce]:PHASe": Kept(0.0, -360.0, 360.0),
         "[:SOURce]:FUNCtion:RAMP:SYMMetry": Kept(100.0, 0.0, 100.0),
-        ":PULSe:PERiod": Kept(1e-3, 20e-9, 2000.0, "S"),
-        ":PULSe:WIDTh": Kept(100e-6, 8e-9, 2000.0, "S"),
-        ":PULSe:TRANsition": Kept(5e-9, 5e-9, 1e-3, "S"),
         ":TRIGger:SOURce": word("IMMediate", "EXTernal", "BUS"),
         ":TRIGger:SLOPe": word("POSitive", "NEGative"),
         ":TRIGger:DELay": Kept(0.0, 0.0, 85.0, "S"),
@@ -92,20 +97,8 @@ class Agilent33250A(ScpiDevice):
         self.function, self.frequency_Hz = "SIN", 1e3
         self.amplitude_V, self.offset_V, self.amplitude_unit = 0.1, 0.0, "VPP"
         self.load_ohm, self.on = 50.0, False
-        self.mode, self.polarity, self.duty_percent = "", "NORM", 50.0
-        self._apply()
-
-    def leave_more(self, draw: np.random.Generator) -> None:
-        self.mode = str(draw.choice(["", *_MODES]))
-        self.function = str(draw.choice(["SIN", "SQU", "RAMP", "PULS"]))
-        self.frequency_Hz = round(10.0 ** draw.uniform(-3.0, 5.9), 6)
-        self.load_ohm = float(draw.choice([50.0, 75.0, 1e4, INFINITE_OHM]))
-        self.amplitude_V = draw.uniform(0.02, 0.5) * self._largest_V()
-        room_V = (self._largest_V() - self.amplitude_V) / 2.0
-        self.offset_V = draw.uniform(-room_V, room_V)
-        self.amplitude_unit = str(draw.choice(["VPP", "VRMS"]))
-        self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), draw.uniform(20.0, 80.0)
-        self.on = bool(draw.integers(2))
+        self.mode, self.polarity, self.duty_percent, self.autorange = "", "NORM", 50.0, True
+        self.width_s, self.edge_s = 100e-6, 5e-9
         self._apply()
 
     @property
@@ -125,7 +118,12 @@ class Agilent33250A(ScpiDevice):
     @property
     def open_amplitude_V(self) -> float:
         """Peak-to-peak amplitude at a high-impedance input, volt."""
-        return self.amplitude_V * (1.0 if self.load_ohm == INFINITE_OHM else (self.load_ohm + 50.0) / self.load_ohm)
+        return self.amplitude_V / self._share * (1.0 if self.autorange else _HELD_RANGE)
+
+    @property
+    def _share(self) -> float:
+        """Part of an open output's amplitude that its load setting says is at the load."""
+        return 1.0 if self.load_ohm == INFINITE_OHM else self.load_ohm / (self.load_ohm + 50.0)
 
     def _apply(self) -> None:
         counted = self.open_amplitude_V >= UNIT_THRESHOLD_VPP
@@ -136,7 +134,7 @@ class Agilent33250A(ScpiDevice):
         return {"on": self.on, "frequency_Hz": self.frequency_Hz, "amplitude_V": self.amplitude_V}
 
     def _largest_V(self) -> float:
-        return 10.0 * (2.0 if self.load_ohm == INFINITE_OHM else 2.0 * self.load_ohm / (self.load_ohm + 50.0))
+        return 20.0 * self._share
 
     @command("[:SOURce]:FUNCtion[:SHAPe]")
     def _set_function(self, text: str) -> None:
@@ -144,12 +142,36 @@ class Agilent33250A(ScpiDevice):
         if self.frequency_Hz > _HIGHEST_HZ[function]:
             self.frequency_Hz = _HIGHEST_HZ[function]
             self.error(*SETTINGS_CONFLICT)
+        if function in _NOT_IN.get(self.mode, ()):
+            self.mode = ""
+            self.error(*SETTINGS_CONFLICT)
         self.function = function
-        self._apply()
+        self._fit()
 
     @command("[:SOURce]:FREQuency")
     def _set_frequency(self, text: str) -> None:
         self.frequency_Hz = round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6)
+        self._fit()
+
+    @command("[:SOURce]:PULSe:PERiod")
+    def _set_period(self, text: str) -> None:
+        self.frequency_Hz = 1.0 / self.number(text, 20e-9, 2000.0, "s")
+        self._fit(of_pulse=True)
+
+    @command("[:SOURce]:PULSe:WIDTh")
+    def _set_width(self, text: str) -> None:
+        self.width_s = self.number(text, 8e-9, 2000.0, "s")
+        self._fit(of_pulse=True)
+
+    def _fit(self, *, of_pulse: bool = False) -> None:
+        """Reduce a duty cycle or a pulse width that the frequency does not allow, and tell it."""
+        longest_s, room = max(8e-9, 1.0 / self.frequency_Hz - _EDGES * self.edge_s), self._duty_room
+        if self.function == "SQU" and abs(self.duty_percent - 50.0) > room:
+            self.duty_percent = 50.0 + math.copysign(room, self.duty_percent - 50.0)
+            self.error(*SETTINGS_CONFLICT)
+        if (of_pulse or self.function == "PULS") and self.width_s > longest_s:
+            self.width_s = longest_s
+            self.error(*OUT_OF_RANGE)
         self._apply()
 
     @command("[:SOURce]:VOLTage")
@@ -166,13 +188,17 @@ class Agilent33250A(ScpiDevice):
         """Return an amplitude in VPP, VRMS or DBM (of the power in the load)."""
         if unit == "VPP":
             return peak_to_peak_V
-        rms_V = peak_to_peak_V / _CREST.get(self.function, _CREST["SIN"])
+        rms_V = peak_to_peak_V / self._crest
         return rms_V if unit == "VRMS" else 10.0 * math.log10(rms_V**2 / self._finite_load_ohm() / 1e-3)
 
     def _from_unit(self, value: float, unit: str) -> float:
         if unit == "DBM":
             value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._finite_load_ohm())
-        return value if unit == "VPP" else value * _CREST.get(self.function, _CREST["SIN"])
+        return value if unit == "VPP" else value * self._crest
+
+    @property
+    def _crest(self) -> float:
+        return _CREST.get(self.function, _CREST["SIN"])
 
     def _finite_load_ohm(self) -> float:
         if self.load_ohm == INFINITE_OHM:
@@ -203,10 +229,14 @@ class Agilent33250A(ScpiDevice):
     def _beep(self, _: str) -> None:
         """Nobody hears it."""
 
+    @property
+    def _duty_room(self) -> float:
+        """How far a duty cycle may be from 50 %, at most."""
+        return 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
+
     @command("[:SOURce]:FUNCtion:SQUare:DCYCle")
     def _set_duty(self, text: str) -> None:
-        off_50 = 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
-        self.duty_percent = self.number(text, 50.0 - off_50, 50.0 + off_50)
+        self.duty_percent = self.number(text, 50.0 - self._duty_room, 50.0 + self._duty_room)
 
     def further(self) -> Handlers:
         switches = {f"[:SOURce]:{node}:STATe": partial(self._switch_mode, mode) for mode, node in _MODES.items()}
@@ -219,6 +249,8 @@ class Agilent33250A(ScpiDevice):
     def _switch_mode(self, mode: str, text: str) -> None:
         """One of burst, sweep and modulation at a time: each that is switched on ends the one before."""
         if self.boolean(text):
+            if self.function in _NOT_IN[mode]:
+                raise ScpiError(*SETTINGS_CONFLICT)
             self.mode = mode
         elif self.mode == mode:
             self.mode = ""
@@ -244,13 +276,13 @@ class Agilent33250A(ScpiDevice):
 
     @command(":OUTPut:LOAD")
     def _set_load(self, text: str) -> None:
-        """The amplitude at the old load stays what the terminal really gives: the displayed value changes with it."""
-        load_ohm = self.number(text, 1.0, 1e4, "Ohm", INF=INFINITE_OHM, INFINITY=INFINITE_OHM, MAX=INFINITE_OHM)
-        open_V = self.open_amplitude_V
-        self.load_ohm = load_ohm
-        if load_ohm == INFINITE_OHM and self.amplitude_unit == "DBM":
+        """Amplitude and offset stay what the terminal really gives: those that are displayed change with it."""
+        before = self._share
+        self.load_ohm = self.number(text, 1.0, 1e4, "Ohm", INF=INFINITE_OHM, INFINITY=INFINITE_OHM, MAX=INFINITE_OHM)
+        if self.load_ohm == INFINITE_OHM and self.amplitude_unit == "DBM":
             self.amplitude_unit = "VPP"
-        self.amplitude_V = open_V * (1.0 if load_ohm == INFINITE_OHM else load_ohm / (load_ohm + 50.0))
+        self.amplitude_V *= self._share / before
+        self.offset_V *= self._share / before
         self._apply()
 
 

@@ -20,11 +20,11 @@ ROWS: list[Row] = []
 
 
 NAME = "agilent_33250a"
-PLAIN = (
-    "<start> | " + " | ".join(f"{mode}:STAT OFF!" for mode in ("BURS", "SWE", "AM", "FM", "FSK")) + " | VOLT:OFFS 0!"
-)
-SQUARE = f"{PLAIN} | FUNC SQU! | OUTP:LOAD INF! | OUTP:POL NORM! | FUNC:SQU:DCYC 50! | FREQ 1.2345678E+07!"
-SQUARE += " | VOLT:UNIT VPP! | VOLT 2.5E+00!"
+PLAIN = "<start> | BURS:STAT? -> 0 | SWE:STAT? -> 1 | SWE:STAT OFF! | SWE:STAT? -> 0"
+PLAIN += "".join(f" | {mode}:STAT? -> 0" for mode in ("AM", "FM", "FSK")) + " | FUNC:SQU:DCYC? -> +5.0000000000000E+01"
+PLAIN += " | VOLT:OFFS? -> +0.0000000000000E+00 | FUNC? -> SIN"
+SQUARE = f"{PLAIN} | FUNC SQU! | FUNC? -> SQU | OUTP:LOAD? -> +9.9000000000000E+37 | VOLT:UNIT? -> VPP"
+SQUARE += " | VOLT:RANG:AUTO? -> 1 | OUTP:POL? -> NORM | FREQ 1.2345678E+07! | VOLT 2.5E+00!"
 BACK = "FREQ? -> +1.234567800000E+07 | VOLT? -> +2.500000000000E+00"
 ON_OFF = "OUTP ON! | OUTP? -> 1 | OUTP OFF! | OUTP? -> 0"
 CONFLICT = f'{PLAIN} | FUNC SQU | SYST:ERR? -> -221,"Settings conflict" | <ok>'

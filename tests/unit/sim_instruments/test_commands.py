@@ -56,7 +56,8 @@ GENERATOR = [
 ]  # fmt: skip
 NOT_BY_GENERATOR = [
     ("FREQ 1 V", -131), ("FREQ 1 qHz", -131), ("FUNC:SQU:DCYC 40 V", -138), ("SOUR2:FREQ 1", -113),
-    ("OUTP:LOAD INF;:VOLT:UNIT DBM", -221), ("VOLT 25 DBM", -222),
+    ("OUTP:LOAD INF;:VOLT:UNIT DBM", -221), ("VOLT 25 DBM", -222), ("PULS:PER 1E-3;WIDT 2E-3", -222),
+    ("FUNC DC;:BURS:STAT ON", -221), ("SWE:STAT ON;:FUNC NOIS", -221), ("FUNC SQU;FUNC:SQU:DCYC 80;:FREQ 6E7", -221),
 ]  # fmt: skip
 TEN_MHZ = "@function_generator | FUNC SQU | OUTP:LOAD INF | FREQ 1.0E+07 | VOLT 5 | OUTP ON"
 TRIPS = (("VOLT:PROT 16", "1"), ("CURR:PROT:STAT ON | CURR 0.3", "2"))
