@@ -55,6 +55,11 @@ def word(*choices: str) -> Kept:
     return Kept("".join(letter for letter in choices[0] if not letter.islower()), choices=choices)
 
 
+def off(*headers: str) -> dict[str, Kept]:
+    """Return settings that are on or off, by header, off after ``*RST``. Source: definition."""
+    return dict.fromkeys(headers, Kept(False))
+
+
 KeptSettings = Mapping[str, Kept]  # by header
 
 

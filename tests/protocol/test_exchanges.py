@@ -101,7 +101,7 @@ ROWS += [
 
 
 NAME = "agilent_53230a"
-GATE = '<start> | FUNC "FREQ 1"! | FREQ:GATE:SOUR TIME! | FREQ:GATE:TIME 1.0E+00!'
+GATE = '<start> | FUNC? -> "FREQ" | FREQ:GATE:TIME 1.0E+00!'
 NEVER = " | ".join(["READ?", *["<poll 0>"] * 13, "<silent>"])
 NO_REFERENCE = '<start:3> | SYST:ERR? -> +1111,"External reference not found" | <ok> | <start>'
 ROWS += [

@@ -77,6 +77,8 @@ DIALOGUES = {
     **{f"no header {header}": f"@supply | {header} 5 | !-113"
        for header in ("VOLTA", "VOL", "VOLT:LEVE", "SOURC:VOLT", "VOLT?:LEV")},
     "headers go on from the last node": "@counter | FREQ:GATE:SOUR TIME;TIME 2.5 | !0 | FREQ:GATE:TIME? ~ 2.5",
+    "a measurement of another channel, and back": "@counter | CONF:FREQ 10E6,1E-3,(@2) | FUNC? -> \"FREQ 2\" | "
+        "MEAS:FREQ? (@1) ~ 9.91e37 | FUNC? -> \"FREQ 1\" | MEAS:FREQ? (@9) | !-224",
     "messages are joined and events collected": "@supply | VOLT:PROT 21;*ESE 4;:VOLT 9 | !0 | "
         "VOLT:PROT?;:VOLT?;*ESE? -> 2.10000E+01;9.00000E+00;4 | *ESR? -> 128 | NONSENSE | VOLT 1e9 | *OPC | "
         "*ESR? -> 49 | *ESR? -> 0",

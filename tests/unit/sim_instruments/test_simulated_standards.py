@@ -284,7 +284,10 @@ def generator(bench: Bench, driver: Any) -> None:
 def counter(bench: Bench, driver: Any) -> None:
     source = bench.world.instruments["function_generator"]
     bench.send("function_generator", "FUNC SQU", "FREQ 10 MHz", "OUTP ON")
-    assert driver.measure_frequency(0.1) == pytest.approx(source.true_frequency_Hz, rel=1e-8)
+    driver.identify()
+    began_ns = bench.clock.now_ns()
+    assert driver.measure_frequency(1.0) == pytest.approx(source.true_frequency_Hz, rel=1e-8)
+    assert bench.clock.now_ns() - began_ns == pytest.approx(1.1e9, abs=0.3e9)
 
 
 def supply(bench: Bench, driver: Any) -> None:
