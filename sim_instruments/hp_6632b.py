@@ -4,22 +4,24 @@ The unit takes a constant current (linear regulators), as its world says; below 
 current limit is lower than that, it is off.
 
 Source: HP 6631B-6634B operating and programming guides (ranges, VOLT:PROT, CURR:PROT:STAT, OUTP:PROT:CLE, VOLT:TRIG,
-INIT:NAME, ABOR; OUTP:PROT:DEL, the over-current trip waits so long after a change of the output). Placeholder: the
-over-voltage trip acts at once.
+INIT:NAME, INIT:CONT, ABOR; OUTP:PROT:DEL, the over-current trip waits so long after a change of the output; 36: bits
+of the status, remote inhibit); InstrumentKit, hp6632b (current up to 20 mA selects the low range). Placeholders: the
+over-voltage trip acts at once, the low range answers with an overload, nothing else takes time in a reading.
 """
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import numpy as np
-
 from sim_instruments.bus.kept import (
     HeldSettings,
     Kept,
     KeptSettings,
+    held_count,
     held_number,
     held_switch,
+    held_word,
+    off,
     word,
 )
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
@@ -27,8 +29,9 @@ from sim_instruments.faults.fault import Fault, NamedFaults
 
 HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
 RESTART_S = 0.3  # the unit's supply is away
-_READ_S = 0.05
-_QUESTIONABLE = {"OV": 1, "OC": 2}
+_LOW_A = 0.02  # the low range of current
+_QUESTIONABLE = {"OV": 1, "OC": 2, "RI": 512}
+_CV, _CC = 256, 1024  # operation status
 
 
 class Hp6632B(ScpiDevice):
@@ -38,34 +41,41 @@ class Hp6632B(ScpiDevice):
     answers: ClassVar[Answers] = {
         "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_V():.5E}",
         "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_A():.5E}",
-        ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
+        ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self._cut_by, 0)),
+        ":STATus:OPERation:CONDition?": lambda self: str(_CC if self._is_limited else _CV),
     }
 
     held: ClassVar[HeldSettings] = {
-        "[:SOURce]:VOLTage[:LEVel]": held_number("voltage_V", 0.0, HIGHEST_V, "V", ".5E", applied=True),
-        "[:SOURce]:CURRent[:LEVel]": held_number("current_A", 0.0, HIGHEST_A, "A", ".5E", applied=True),
+        "[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]": held_number(
+            "voltage_V", 0.0, HIGHEST_V, "V", ".5E", applied=True
+        ),
+        "[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]": held_number(
+            "current_A", 0.0, HIGHEST_A, "A", ".5E", applied=True
+        ),
         "[:SOURce]:VOLTage:PROTection[:LEVel]": held_number("trip_V", 0.0, HIGHEST_TRIP_V, "V", ".5E", applied=True),
         "[:SOURce]:CURRent:PROTection:STATe": held_switch("over_current_trip", applied=True),
         "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]": held_number("next_V", 0.0, HIGHEST_V, "V"),
         "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]": held_number("next_A", 0.0, HIGHEST_A, "A"),
         ":OUTPut[:STATe]": held_switch("on", applied=True),
         ":OUTPut:PROTection:DELay": held_number("delay_s", 0.0, 2147483.647, "s", ".5E"),
+        ":OUTPut:RI:MODE": held_word("inhibit_mode", "OFF", "LATChing", "LIVE"),
+        ":INITiate:CONTinuous:SEQuence1": held_switch("continuous"),
+        ":SENSe:CURRent[:DC]:RANGe[:UPPer]": held_number("range_A", 0.0, HIGHEST_A, "A", ".5E"),
+        ":SENSe:SWEep:TINTerval": held_number("interval_s", 15.6e-6, 31200.0, "s", ".5E"),
+        ":SENSe:SWEep:POINts": held_count("points", 1, 4096, ""),
     }
 
     kept: ClassVar[KeptSettings] = {
-        ":SENSe:CURRent[:DC]:RANGe[:UPPer]": Kept(HIGHEST_A, 0.0, HIGHEST_A, "A"),
         "[:SOURce]:VOLTage:ALC:BANDwidth": Kept(15000.0, 15000.0, 60000.0),
         "[:SOURce]:DIGital:DATA": Kept(0, 0.0, 7.0),
         "[:SOURce]:DIGital:FUNCtion": word("RIDFi", "DIGio"),
         ":DISPlay:MODE": word("NORMal", "TEXT"),
         ":DISPlay:TEXT[:DATA]": Kept("", text=True),
-        ":INITiate:CONTinuous:SEQuence1": Kept(False),
-        ":OUTPut:DFI[:STATe]": Kept(False),
         ":OUTPut:DFI:SOURce": word("OFF", "QUEStionable", "OPERation", "ESB", "RQS"),
-        ":OUTPut:RI:MODE": word("OFF", "LATChing", "LIVE"),
-        ":SENSe:SWEep:TINTerval": Kept(15.6e-6, 15.6e-6, 31200.0, "S"),
-        ":SENSe:SWEep:POINts": Kept(2048, 1.0, 4096.0),
+        ":OUTPut:PON:STATe": word("RST", "RCL0"),
         ":SENSe:WINDow[:TYPE]": word("HANNing", "RECTangular"),
+        ":SYSTem:LANGuage": word("SCPI", "COMPatibility"),
+        **off(":OUTPut:DFI[:STATe]"),
     }
 
     def power_up(self) -> None:
@@ -78,35 +88,41 @@ class Hp6632B(ScpiDevice):
         self.over_current_trip, self.on, self.tripped, self.delay_s = False, False, "", 0.08
         self.next_V: float | None = None
         self.next_A: float | None = None
-        self.armed = False
+        self.armed, self.continuous, self.inhibited, self.inhibit_mode = False, False, False, "OFF"
+        self.range_A, self.points, self.interval_s = HIGHEST_A, 2048, 15.6e-6
         self._apply()
 
-    def leave_more(self, draw: np.random.Generator) -> None:
-        self.voltage_V, self.trip_V = draw.uniform(0.0, HIGHEST_V), draw.uniform(1.0, HIGHEST_TRIP_V)
-        self.current_A, self.delay_s = draw.uniform(0.0, HIGHEST_A), draw.uniform(0.0, 30.0)
-        self.over_current_trip, self.on = bool(draw.integers(2)), bool(draw.integers(2))
-        self.tripped = str(draw.choice(["", "OV", "OC"], p=[0.8, 0.1, 0.1]))
-        self.armed, self.next_V = bool(draw.integers(2)), draw.uniform(0.0, HIGHEST_V)
+    def press(self, keys: str) -> None:
+        """Pull the line INH, or let it go."""
+        self.inhibited = not self.inhibited
+        if self.inhibited and self.inhibit_mode == "LATC":
+            self.tripped = "RI"
         self._apply()
+
+    @property
+    def _cut_by(self) -> str:
+        """What keeps the output off."""
+        return self.tripped or ("RI" if self.inhibited and self.inhibit_mode == "LIVE" else "")
 
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "voltage_V": self.voltage_V, "tripped": self.tripped}
 
     def _load(self) -> tuple[float, float]:
         """Return voltage (V) and current (A) at the terminals."""
-        if not self.on or self.tripped:
+        if not self.on or self._cut_by:
             return 0.0, 0.0
         start_V, load_A = self.world.load
-        if self.voltage_V < start_V:
-            return self.voltage_V, 0.0
-        if self.current_A >= load_A:
-            return self.voltage_V, load_A
-        return start_V / 2, self.current_A  # the limit holds the voltage below the start of the unit
+        if self._is_limited:
+            return start_V / 2, self.current_A  # the limit holds the voltage below the start of the unit
+        return self.voltage_V, load_A if self.voltage_V >= start_V else 0.0
+
+    @property
+    def _is_limited(self) -> bool:
+        start_V, load_A = self.world.load
+        return self.on and not self._cut_by and self.voltage_V >= start_V and self.current_A < load_A
 
     def _is_overloaded(self) -> bool:
-        start_V, load_A = self.world.load
-        limited = self.voltage_V >= start_V and self.current_A < load_A
-        return self.on and not self.tripped and self.over_current_trip and limited
+        return self.over_current_trip and self._is_limited
 
     def _trip_late(self, number: int) -> None:
         """Act ``delay_s`` behind the change that brought the supply to its limit, unless it changed again."""
@@ -163,7 +179,7 @@ class Hp6632B(ScpiDevice):
         self.trigger()
 
     def trigger(self) -> None:
-        if self.armed:
+        if self.armed or self.continuous:
             self.armed, self.voltage_V, self.current_A = False, self._triggered_V(), self._triggered_A()
             self._apply()
 
@@ -174,13 +190,17 @@ class Hp6632B(ScpiDevice):
 
     @command(":MEASure[:SCALar]:VOLTage?")
     def _measure_voltage(self, _: str) -> str:
-        self.reply_after(_READ_S)
-        return self.reading(f"{self._load()[0] + self._noise.normal(0.0, 1e-3):.5E}")
+        return self._taken(self._load()[0] + self._noise.normal(0.0, 1e-3))
 
     @command(":MEASure[:SCALar]:CURRent?")
     def _measure_current(self, _: str) -> str:
-        self.reply_after(_READ_S)
-        return self.reading(f"{self._load()[1] + self._noise.normal(0.0, 2e-4):.5E}")
+        current_A = self._load()[1]
+        beyond = self.range_A <= _LOW_A < current_A
+        return self._taken(float(self.overload) if beyond else current_A + self._noise.normal(0.0, 2e-4))
+
+    def _taken(self, value: float) -> str:
+        self.reply_after(self.points * self.interval_s)
+        return self.reading(f"{value:.5E}")
 
 
 SIMULATOR = Hp6632B

@@ -165,10 +165,12 @@ ROWS += [
 
 
 NAME = "hp_6632b"
-LIMITS = "CURR 1.5E+00! | CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01!"
+LIMITS = "CURR 1.5E+00! | INIT:CONT:SEQ1? -> 0 | ABOR! | CURR:PROT:STAT? -> 1 | OUTP:RI:MODE? -> LIVE"
+LIMITS += " | OUTP:RI:MODE LATC! | OUTP:RI:MODE? -> LATC | OUTP:PROT:DEL 0.08! | VOLT? -> 5.0 | VOLT:PROT 1.8E+01!"
 BACK = "CURR? -> 1.50000E+00 | VOLT:PROT? -> 1.80000E+01 | VOLT? -> 1.50000E+01"
 CONFIGURED = f"<start> | {LIMITS} | VOLT 1.5E+01! | {BACK}"
-ON, OFF = f"{CONFIGURED} | {BACK} | OUTP ON!", "OUTP OFF! | OUTP? -> 0"
+READY, OFF = f"{CONFIGURED} | {BACK}", "OUTP OFF! | OUTP? -> 0"
+ON = f"{READY} | STAT:QUES:COND? -> 0 | OUTP ON!"
 OUT_OF_RANGE = 'SYST:ERR? -> -222,"Data out of range" | <ok>'
 CONFIGURE = does("configure", 15.0, 1.5, 18.0)
 ROWS += [
@@ -176,9 +178,11 @@ ROWS += [
         f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> 0 | MEAS:VOLT? -> +1.49991E+01 | MEAS:CURR? -> +4.20000E-01 | {OFF}",
         CONFIGURE, does("output_on"), gives(14.9991, "measure_voltage"), gives(0.42, "measure_current"),
         does("output_off")),
-    *[row(NAME, f"protection {condition} that was left latched", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
+    *[row(NAME, f"protection {condition} that trips", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
           f"{condition} | {OFF}", CONFIGURE, refuses("B-INST-018", what, "output_on"))
       for condition, what in ((1, "over-voltage"), (3, "over-voltage and over-current"))],
+    row(NAME, "one that was left latched", f"{READY} | STAT:QUES:COND? -> 512", CONFIGURE,
+        refuses("B-INST-019", "latched protection.*OUTP:PROT:CLE", "output_on")),
     row(NAME, "no output without limits", "", refuses("B-INST-010", "", "output_on")),
     row(NAME, "no limits that do not protect", "",
         refuses("B-INST-008", "not above voltage", "configure", 15.0, 1.5, 15.0),

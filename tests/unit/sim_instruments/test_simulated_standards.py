@@ -292,14 +292,15 @@ def counter(bench: Bench, driver: Any) -> None:
 
 def supply(bench: Bench, driver: Any) -> None:
     driver.configure(VOLTAGE_V, 1.5, 18.0)
-    seen = bench.world.instruments["supply"]
-    if seen.tripped:
-        with pytest.raises(InstrumentError, match=r"B-INST-018: .*latched"):
-            driver.output_on()
-        assert not seen.on
-        seen.tripped = ""  # a person has looked and cleared it
     driver.output_on()
-    assert seen.supplied_V == VOLTAGE_V
+    seen = bench.world.instruments["supply"]
+    bench.send("supply", "*TRG")
+    assert (seen.supplied_V, seen.current_A, seen.over_current_trip) == (VOLTAGE_V, 1.5, True)
+    assert driver.measure_current() == pytest.approx(bench.world.load[1], abs=2e-3)
+    changes = len(bench.unit.power)
+    seen.press("INH")  # the line is pulled and let go: what goes off stays off
+    seen.press("INH")
+    assert not any(on for _, on, _ in bench.unit.power[changes:])
 
 
 def meter(bench: Bench, driver: Any) -> None:
