@@ -169,8 +169,7 @@ LIMITS = "CURR 1.5E+00! | INIT:CONT:SEQ1? -> 0 | ABOR! | CURR:PROT:STAT? -> 1 | 
 LIMITS += " | OUTP:RI:MODE LATC! | OUTP:RI:MODE? -> LATC | OUTP:PROT:DEL 0.08! | VOLT? -> 5.0 | VOLT:PROT 1.8E+01!"
 BACK = "CURR? -> 1.50000E+00 | VOLT:PROT? -> 1.80000E+01 | VOLT? -> 1.50000E+01"
 CONFIGURED = f"<start> | {LIMITS} | VOLT 1.5E+01! | {BACK}"
-READY, OFF = f"{CONFIGURED} | {BACK}", "OUTP OFF! | OUTP? -> 0"
-ON = f"{READY} | STAT:QUES:COND? -> 0 | OUTP ON!"
+ON, OFF = f"{CONFIGURED} | {BACK} | STAT:QUES:COND? -> 0 | OUTP ON!", "OUTP OFF! | OUTP? -> 0"
 OUT_OF_RANGE = 'SYST:ERR? -> -222,"Data out of range" | <ok>'
 CONFIGURE = does("configure", 15.0, 1.5, 18.0)
 ROWS += [
@@ -181,7 +180,7 @@ ROWS += [
     *[row(NAME, f"protection {condition} that trips", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
           f"{condition} | {OFF}", CONFIGURE, refuses("B-INST-018", what, "output_on"))
       for condition, what in ((1, "over-voltage"), (3, "over-voltage and over-current"))],
-    row(NAME, "one that was left latched", f"{READY} | STAT:QUES:COND? -> 512", CONFIGURE,
+    row(NAME, "one that was left latched", f"{CONFIGURED} | {BACK} | STAT:QUES:COND? -> 512", CONFIGURE,
         refuses("B-INST-019", "latched protection.*OUTP:PROT:CLE", "output_on")),
     row(NAME, "no output without limits", "", refuses("B-INST-010", "", "output_on")),
     row(NAME, "no limits that do not protect", "",

@@ -164,8 +164,7 @@ IDENTIFY = {
     "agilent_e3631a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0\n"),
         NO_ERROR,
-        (b"OUTP:TRAC OFF\n", None),
-        NO_ERROR,
+        (b"OUTP:TRAC?\n", b"0\n"),
     ],
     "agilent_34970a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,34970A,0,13-2-2\n"),
