@@ -34,7 +34,8 @@ class Agilent53230A(ScpiInstrument):
         """
         (gate,) = self.checked("measure_frequency", gate=gate)
         self.bring("measure_frequency")
-        self.set(f"FREQ:GATE:TIME {exponent_form(gate)}", either(lambda: self._has_gate(gate), True))
+        has_gate = either(lambda: abs(self.ask("FREQ:GATE:TIME?", read_number) - gate) <= _GATE_STEP_S, True)
+        self.set(f"FREQ:GATE:TIME {exponent_form(gate)}", has_gate)
         return self.measured(read_number, gate + _BEYOND_GATE_S)
 
     @action(bus_s=0.2)
@@ -43,9 +44,6 @@ class Agilent53230A(ScpiInstrument):
         external = self.ask("ROSC:SOUR?", read_text).upper().startswith("EXT")
         lost = self.ask("STAT:QUES:EVEN?", read_integer) & _REFERENCE_LOST
         return external and not lost
-
-    def _has_gate(self, gate_s: float) -> bool:
-        return abs(self.ask("FREQ:GATE:TIME?", read_number) - gate_s) <= _GATE_STEP_S
 
     _go_safe = ScpiInstrument.abort
 

@@ -2,10 +2,10 @@
 function-generator input.
 
 Source: 33250A User's Guide (remote interface; ranges of square waves, load and amplitude; burst, sweep and modulation
-end each other; VRMS and DBM, which needs a load; 166: a pulse ends before the next one begins, else its width is
-reduced and told); specifications (what can be swept, modulated, given in bursts). The unit's input has a high
-impedance: with the load setting at 50 ohm its amplitude is twice the programmed one. Placeholder: the error of an
-amplitude without autorange.
+end each other; VRMS and DBM, which needs a load; 166: a pulse ends before the next one begins); specifications (what
+can be swept, modulated, given in bursts). The unit's input has a high impedance: with the load setting at 50 ohm its
+amplitude is twice the programmed one. Placeholders: the error of an amplitude without autorange; a pulse that does not
+fit is refused, where the real one shortens it and tells so.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, ClassVar
 
 from sim_instruments.bus.kept import (
+    Held,
     HeldSettings,
     Kept,
     KeptSettings,
@@ -53,21 +54,40 @@ class Agilent33250A(ScpiDevice):
     identity = "Agilent Technologies,33250A,SIM33250,1.05-1.01-1.00-03-1"
     answers: ClassVar[Answers] = {
         "[:SOURce]:FUNCtion[:SHAPe]?": lambda self: self.function,
-        "[:SOURce]:FREQuency?": lambda self: f"{self.frequency_Hz:+.13E}",
         "[:SOURce]:VOLTage?": lambda self: f"{self._in_unit(self.amplitude_V, self.amplitude_unit):+.13E}",
-        "[:SOURce]:VOLTage:OFFSet?": lambda self: f"{self.offset_V:+.13E}",
         "[:SOURce]:VOLTage:HIGH?": lambda self: f"{self.offset_V + self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:LOW?": lambda self: f"{self.offset_V - self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
-        "[:SOURce]:FUNCtion:SQUare:DCYCle?": lambda self: f"{self.duty_percent:+.13E}",
         "[:SOURce]:PULSe:PERiod?": lambda self: f"{1.0 / self.frequency_Hz:+.13E}",
-        "[:SOURce]:PULSe:WIDTh?": lambda self: f"{self.width_s:+.13E}",
         ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
+        **{
+            f"[:SOURce]:{node}:STATe?": lambda self, mode=mode: str(int(self.mode == mode))
+            for mode, node in _MODES.items()
+        },
     }
     held: ClassVar[HeldSettings] = {
         ":OUTPut:POLarity": held_word("polarity", "NORMal", "INVerted"),
         ":OUTPut[:STATe]": held_switch("on", applied=True),
         "[:SOURce]:VOLTage:RANGe:AUTO": held_switch("autorange", applied=True),
+        "[:SOURce]:FREQuency": Held(
+            "frequency_Hz",
+            lambda self, text: round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6),
+            "+.13E",
+            applied=True,
+        ),
+        "[:SOURce]:VOLTage:OFFSet": Held(
+            "offset_V", lambda self, text: self.number(text, -self._room_V, self._room_V, "V"), "+.13E"
+        ),
+        "[:SOURce]:FUNCtion:SQUare:DCYCle": Held(
+            "duty_percent",
+            lambda self, text: self.number(text, 50.0 - self._duty_room, 50.0 + self._duty_room),
+            "+.13E",
+        ),
+        "[:SOURce]:PULSe:WIDTh": Held(
+            "width_s",
+            lambda self, text: self.number(text, 8e-9, 1.0 / self.frequency_Hz - _EDGES * self.edge_s, "s"),
+            "+.13E",
+        ),
         "[:SOURce]:PULSe:TRANsition": held_number("edge_s", 5e-9, 1e-3, "s", "+.13E"),
     }
 
@@ -88,10 +108,9 @@ class Agilent33250A(ScpiDevice):
     }
 
     def power_up(self) -> None:
-        self.error_ppm = 0.0
-        super().power_up()
         draw = self.rng("function generator frequency")
         self.error_ppm = draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM)
+        super().power_up()
 
     def reset(self) -> None:
         self.function, self.frequency_Hz = "SIN", 1e3
@@ -125,7 +144,17 @@ class Agilent33250A(ScpiDevice):
         """Part of an open output's amplitude that its load setting says is at the load."""
         return 1.0 if self.load_ohm == INFINITE_OHM else self.load_ohm / (self.load_ohm + 50.0)
 
+    @property
+    def _duty_room(self) -> float:
+        """How far a duty cycle may be from 50 %, at most."""
+        return 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
+
     def _apply(self) -> None:
+        """Put out what is set, but for a duty cycle that the frequency has not: it is reduced and told."""
+        off_50 = self.duty_percent - 50.0
+        if self.function == "SQU" and abs(off_50) > self._duty_room:
+            self.duty_percent = 50.0 + math.copysign(self._duty_room, off_50)
+            self.error(*SETTINGS_CONFLICT)
         counted = self.open_amplitude_V >= UNIT_THRESHOLD_VPP
         if self.is_first:
             self.world.unit.set_fg(self.true_frequency_Hz if counted else 0.0, self.now_ns)
@@ -133,8 +162,13 @@ class Agilent33250A(ScpiDevice):
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "frequency_Hz": self.frequency_Hz, "amplitude_V": self.amplitude_V}
 
+    @property
     def _largest_V(self) -> float:
         return 20.0 * self._share
+
+    @property
+    def _room_V(self) -> float:
+        return (self._largest_V - self.amplitude_V) / 2
 
     @command("[:SOURce]:FUNCtion[:SHAPe]")
     def _set_function(self, text: str) -> None:
@@ -146,40 +180,19 @@ class Agilent33250A(ScpiDevice):
             self.mode = ""
             self.error(*SETTINGS_CONFLICT)
         self.function = function
-        self._fit()
-
-    @command("[:SOURce]:FREQuency")
-    def _set_frequency(self, text: str) -> None:
-        self.frequency_Hz = round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6)
-        self._fit()
+        self._apply()
 
     @command("[:SOURce]:PULSe:PERiod")
     def _set_period(self, text: str) -> None:
-        self.frequency_Hz = 1.0 / self.number(text, 20e-9, 2000.0, "s")
-        self._fit(of_pulse=True)
-
-    @command("[:SOURce]:PULSe:WIDTh")
-    def _set_width(self, text: str) -> None:
-        self.width_s = self.number(text, 8e-9, 2000.0, "s")
-        self._fit(of_pulse=True)
-
-    def _fit(self, *, of_pulse: bool = False) -> None:
-        """Reduce a duty cycle or a pulse width that the frequency does not allow, and tell it."""
-        longest_s, room = max(8e-9, 1.0 / self.frequency_Hz - _EDGES * self.edge_s), self._duty_room
-        if self.function == "SQU" and abs(self.duty_percent - 50.0) > room:
-            self.duty_percent = 50.0 + math.copysign(room, self.duty_percent - 50.0)
-            self.error(*SETTINGS_CONFLICT)
-        if (of_pulse or self.function == "PULS") and self.width_s > longest_s:
-            self.width_s = longest_s
-            self.error(*OUT_OF_RANGE)
+        self.frequency_Hz = 1.0 / self.number(text, max(20e-9, self.width_s + _EDGES * self.edge_s), 2000.0, "s")
         self._apply()
 
     @command("[:SOURce]:VOLTage")
     def _set_amplitude(self, text: str) -> None:
         unit = next((unit for unit in ("VPP", "VRMS", "DBM") if text.upper().endswith(unit)), self.amplitude_unit)
-        bounds = (self._in_unit(bound_V, unit) for bound_V in (self._largest_V() / 1000.0, self._largest_V()))
+        bounds = (self._in_unit(bound_V, unit) for bound_V in (self._largest_V / 1000.0, self._largest_V))
         amplitude_V = self._from_unit(self.number(text.upper().removesuffix(unit), *bounds, "V"), unit)
-        if amplitude_V / 2 + abs(self.offset_V) > self._largest_V() / 2:
+        if amplitude_V / 2 + abs(self.offset_V) > self._largest_V / 2:
             raise ScpiError(*SETTINGS_CONFLICT)
         self.amplitude_V = round(amplitude_V, 4)
         self._apply()
@@ -205,11 +218,6 @@ class Agilent33250A(ScpiDevice):
             raise ScpiError(*SETTINGS_CONFLICT)  # no power goes into it
         return self.load_ohm
 
-    @command("[:SOURce]:VOLTage:OFFSet")
-    def _set_offset(self, text: str) -> None:
-        room_V = (self._largest_V() - self.amplitude_V) / 2
-        self.offset_V = self.number(text, -room_V, room_V, "V")
-
     @command("[:SOURce]:VOLTage:HIGH")
     def _set_high(self, text: str) -> None:
         self._between(self.offset_V - self.amplitude_V / 2.0, self.number(text, -10.0, 10.0, "V"))
@@ -219,32 +227,15 @@ class Agilent33250A(ScpiDevice):
         self._between(self.number(text, -10.0, 10.0, "V"), self.offset_V + self.amplitude_V / 2.0)
 
     def _between(self, low_V: float, high_V: float) -> None:
-        largest_V = self._largest_V()
+        largest_V = self._largest_V
         if not largest_V / 1000.0 <= high_V - low_V or max(abs(low_V), abs(high_V)) > largest_V / 2.0:
             raise ScpiError(*SETTINGS_CONFLICT)
         self.amplitude_V, self.offset_V = round(high_V - low_V, 4), (high_V + low_V) / 2.0
         self._apply()
 
-    @command(":SYSTem:BEEPer[:IMMediate]")
-    def _beep(self, _: str) -> None:
-        """Nobody hears it."""
-
-    @property
-    def _duty_room(self) -> float:
-        """How far a duty cycle may be from 50 %, at most."""
-        return 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
-
-    @command("[:SOURce]:FUNCtion:SQUare:DCYCle")
-    def _set_duty(self, text: str) -> None:
-        self.duty_percent = self.number(text, 50.0 - self._duty_room, 50.0 + self._duty_room)
-
     def further(self) -> Handlers:
         switches = {f"[:SOURce]:{node}:STATe": partial(self._switch_mode, mode) for mode, node in _MODES.items()}
-        asked = {f"[:SOURce]:{node}:STATe?": partial(self._is_mode, mode) for mode, node in _MODES.items()}
-        return switches | asked
-
-    def _is_mode(self, mode: str, _: str) -> str:
-        return str(int(self.mode == mode))
+        return switches | {":SYSTem:BEEPer[:IMMediate]": lambda _: None}  # nobody hears it
 
     def _switch_mode(self, mode: str, text: str) -> None:
         """One of burst, sweep and modulation at a time: each that is switched on ends the one before."""
@@ -269,8 +260,9 @@ class Agilent33250A(ScpiDevice):
         if len(values) > 3:
             raise ScpiError(*OUT_OF_RANGE)
         self._set_function("SQU")
-        for setter, value in zip((self._set_frequency, self._set_amplitude, self._set_offset), values, strict=False):
-            setter(value)
+        self.duty_percent = 50.0
+        for header, value in zip((":FREQ", ":VOLT", ":VOLT:OFFS"), values, strict=False):
+            self.carry_out(f"{header} {value}")
         self.on = True
         self._apply()
 

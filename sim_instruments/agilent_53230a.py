@@ -4,7 +4,7 @@ Source: 53220A/53230A Programmer's Reference (FREQuency, SENSe:FREQuency:GATE, R
 bit 10 = reference); User's Guide (131, 133: CONFigure, MEASure and *RST find the threshold by themselves, a threshold
 that is given ends that; 140: low-pass at 100 kHz, which CONFigure leaves; 198: scaling); opronningen/53230A-Toolkit,
 Learn/Learn.cs (settings after *RST, without the reference). Placeholders: without a signal the measurement ends 1 s
-after its gate with 9.91E37; the least signal.
+after its gate with 9.91E37; the least signal; the reference value of a scale is always the reading itself.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from sim_instruments.bus.kept import (
     held_number,
     held_switch,
     held_word,
-    off,
     word,
 )
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command, words
@@ -35,7 +34,6 @@ _MOST_READINGS = 1000
 _FILTER_HZ = 100e3
 _LEAST = 0.004  # RMS value that is counted, part of the input's range
 _FUNCTION = "[:SENSe]:FUNCtion[:ON]"
-_SCALED = {"PCT": 1e2, "PPM": 1e6, "PPB": 1e9}  # of a difference from the reference value
 
 
 class Agilent53230A(ScpiDevice):
@@ -50,11 +48,11 @@ class Agilent53230A(ScpiDevice):
     identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
     answers: ClassVar[Answers] = {
         ":INPut1:LEVel[:ABSolute]?": lambda self: f"{self.level_V:+.8E}",
-        "[:SENSe]:ROSCillator:SOURce?": lambda self: self.reference,
     }
     held: ClassVar[HeldSettings] = {
         "[:SENSe]:FREQuency:GATE:TIME": held_number("gate_s", 1e-6, 1000.0, "s", "+.15E"),
         "[:SENSe]:FREQuency:GATE:SOURce": held_word("gate_source", "TIME", "IMMediate", "EXTernal"),
+        "[:SENSe]:ROSCillator:SOURce": held_word("reference", "INTernal", "EXTernal"),
         ":SAMPle:COUNt": held_count("samples", 1, 1_000_000, "+.14E"),
         ":TRIGger:COUNt": held_count("triggers", 1, 1_000_000, "+.14E"),
         ":TRIGger:SOURce": held_word("trigger_source", "IMMediate", "EXTernal", "BUS"),
@@ -66,8 +64,6 @@ class Agilent53230A(ScpiDevice):
         ":CALCulate1:SCALe[:STATe]": held_switch("scales"),
         ":CALCulate1:SCALe:FUNCtion": held_word("scale", "NULL", "PCT", "PPM", "PPB", "SCALe"),
         ":CALCulate1:SCALe:GAIN": held_number("gain", -1e15, 1e15, form="+.14E"),
-        ":CALCulate1:SCALe:REFerence": held_number("reference_value", -1e15, 1e15, form="+.14E"),
-        ":CALCulate1:SCALe:REFerence:AUTO": held_switch("takes_first"),
     }
     kept: ClassVar[KeptSettings] = {
         _FUNCTION: Kept("FREQ 1", choices=("FREQuency 1", "FREQuency 2", "FREQuency"), text=True),
@@ -79,10 +75,12 @@ class Agilent53230A(ScpiDevice):
         ":INPut1:SLOPe": word("POSitive", "NEGative"),
         ":INPut1:PROBe": Kept(1, 1, 10),
         ":INPut1:LEVel:RELative": Kept(50, 10, 90),
+        ":CALCulate1:SCALe:REFerence:AUTO": Kept(True),
         ":FORMat[:DATA]": Kept("ASC,15"),
         ":SYSTem:TIMeout": Kept(9.9e37, 0.01, 2000.0, "s", infinite=True),
-        **off("[:SENSe]:ROSCillator:SOURce:AUTO", ":INPut1:NREJect", ":CALCulate1:SMOothing[:STATe]",
-              ":CALCulate1:AVERage[:STATe]", ":OUTPut[:STATe]"),
+        **dict.fromkeys((
+            "[:SENSe]:ROSCillator:SOURce:AUTO", ":INPut1:NREJect", ":CALCulate1:SMOothing[:STATe]",
+            ":CALCulate1:AVERage[:STATe]", ":OUTPut[:STATe]"), Kept(False)),
     }  # fmt: skip
 
     def power_up(self) -> None:
@@ -95,7 +93,6 @@ class Agilent53230A(ScpiDevice):
     def reset(self) -> None:
         self.filters, self.range_V, self.delay_s = False, 5.0, 0.0
         self.calculates, self.scales, self.scale, self.gain = False, False, "NULL", 1.0
-        self.reference_value, self.takes_first = 0.0, True
         self._event = 0
         self._configure("")
 
@@ -122,10 +119,7 @@ class Agilent53230A(ScpiDevice):
     def _calculated(self, value: float) -> float:
         if not (self.calculates and self.scales):
             return value
-        if self.scale == "SCAL":
-            return value * self.gain
-        reference = value if self.takes_first else self.reference_value
-        return (value - reference) * _SCALED.get(self.scale, reference) / reference
+        return value * self.gain if self.scale == "SCAL" else 0.0  # nothing from itself
 
     @command(":INPut1:LEVel[:ABSolute]")
     def _set_level(self, text: str) -> None:
@@ -140,12 +134,6 @@ class Agilent53230A(ScpiDevice):
         self.level_V, self.finds_level = 0.0, True
         self.gate_s, self.gate_source = 0.1, "TIME"
         self.samples, self.triggers, self.trigger_source = 1, 1, "IMM"
-
-    @command("[:SENSe]:ROSCillator:SOURce")
-    def _set_reference(self, text: str) -> None:
-        self.reference = self.word(text, "INTernal", "EXTernal")
-        if self.reference == "EXT" and self.reference_lost:
-            self._event |= REFERENCE_BIT
 
     @command(":STATus:QUEStionable[:EVENt]?")
     def _questionable(self, _: str) -> str:

@@ -21,7 +21,6 @@ from sim_instruments.bus.kept import (
     held_number,
     held_switch,
     held_word,
-    off,
     word,
 )
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
@@ -39,9 +38,9 @@ class Hp6632B(ScpiDevice):
 
     identity = "HEWLETT-PACKARD,6632B,SIM6632,A.03.01"
     answers: ClassVar[Answers] = {
-        "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_V():.5E}",
-        "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_A():.5E}",
-        ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self._cut_by, 0)),
+        "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._levels()[0]:.5E}",
+        "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._levels()[1]:.5E}",
+        ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
         ":STATus:OPERation:CONDition?": lambda self: str(_CC if self._is_limited else _CV),
     }
 
@@ -75,7 +74,7 @@ class Hp6632B(ScpiDevice):
         ":OUTPut:PON:STATe": word("RST", "RCL0"),
         ":SENSe:WINDow[:TYPE]": word("HANNing", "RECTangular"),
         ":SYSTem:LANGuage": word("SCPI", "COMPatibility"),
-        **off(":OUTPut:DFI[:STATe]"),
+        ":OUTPut:DFI[:STATe]": Kept(False),
     }
 
     def power_up(self) -> None:
@@ -95,21 +94,16 @@ class Hp6632B(ScpiDevice):
     def press(self, keys: str) -> None:
         """Pull the line INH, or let it go."""
         self.inhibited = not self.inhibited
-        if self.inhibited and self.inhibit_mode == "LATC":
-            self.tripped = "RI"
+        if self.inhibit_mode != "OFF":
+            self.tripped = "RI" if self.inhibited or self.inhibit_mode == "LATC" else ""
         self._apply()
-
-    @property
-    def _cut_by(self) -> str:
-        """What keeps the output off."""
-        return self.tripped or ("RI" if self.inhibited and self.inhibit_mode == "LIVE" else "")
 
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "voltage_V": self.voltage_V, "tripped": self.tripped}
 
     def _load(self) -> tuple[float, float]:
         """Return voltage (V) and current (A) at the terminals."""
-        if not self.on or self._cut_by:
+        if not self.on or self.tripped:
             return 0.0, 0.0
         start_V, load_A = self.world.load
         if self._is_limited:
@@ -119,14 +113,11 @@ class Hp6632B(ScpiDevice):
     @property
     def _is_limited(self) -> bool:
         start_V, load_A = self.world.load
-        return self.on and not self._cut_by and self.voltage_V >= start_V and self.current_A < load_A
-
-    def _is_overloaded(self) -> bool:
-        return self.over_current_trip and self._is_limited
+        return self.on and not self.tripped and self.voltage_V >= start_V and self.current_A < load_A
 
     def _trip_late(self, number: int) -> None:
         """Act ``delay_s`` behind the change that brought the supply to its limit, unless it changed again."""
-        if number == self._changes and self._is_overloaded():
+        if number == self._changes and self.over_current_trip and self._is_limited:
             self.tripped = "OC"
             self._apply()
 
@@ -135,7 +126,7 @@ class Hp6632B(ScpiDevice):
         self._changes += 1
         if self.on and not self.tripped and self.voltage_V > self.trip_V:
             self.tripped = "OV"
-        if self._is_overloaded():
+        if self.over_current_trip and self._is_limited:
             changes = self._changes
             self.world.after(self.delay_s, lambda: self._trip_late(changes))
         voltage_V = self._load()[0]
@@ -159,12 +150,12 @@ class Hp6632B(ScpiDevice):
             "supply", (), f"the unit loses its supply for {RESTART_S:g} s; its counter starts anew", restart_unit),
     }  # fmt: skip
 
-    def _triggered_V(self) -> float:
-        """Voltage that a trigger sets, volt: without one the immediate level, as the guide has it."""
-        return self.voltage_V if self.next_V is None else self.next_V
-
-    def _triggered_A(self) -> float:
-        return self.current_A if self.next_A is None else self.next_A
+    def _levels(self) -> tuple[float, float]:
+        """Return what a trigger sets, volt and ampere: without a level of its own the immediate one (guide)."""
+        return (
+            self.voltage_V if self.next_V is None else self.next_V,
+            self.current_A if self.next_A is None else self.next_A,
+        )
 
     @command(":INITiate[:IMMediate]:NAME")
     def _arm(self, text: str) -> None:
@@ -180,7 +171,7 @@ class Hp6632B(ScpiDevice):
 
     def trigger(self) -> None:
         if self.armed or self.continuous:
-            self.armed, self.voltage_V, self.current_A = False, self._triggered_V(), self._triggered_A()
+            self.armed, (self.voltage_V, self.current_A) = False, self._levels()
             self._apply()
 
     @command(":OUTPut:PROTection:CLEar")
