@@ -110,7 +110,7 @@ def test_one_lock_per_bus_and_another_thread_waits_for_it() -> None:
         thread.start()
         thread.join(0.05)
         assert thread.is_alive()
-        assert len(supply.test_resource.events) == 6
+        assert len(supply.test_resource.events) == 9
     thread.join(5)
     assert not thread.is_alive()
     assert supply.test_resource.events == []
@@ -207,8 +207,8 @@ def test_nothing_is_asked_while_an_old_reply_may_still_come() -> None:
 
 
 CURR = "CURR 1.5E+00"
-REST = "CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01! | VOLT 1.5E+01! | "
-REST += "CURR? -> 1.5 | VOLT:PROT? -> 18.0 | VOLT? -> 15.0"
+REST = "INIT:CONT:SEQ1? -> 0 | ABOR! | CURR:PROT:STAT? -> 1 | OUTP:RI:MODE? -> OFF | OUTP:PROT:DEL 0.08! | "
+REST += "VOLT? -> 19 | VOLT 1.5E+01! | VOLT:PROT 1.8E+01! | CURR? -> 1.5 | VOLT? -> 15.0 | VOLT:PROT? -> 18.0"
 NO_QUEUE = "SYST:ERR? -> <timeout> | <silent>"
 CONFIGURE = (15.0, 1.5, 18.0)
 DONE = does("configure", *CONFIGURE)

@@ -20,11 +20,11 @@ ROWS: list[Row] = []
 
 
 NAME = "agilent_33250a"
-PLAIN = (
-    "<start> | " + " | ".join(f"{mode}:STAT OFF!" for mode in ("BURS", "SWE", "AM", "FM", "FSK")) + " | VOLT:OFFS 0!"
-)
-SQUARE = f"{PLAIN} | FUNC SQU! | OUTP:LOAD INF! | OUTP:POL NORM! | FUNC:SQU:DCYC 50! | FREQ 1.2345678E+07!"
-SQUARE += " | VOLT:UNIT VPP! | VOLT 2.5E+00!"
+PLAIN = "<start> | BURS:STAT? -> 0 | SWE:STAT? -> 1 | SWE:STAT OFF! | SWE:STAT? -> 0"
+PLAIN += "".join(f" | {mode}:STAT? -> 0" for mode in ("AM", "FM", "FSK")) + " | FUNC:SQU:DCYC? -> +5.0000000000000E+01"
+PLAIN += " | VOLT:OFFS? -> +0.0000000000000E+00 | FUNC? -> SIN"
+SQUARE = f"{PLAIN} | FUNC SQU! | FUNC? -> SQU | OUTP:LOAD? -> +9.9000000000000E+37 | VOLT:UNIT? -> VPP"
+SQUARE += " | VOLT:RANG:AUTO? -> 1 | OUTP:POL? -> NORM | FREQ 1.2345678E+07! | VOLT 2.5E+00!"
 BACK = "FREQ? -> +1.234567800000E+07 | VOLT? -> +2.500000000000E+00"
 ON_OFF = "OUTP ON! | OUTP? -> 1 | OUTP OFF! | OUTP? -> 0"
 CONFLICT = f'{PLAIN} | FUNC SQU | SYST:ERR? -> -221,"Settings conflict" | <ok>'
@@ -110,7 +110,7 @@ ROWS += [
 
 
 NAME = "agilent_53230a"
-GATE = '<start> | FUNC "FREQ 1"! | FREQ:GATE:SOUR TIME! | FREQ:GATE:TIME 1.0E+00!'
+GATE = '<start> | FUNC? -> "FREQ" | FREQ:GATE:TIME 1.0E+00!'
 NEVER = " | ".join(["READ?", *["<poll 0>"] * 13, "<silent>"])
 NO_REFERENCE = '<start:3> | SYST:ERR? -> +1111,"External reference not found" | <ok> | <start>'
 ROWS += [
@@ -174,10 +174,11 @@ ROWS += [
 
 
 NAME = "hp_6632b"
-LIMITS = "CURR 1.5E+00! | CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01!"
+LIMITS = "CURR 1.5E+00! | INIT:CONT:SEQ1? -> 0 | ABOR! | CURR:PROT:STAT? -> 1 | OUTP:RI:MODE? -> LIVE"
+LIMITS += " | OUTP:RI:MODE LATC! | OUTP:RI:MODE? -> LATC | OUTP:PROT:DEL 0.08! | VOLT? -> 5.0 | VOLT:PROT 1.8E+01!"
 BACK = "CURR? -> 1.50000E+00 | VOLT:PROT? -> 1.80000E+01 | VOLT? -> 1.50000E+01"
 CONFIGURED = f"<start> | {LIMITS} | VOLT 1.5E+01! | {BACK}"
-ON, OFF = f"{CONFIGURED} | {BACK} | OUTP ON!", "OUTP OFF! | OUTP? -> 0"
+ON, OFF = f"{CONFIGURED} | {BACK} | STAT:QUES:COND? -> 0 | OUTP ON!", "OUTP OFF! | OUTP? -> 0"
 OUT_OF_RANGE = 'SYST:ERR? -> -222,"Data out of range" | <ok>'
 CONFIGURE = does("configure", 15.0, 1.5, 18.0)
 ROWS += [
@@ -185,9 +186,11 @@ ROWS += [
         f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> 0 | MEAS:VOLT? -> +1.49991E+01 | MEAS:CURR? -> +4.20000E-01 | {OFF}",
         CONFIGURE, does("output_on"), gives(14.9991, "measure_voltage"), gives(0.42, "measure_current"),
         does("output_off")),
-    *[row(NAME, f"protection {condition} that was left latched", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
+    *[row(NAME, f"protection {condition} that trips", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
           f"{condition} | {OFF}", CONFIGURE, refuses("B-INST-018", what, "output_on"))
       for condition, what in ((1, "over-voltage"), (3, "over-voltage and over-current"))],
+    row(NAME, "one that was left latched", f"{CONFIGURED} | {BACK} | STAT:QUES:COND? -> 512", CONFIGURE,
+        refuses("B-INST-019", "inhibited output.*OUTP:PROT:CLE", "output_on")),
     row(NAME, "no output without limits", "", refuses("B-INST-010", "", "output_on")),
     row(NAME, "no limits that do not protect", "",
         refuses("B-INST-008", "not above voltage", "configure", 15.0, 1.5, 15.0),

@@ -164,12 +164,16 @@ IDENTIFY = {
         NO_ERROR,
     ],
     "thermotron_3800": [(b"IDEN?\n", b"3800 REV 3\n"), (b"ALRM1?\n", b"0\n")],
-    "hp_6632b": [(b"*IDN?\n", b"HEWLETT-PACKARD,6632B,US36001234,A.01.01\n"), NO_ERROR],
+    "hp_6632b": [
+        (b"*IDN?\n", b"HEWLETT-PACKARD,6632B,US36001234,A.01.01\n"),
+        NO_ERROR,
+        (b"SENS:CURR:RANG 5;:SENS:SWE:TINT 15.6E-6;POIN 2048\n", None),
+        NO_ERROR,
+    ],
     "agilent_e3631a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0\n"),
         NO_ERROR,
-        (b"OUTP:TRAC OFF\n", None),
-        NO_ERROR,
+        (b"OUTP:TRAC?\n", b"0\n"),
     ],
     "agilent_34970a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,34970A,0,13-2-2\n"),

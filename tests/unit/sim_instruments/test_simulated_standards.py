@@ -254,29 +254,31 @@ def generator(bench: Bench, driver: Any) -> None:
     driver.square(FREQUENCY_Hz, AMPLITUDE_V)
     driver.output_on()
     seen = bench.world.instruments["function_generator"]
-    assert seen.function == "SQU"
     assert seen.true_frequency_Hz == pytest.approx(FREQUENCY_Hz, rel=5e-6)
     assert seen.open_amplitude_V == pytest.approx(AMPLITUDE_V, rel=1e-3)
-    assert seen.offset_V == 0.0
-    assert (seen.polarity, seen.duty_percent) == ("NORM", 50.0)
+    assert (seen.function, seen.offset_V, seen.polarity, seen.duty_percent) == ("SQU", 0.0, "NORM", 50.0)
 
 
 def counter(bench: Bench, driver: Any) -> None:
     source = bench.world.instruments["function_generator"]
     bench.send("function_generator", "FUNC SQU", "FREQ 10 MHz", "OUTP ON")
-    assert driver.measure_frequency(0.1) == pytest.approx(source.true_frequency_Hz, rel=1e-8)
+    driver.identify()
+    began_ns = bench.clock.now_ns()
+    assert driver.measure_frequency(1.0) == pytest.approx(source.true_frequency_Hz, rel=6e-9)
+    assert bench.clock.now_ns() - began_ns == pytest.approx(1.1e9, abs=0.3e9)
 
 
 def supply(bench: Bench, driver: Any) -> None:
     driver.configure(VOLTAGE_V, 1.5, 18.0)
-    seen = bench.world.instruments["supply"]
-    if seen.tripped:
-        with pytest.raises(InstrumentError, match=r"B-INST-018: .*latched"):
-            driver.output_on()
-        assert not seen.on
-        seen.tripped = ""  # a person has looked and cleared it
     driver.output_on()
-    assert seen.supplied_V == VOLTAGE_V
+    seen = bench.world.instruments["supply"]
+    bench.send("supply", "*TRG")
+    assert (seen.supplied_V, seen.current_A, seen.over_current_trip) == (VOLTAGE_V, 1.5, True)
+    assert driver.measure_current() == pytest.approx(bench.world.load[1], abs=2e-3)
+    changes = len(bench.unit.power)
+    seen.press("INH")  # the line is pulled and let go: what goes off stays off
+    seen.press("INH")
+    assert not any(on for _, on, _ in bench.unit.power[changes:])
 
 
 def meter(bench: Bench, driver: Any) -> None:
@@ -324,10 +326,10 @@ def chamber(bench: Bench, driver: Any) -> None:
 
 def rails(bench: Bench, driver: Any) -> None:
     driver.configure(2, VOLTAGE_V, 0.5)
-    driver.configure(3, -VOLTAGE_V, 0.5)
+    driver.configure(3, -5.0, 0.5)
     driver.output_on()
     seen = bench.world.instruments["aux_supply"]
-    assert [seen.output(rail)[0] for rail in range(3)] == pytest.approx([0.0, VOLTAGE_V, -VOLTAGE_V], rel=1e-3)
+    assert [seen.output(rail)[0] for rail in range(3)] == pytest.approx([0.0, VOLTAGE_V, -5.0], rel=1e-3)
 
 
 def logger(bench: Bench, driver: Any) -> None:
