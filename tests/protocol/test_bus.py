@@ -247,6 +247,8 @@ SET = does("identify"), does("__setattr__", "programmed_A", 0.01)
 OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | <timeout> | <silent> | "
 TRIP = 'ISR? -> 4096 | FAULT? -> 501 | <ok> | EXPLAIN? 501 -> "Compliance" | STBY'
 DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
+NO_POST = "CUR_POST? -> <timeout> | <silent>"
+UNKNOWN = f'{NO_POST} | FAULT? -> 1302 | <ok> | EXPLAIN? 1302 -> "Unknown command"'
 CLOSE = f"<start> | :OPEN ALL! | :CLOS:STAT? -> (@) | :CLOS (@1!1!3) | {NO_QUEUE} | "
 CLOSED = ":CLOS:STAT? -> (@1!1!3)"
 RUN = "IDEN? -> Thermotron 8800 1.0 | <ok> | RUNM -> <timeout> | <silent> | "
@@ -261,6 +263,8 @@ ROWS = [
     row("fluke_5720a", "OPER of one that is dead", f"{OPERATE}{DEAD}", *SET, refuses("B-INST-001", "OPER", "operate")),
     row("fluke_5720a", "standby is sent again until it reads back",
         "<start> | <timeout> | <silent> | ISR? -> 4097 | STBY! | ISR? -> 4096", does("standby")),
+    row("fluke_5720a", "a question that it does not know", f"<start:3> | {UNKNOWN} | {UNKNOWN} | {NO_POST}",
+        refuses("B-INST-001", r"no answer to 'CUR_POST.*\); it reports 1302 Unknown command\. Next: look", "identify")),
     row("keithley_7002", "a relay that closed", f"{CLOSE}{CLOSED} | {CLOSED}", does("route", 3, 1)),
     row("keithley_7002", "a relay that did not", f"{CLOSE}:CLOS:STAT? -> (@) | :CLOS (@1!1!3)! | {CLOSED} | {CLOSED}",
         does("route", 3, 1)),
