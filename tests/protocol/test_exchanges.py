@@ -321,7 +321,8 @@ OUTPUT, OPERATE = does("output", 0.01), does("operate")
 OTHER = "OUT? -> {0} | <clear>"
 FAULTS = 'FAULT? -> 503 | FAULT? -> 301 | <ok> | EXPLAIN? 503 -> "Over current limit" | EXPLAIN? 301 -> "No such range"'
 TRIPPED = f'{STANDBY} | FAULT? -> 505 | <ok> | EXPLAIN? 505 -> "Output tripped to standby"'
-KEYS = [(256, "OFFSET active"), (512, "SCALE active"), (768, "OFFSET active.*SCALE active")]
+KEYS = [(256, "OFFSET active"), (512, "SCALE active"), (768, "OFFSET active.*SCALE active"), (8, "BOOST active")]
+OTHERS = [(1 << bit, "another function") for bit in (4, 6, 7, 10, 14, 15)]
 CURRENTS = [
     (3e-5, "3.0E-05", "3.00000E-05,A,0.0"), (0.1234567, "1.234567E-01", "1.234567E-01,A,0"),
     (0.0, "0.0E+00", "0E+00,A,0E+00"), (2.2, "2.2E+00", "2.2E+00,A,0E+00"),
@@ -358,7 +359,10 @@ ROWS += [
           refuses("B-INST-019", f"(?s){keys}.*press LOCAL, then", "identify"))
       for bits, keys in KEYS],
     *[row(NAME, f"nothing operates with {keys}", f"{SET} | <ok> | {BACK} | ISR? -> {4096 | bits}", OUTPUT,
-          refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS],
+          refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS + OTHERS],
+    row(NAME, "guard and sense are set inside, and another function is no reason to stay away",
+        "<start:2> | ISR? -> 4118 | EXTSENSE OFF! | ISR? -> 4114 | ISR? -> 4114 | EXTGUARD OFF! | ISR? -> 4112 | "
+        "CUR_POST? -> NORMAL", does("identify")),
     row(NAME, "an offset that comes while it settles", f"{READY} | OPER | {ON} | ISR? -> 257 | STBY", OUTPUT,
         refuses("B-INST-019", "OFFSET", "operate")),
     row(NAME, "a scale factor that comes later", "<start> | ISR? -> 4609", refuses("B-INST-019", "SCALE", "operating")),

@@ -297,6 +297,7 @@ def calibrator(bench: Bench, driver: Any) -> None:
     driver.operate()
     bench.clock.sleep(10.0)
     assert bench.world.wiring.loop_current_A == pytest.approx(CURRENT_A, rel=2e-4)
+    assert bench.ask("calibrator", "ISR?") == "4097"  # on, settled and nothing else
 
 
 def switch(bench: Bench, driver: Any) -> None:
