@@ -15,7 +15,7 @@ from bench.model.drivers import Condition
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action, StateRow
 from instruments.bus import DOUBTFUL, BusSession
-from instruments.values import check_argument, exponent_form, read_integer, read_number, read_text
+from instruments.values import check_argument, exponent_form, read_figures, read_integer, read_number, read_text
 
 T = TypeVar("T")
 
@@ -60,6 +60,7 @@ class Commands:
     bus: BusSession
     clock: Clock
     actions: Mapping[str, Action]
+    options: Mapping[str, Any]
     seen: dict[str, object]
     kept: tuple[Setting, ...]
     states: Mapping[str, Condition] = {}
@@ -152,7 +153,7 @@ class Commands:
         for name, condition in self._due():
             command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
             if query and query not in replies:
-                replies[query] = self.ask(query, read_text)
+                replies[query] = self.ask(query, read_figures if condition.bits else read_text)
             if reply := replies.get(query, ""):
                 advice = f"{condition.why}; {condition.person}"
                 yield StateRow(name, command, reply.strip(), condition.is_right(reply), advice)
@@ -162,7 +163,8 @@ class Commands:
     def _due(self) -> Iterator[tuple[str, Condition]]:
         """Yield the rows of the state table that speak of what the station has."""
         for name, condition in self.states.items():
-            if all(self.station_words[word] for word in condition.words):
+            of_station = condition.of.items() <= self.options.items()
+            if of_station and all(self.station_words[word] for word in condition.words):
                 yield name, condition
 
     def judge(self, query: str, reply: str) -> None:
@@ -175,8 +177,9 @@ class Commands:
 
     def _bring(self, name: str, condition: Condition, replies: dict[str, str]) -> None:
         command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+        parse = read_figures if condition.bits else read_text
         if query and query not in replies:
-            replies[query] = self.ask(query, read_text)
+            replies[query] = self.ask(query, parse)
         before = replies.get(query, "")
         if condition.is_right(before) if query else not command:
             return
@@ -186,8 +189,8 @@ class Commands:
         if not query:
             self.set(command)
             return
-        self.set(command, ReadBack(lambda: self.ask(query, read_text), condition.is_right, before.__eq__))
-        if not condition.is_right(reply := self.ask(query, read_text)):
+        self.set(command, ReadBack(lambda: self.ask(query, parse), condition.is_right, before.__eq__))
+        if not condition.is_right(reply := self.ask(query, parse)):
             raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
         self.mended[name] = before.strip()
 

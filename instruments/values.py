@@ -64,6 +64,11 @@ def read_integer(reply: str) -> int:
     return int(value)
 
 
+def read_figures(reply: str) -> str:
+    """Return a reply that is an integer, in plain figures. Raises: ValueError for anything else."""
+    return str(read_integer(reply))
+
+
 def read_text(reply: str) -> str:
     """Return a reply as text. Raises: ValueError if it is empty."""
     if not reply:
