@@ -152,11 +152,10 @@ class Commands:
         replies: dict[str, str] = {}
         for name, condition in self._due():
             command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
-            if query and query not in replies:
-                replies[query] = self.ask(query, read_figures if condition.bits else read_text)
-            if reply := replies.get(query, ""):
+            if reply := self._asked(query, condition, replies):
                 advice = f"{condition.why}; {condition.person}"
-                yield StateRow(name, command, reply.strip(), condition.is_right(reply), advice)
+                sets_it = command or ", ".join(condition.by)
+                yield StateRow(name, sets_it, reply.strip(), condition.is_right(reply), advice)
             elif command:
                 yield StateRow(name, command, "", None, "")
 
@@ -175,12 +174,15 @@ class Commands:
             steps = "; ".join(dict.fromkeys(row.person for row in rows.values()))
             raise self.error("B-INST-019", f"{', '.join(rows)}: {query} tells {reply.strip()}: {reasons}", steps)
 
+    def _asked(self, query: str, condition: Condition, replies: dict[str, str]) -> str:
+        """Return the reply to a question, asked once for all rows that it shows; "" without one."""
+        if query and query not in replies:
+            replies[query] = self.ask(query, read_figures if condition.bits else read_text)
+        return replies.get(query, "")
+
     def _bring(self, name: str, condition: Condition, replies: dict[str, str]) -> None:
         command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
-        parse = read_figures if condition.bits else read_text
-        if query and query not in replies:
-            replies[query] = self.ask(query, parse)
-        before = replies.get(query, "")
+        before = self._asked(query, condition, replies)
         if condition.is_right(before) if query else not command:
             return
         if not command:
@@ -189,8 +191,12 @@ class Commands:
         if not query:
             self.set(command)
             return
-        self.set(command, ReadBack(lambda: self.ask(query, parse), condition.is_right, before.__eq__))
-        if not condition.is_right(reply := self.ask(query, parse)):
+
+        def again() -> str:
+            return self._asked(query, condition, {})
+
+        self.set(command, ReadBack(again, condition.is_right, before.__eq__))
+        if not condition.is_right(reply := again()):
             raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
         self.mended[name] = before.strip()
 

@@ -66,11 +66,10 @@ class Ladder:
         try:
             return self._climb(error, ask)
         except InstrumentError as last:
-            if not self._faults or last.code not in DOUBTFUL:
-                raise
-            message = f"{last.message}; it reports {'; '.join(self._faults)}"
-            next_step = "look up what it reports: its model or firmware may not know the question"
-            raise InstrumentError(last.code, message, where=last.where, next_step=next_step) from last
+            if self._faults and last.code in DOUBTFUL:
+                last.message += f"; it reports {'; '.join(self._faults)}"
+                last.next_step = "look up what it reports: its model or firmware may not know the question"
+            raise
         finally:
             self._climbing = False
 

@@ -267,15 +267,10 @@ class Fluke5720A(CommandDevice):
             self.words["RCOMP"] = "OFF"
             if self.operating:
                 self._standby()  # another function is another pair of terminals
-        self.value, self.unit, self.range_index = self._resolved(value, unit, index), unit, index
+        self.value = round(value, CURRENT_RANGES[index].decimals) if unit == "A" else value
+        self.unit, self.range_index = unit, index
         if self.operating:
             self._drive(changed)
-
-    @staticmethod
-    def _resolved(value: float, unit: str, index: int) -> float:
-        if unit != "A":
-            return value
-        return round(value, CURRENT_RANGES[index].decimals)
 
     def _oper(self, _: str) -> None:
         if self.unit == "V" and abs(self.value) >= 22 and self.faults_queued:

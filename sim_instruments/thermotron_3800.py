@@ -5,10 +5,10 @@ arrives in the second after an operation. A program, a delayed start and a calib
 are degF and the limits of the alarm.
 
 Source: Thermotron 8800 interface command descriptions (ALRM, reply 0 to operations); mode bits as published for the
-3800; a public class for the 8800 (MODE, STAT, CCHR, OPTN and what else only the 8800 answers here; MRMP per minute in
-the scale of the controller). Placeholders, not confirmed on hardware: that MODE tells a hold, reply of IDEN?,
-completion numbers of refusals, set-point range, deviation band of the alarm, the speed without a ramp, what the air
-does with product temperature control (it goes beyond) and with guaranteed soak (it waits).
+3800; a public class for the 8800 (MODE, STAT, CCHR, OPTN; MRMP per minute in the scale of the controller).
+Placeholders, not confirmed on hardware: that MODE tells a hold, reply of IDEN?, completion numbers of refusals,
+set-point range, deviation band of the alarm, the speed without a ramp, what the air does with product temperature
+control (it goes beyond) and with guaranteed soak (it waits).
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ _KEYS = {
     "CALIBRATION": ("mode", CALIBRATION), "DEGF": ("scale", FAHRENHEIT),
     "HIGH LIMIT 20": ("high_degC", 20.0), "LOW LIMIT 60": ("low_degC", 60.0),
 }  # fmt: skip
-_ONLY_8800 = {"CMST": "1", "DOOR": "1", "IERR": "0", "LOCK": "4", "PNAM": "Untitled", "PRMG": "1"}
 LOW_PROCESS, HIGH_PROCESS = 16, 32
 DONE, UNKNOWN, NOT_NOW, BAD_VALUE = 0, 1, 2, 5
 SENSOR_OFFSET_SIGMA_DEGC = 0.1
@@ -94,9 +93,8 @@ class Thermotron3800(LiveDevice):
         if (answer := answers.get(word + channel)) is not None:
             self.reply(answer())
         elif self.dialect == "8800":
-            status, name = str(_STATUS.get(self.mode, 0)), self.scale[0]
-            only = {**_ONLY_8800, "STAT": status, "CCHR1": name, "OPTN": str(self.controls)}
-            self.reply(only.get(word + channel, str(UNKNOWN)))
+            only = {"STAT": _STATUS.get(self.mode, 0), "CCHR1": self.scale[0], "OPTN": self.controls}
+            self.reply(str(only.get(word + channel, UNKNOWN)))
 
     def _air_degC(self) -> float:
         return float(self.world.thermal.air_degC(self.now_ns)) + self._offset_degC

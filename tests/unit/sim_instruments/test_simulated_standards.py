@@ -376,9 +376,27 @@ def test_what_the_last_user_left_changes_no_stimulus_and_no_reading(role: str, s
                 ROLES[role](bench, bench.driver(role, options=options))
 
 
+def held_and_shown(driver: Any, device: Any, name: str, setting: str) -> None:
+    """Leave a setting of a row: a command is taken without an error, and the question of the row shows it."""
+    row = driver.states[name]
+    driver.introduce()
+    device.leave(setting)
+    assert setting.startswith("key ") or driver.drain_errors() == [], setting
+    shown = {one.name: (one.right, one.command != "") for one in driver.state_rows()}
+    told = (False, bool(row.set or row.by)) if row.ask else (None, True)
+    assert shown.get(name, (None, True)) == told, setting
+
+
+def test_what_may_be_left_at_a_table_is_held_and_shown() -> None:
+    manual = manual_of("acutrol_3000")
+    assert manual is not None
+    for name, setting in [(name, setting) for name, row in manual.states.items() for setting in row.left]:
+        with open_table() as rig:
+            held_and_shown(rig.driver, rig.table, name, setting)
+
+
 @pytest.mark.parametrize("role", ROLES)
 def test_what_a_last_user_may_leave_is_held_and_shown_by_questions_alone(role: str) -> None:
-    """Each command of the rows is taken without an error, and the question of its row shows it."""
     manual = manual_of(BENCH_DRIVERS[role])
     assert manual is not None
     for name, row in manual.states.items():
@@ -386,32 +404,34 @@ def test_what_a_last_user_may_leave_is_held_and_shown_by_questions_alone(role: s
             with open_bench(instruments=OPTIONS[1]) as bench:
                 bench.send("switch", ":CLOS (@1!1!1)")
                 driver = bench.driver(role, options=OPTIONS[1].get(role))
-                driver.introduce()
-                bench.world.instruments[role].leave(setting)
-                assert setting.startswith("key ") or driver.drain_errors() == [], setting
-                shown = {one.name: one.right for one in driver.state_rows()}
-                assert shown.get(name) is (False if row.ask else None), setting
+                held_and_shown(driver, bench.world.instruments[role], name, setting)
                 sent = {str(manual.find(text)) for _, direction, text, _ in bench.log.lines if direction == "tx"}
                 assert {manual.commands[form].touch for form in sent - {"END ALWAYS;QFORMAT NORM"}} == {"asks"}, setting
 
 
 @pytest.mark.parametrize("starts", [20, pytest.param(1000, marks=pytest.mark.sweep)])
 def test_a_table_that_somebody_left_turns_as_it_is_told(starts: int) -> None:
-    """Closed interlocks are told before anything is set; made safe, it is as any other table."""
+    """Closed interlocks and another scale are told before anything is set; made safe, it is as any other table."""
     for seed in range(starts):
         with open_table() as rig:
-            rig.table.left_by_another(np.random.default_rng([SEED, seed]))
-            closed = "Closed" in rig.table.outputs()["interlocks"]
-            if closed:
-                with refused("B-INST-017", "interlock"):
+            rows = rig.table.left_by_another(np.random.default_rng([SEED, seed]))
+            wrong = "Closed" in rig.table.outputs()["interlocks"] or "scaling" in rows
+            if wrong:
+                with pytest.raises(InstrumentError, match=r"B-INST-017: .*interlock|B-INST-004: .*:conf:scal"):
                     rig.ready()
-            rig.driver.make_safe()
+            if wrong or seed % 2:
+                rig.driver.make_safe()
+            rig.send(*(f":conf:scal {axis},360,360,0,deg" for axis in (1, 2, 3)))  # a person has seen to it
             driver = rig.ready()
             before = rig.angles()
             driver.turn(3, 400.0, 270.0, 300.0)
             rig.clock.sleep(10.0)
             assert driver.in_position()
             assert rig.angles() == pytest.approx([*before[:2], before[2] + 400.0], abs=2e-3)
+            driver.spin(3, 150.0)
+            rig.world.switches.switch("table_interlock")
+            rig.clock.sleep(1.0)
+            assert rig.rates() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("starts", [20, pytest.param(1000, marks=pytest.mark.sweep)])
