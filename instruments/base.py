@@ -249,9 +249,8 @@ class BaseInstrument(Commands):
         self._prepare()
         self._recheck()
 
-    def _drain_known(self) -> None:
-        if self.identity is not None:  # a stranger is asked nothing but who it is
-            self.drain_errors()
+    def _drain_known(self) -> list[str]:
+        return [] if self.identity is None else self.drain_errors()  # a stranger is asked nothing but who it is
 
     def _is_right_model(self, identity: Identity) -> bool:
         return bool(re.fullmatch(self.identity_pattern, f"{identity.manufacturer},{identity.model}", re.IGNORECASE))

@@ -60,6 +60,7 @@ class Condition(StrictModel):
 
     source: str = Field(description="key of a source, and where in it")
     when: list[str] = Field(["prepare"], description="actions that begin with it; prepare: identification does")
+    of: dict[str, str] = Field({}, description="options of the station for which it holds, such as a dialect")
     set: str = Field("", description="command that makes it right")
     ask: str = Field("", description="question that shows it")
     right: str = Field("", description="regular expression of the reply that is right, in capitals, without blanks")

@@ -247,9 +247,13 @@ SET = does("identify"), does("__setattr__", "programmed_A", 0.01)
 OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | <timeout> | <silent> | "
 TRIP = 'ISR? -> 4096 | FAULT? -> 501 | <ok> | EXPLAIN? 501 -> "Compliance" | STBY'
 DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
+NO_POST = "CUR_POST? -> <timeout> | <silent>"
+UNKNOWN = f'{NO_POST} | FAULT? -> 1302 | <ok> | EXPLAIN? 1302 -> "Unknown command"'
 CLOSE = f"<start> | :OPEN ALL! | :CLOS:STAT? -> (@) | :CLOS (@1!1!3) | {NO_QUEUE} | "
 CLOSED = ":CLOS:STAT? -> (@1!1!3)"
-RUN = "IDEN? -> Thermotron 8800 1.0 | <ok> | RUNM -> <timeout> | <silent> | "
+FREE = "IDEN? -> Thermotron 8800 1.0 | <ok> | MODE? -> 2 | <ok> | CCHR1? -> C | OPTN? -> 0"
+RUN = f"{FREE} | RUNM -> <timeout> | <silent> | "
+RUNS = "MODE? -> 16 | STAT? -> 16"
 SET_UP = "TERM? -> 1 | LFREQ LINE! | PRESET NORM! | INBUF ON! | DCI 1.0E-01! | NPLC 100! | NDIG 8! | TRIG HOLD!"
 LOST = f"{SET_UP.partition('NPLC')[0]}NPLC 100 | ERRSTR? -> <timeout> | <silent>"
 ROWS = [
@@ -261,13 +265,17 @@ ROWS = [
     row("fluke_5720a", "OPER of one that is dead", f"{OPERATE}{DEAD}", *SET, refuses("B-INST-001", "OPER", "operate")),
     row("fluke_5720a", "standby is sent again until it reads back",
         "<start> | <timeout> | <silent> | ISR? -> 4097 | STBY! | ISR? -> 4096", does("standby")),
+    row("fluke_5720a", "a register that is garbled is asked again",
+        "<start:2> | ISR? -> 4O96 | <clear> | <ok> | ISR? -> 4096 | CUR_POST? -> NORMAL", does("identify")),
+    row("fluke_5720a", "a question that it does not know", f"<start:3> | {UNKNOWN} | {UNKNOWN} | {NO_POST}",
+        refuses("B-INST-001", r"no answer to 'CUR_POST.*\); it reports 1302 Unknown command\. Next: look", "identify")),
     row("keithley_7002", "a relay that closed", f"{CLOSE}{CLOSED} | {CLOSED}", does("route", 3, 1)),
     row("keithley_7002", "a relay that did not", f"{CLOSE}:CLOS:STAT? -> (@) | :CLOS (@1!1!3)! | {CLOSED} | {CLOSED}",
         does("route", 3, 1)),
     row("keithley_7002", "another relay", f"{CLOSE}:CLOS:STAT? -> (@1!1!4)",
         refuses("B-INST-011", "1!1!4", "route", 3, 1)),
-    row("thermotron_3800", "a chamber that runs", f"{RUN}MODE? -> 16 | MODE? -> 16", does("run"), dialect="8800"),
-    row("thermotron_3800", "a chamber that does not", f"{RUN}MODE? -> 2 | RUNM -> 0 | <ok> | MODE? -> 16 | MODE? -> 16",
+    row("thermotron_3800", "a chamber that runs", f"{RUN}{RUNS} | {RUNS}", does("run"), dialect="8800"),
+    row("thermotron_3800", "a chamber that does not", f"{RUN}MODE? -> 2 | RUNM -> 0 | <ok> | {RUNS} | {RUNS}",
         does("run"), dialect="8800"),
     row("hp_3458a", "the set-up of a meter begins again from its preset",
         f"<start> | {LOST} | {SET_UP} | RANGE? -> 1.0E-01", gives(0.1, "configure_current", 0.1)),

@@ -289,19 +289,20 @@ ROWS += [
 
 NAME = "thermotron_3800"
 BACK = "MRMP1? -> 0.5 | SETP1? -> -10.0"
-START_8800 = "IDEN? -> Thermotron 8800 1.0 | <ok>"
+START_8800, FREE = "IDEN? -> 8800 Chamber Controller | <ok>", "MODE? -> 2 | <ok>"
+FREE_8800 = f"{FREE} | CCHR1? -> C | OPTN? -> 2"
 SET = does("set_temperature", -10.0, 0.5)
-OTHER_SET_POINT = "<start> | MRMP1,0.5! | SETP1,-10! | MRMP1? -> 0.5 | SETP1? -> 23.0"
+OTHER_SET_POINT = f"<start> | {FREE} | MRMP1,0.5! | SETP1,-10! | MRMP1? -> 0.5 | SETP1? -> 23.0"
 ALARMS = ["low deviation alarm", "high deviation alarm", "low process limit alarm", "high process limit alarm"]
 ROWS += [
     row(NAME, "a 3800 answers nothing and gets more than a second",
-        f"<start> | MRMP1,0.5! | SETP1,-10! | {BACK} | RUNM! | MODE? -> 16 | PVAR1? -> 22.87",
+        f"<start> | {FREE} | MRMP1,0.5! | SETP1,-10! | {BACK} | {FREE} | RUNM! | MODE? -> 16 | PVAR1? -> 22.87",
         SET, does("run"), gives(22.87, "measure_air"), leaves={"test_clock.now_ns": 3_600_000_000}),
     row(NAME, "completions of an 8800 are read",
-        f"{START_8800} | MRMP1,0.5 -> 0 | <ok> | SETP1,-10 -> 0 | <ok> | {BACK} | HOLD -> 0 | <ok> | MODE? -> 24 | "
-        "STOP -> 0 | MODE? -> 2 | XYZ -> 0", SET, does("hold"), does("stop"), gives("0", "raw", "XYZ"),
-        leaves={"test_clock.now_ns": 0}, dialect="8800"),
-    row(NAME, "a refusal of an 8800 is told", f"{START_8800} | RUNM -> 3",
+        f"{START_8800} | {FREE_8800} | MRMP1,0.5 -> 0 | <ok> | SETP1,-10 -> 0 | <ok> | {BACK} | HOLD -> 0 | <ok> | "
+        "MODE? -> 16 | STAT? -> 32 | STOP -> 0 | MODE? -> 2 | XYZ -> 0",
+        SET, does("hold"), does("stop"), gives("0", "raw", "XYZ"), leaves={"test_clock.now_ns": 0}, dialect="8800"),
+    row(NAME, "a refusal of an 8800 is told", f"{START_8800} | {FREE_8800} | RUNM -> 3",
         refuses("B-INST-005", "completion 3", "run"), dialect="8800"),
     row(NAME, "the stop of a stopped 8800 is none", f"{START_8800} | STOP -> 5 | MODE? -> 2", does("stop"),
         dialect="8800"),
@@ -310,13 +311,18 @@ ROWS += [
         refuses("B-INST-005", "high process limit alarm", "hold")),
     row(NAME, "every alarm has its name", "<start> | ALRM1? -> 51 | ALRM1? -> 2", does("identify"),
         gives(ALARMS, "drain_errors"), gives(ALARMS[1:2], "drain_errors")),
-    row(NAME, "one that does not run is noticed", " | ".join(["<start>", "RUNM!", *["MODE? -> 2"] * 7]),
+    row(NAME, "one that does not run is noticed", " | ".join(["<start>", FREE, "RUNM!", *["MODE? -> 2"] * 7]),
         refuses("B-INST-011", "", "run")),
     *[row(NAME, f"one that stays in mode {mode} is not stopped",
           " | ".join(["<start>", "STOP", *[f"MODE? -> {mode}"] * 7]), refuses("B-INST-009", "", "stop"))
       for mode in (16, 1, 24)],
     row(NAME, "a set-point that did not arrive is noticed", OTHER_SET_POINT,
         refuses("B-INST-011", "SETP1", "set_temperature", -10.0, 0.5)),
+    *[row(NAME, f"mode {mode} is not overwritten", f"<start> | MODE? -> {mode}",
+          refuses("B-INST-019", "program|calibration", action, *given))
+      for mode in (1, 9, 34, 64, 128) for action, *given in (("run",), ("set_temperature", -10.0, 0.5))],
+    *[row(NAME, f"{told} is not right", f"{START_8800} | {FREE} | {told}", refuses("B-INST-019", match, "run"),
+          dialect="8800") for told, match in (("CCHR1? -> F", "scale"), ("CCHR1? -> C | OPTN? -> 9", "product"))],
     row(NAME, "the other dialect is another instrument", "IDEN? -> 3800 REV 3 | <clear> | IDEN? -> 3800 REV 3",
         refuses("B-INST-002", "3800 REV 3", "identify"), dialect="8800"),
 ]  # fmt: skip
@@ -333,7 +339,8 @@ OUTPUT, OPERATE = does("output", 0.01), does("operate")
 OTHER = "OUT? -> {0} | <clear>"
 FAULTS = 'FAULT? -> 503 | FAULT? -> 301 | <ok> | EXPLAIN? 503 -> "Over current limit" | EXPLAIN? 301 -> "No such range"'
 TRIPPED = f'{STANDBY} | FAULT? -> 505 | <ok> | EXPLAIN? 505 -> "Output tripped to standby"'
-KEYS = [(256, "OFFSET active"), (512, "SCALE active"), (768, "OFFSET active.*SCALE active")]
+KEYS = [(256, "OFFSET active"), (512, "SCALE active"), (768, "OFFSET active.*SCALE active"), (8, "BOOST active")]
+OTHERS = [(1 << bit, "another function") for bit in (4, 6, 7, 10, 14, 15)]
 CURRENTS = [
     (3e-5, "3.0E-05", "3.00000E-05,A,0.0"), (0.1234567, "1.234567E-01", "1.234567E-01,A,0"),
     (0.0, "0.0E+00", "0E+00,A,0E+00"), (2.2, "2.2E+00", "2.2E+00,A,0E+00"),
@@ -372,7 +379,10 @@ ROWS += [
     row(NAME, "a garbled status is asked for again",
         "<start:2> | ISR? -> 40#6 | <clear> | <ok> | ISR? -> 4096 | CUR_POST? -> NORMAL", does("identify")),
     *[row(NAME, f"nothing operates with {keys}", f"{SET} | <ok> | {BACK} | ISR? -> {4096 | bits}", OUTPUT,
-          refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS],
+          refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS + OTHERS],
+    row(NAME, "guard and sense are set inside, and another function is no reason to stay away",
+        "<start:2> | ISR? -> 4118 | EXTSENSE OFF! | ISR? -> 4114 | ISR? -> 4114 | EXTGUARD OFF! | ISR? -> 4112 | "
+        "CUR_POST? -> NORMAL", does("identify")),
     row(NAME, "an offset that comes while it settles", f"{READY} | OPER | {ON} | ISR? -> 257 | STBY", OUTPUT,
         refuses("B-INST-019", "OFFSET", "operate")),
     row(NAME, "a scale factor that comes later", "<start> | ISR? -> 4609", refuses("B-INST-019", "SCALE", "operating")),

@@ -188,8 +188,6 @@ IDENTIFY = {
     "acutrol_3000": [
         (b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"),
         (b"*STB?\n", b"0\n"),
-        (b":util:form float\n", None),
-        (b"*STB?\n", b"0\n"),
         (b":util:form?\n", b"FLOAT\n"),
     ],
     "srs_sr830": [

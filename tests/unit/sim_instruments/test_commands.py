@@ -63,7 +63,7 @@ TEN_MHZ = "@function_generator | FUNC SQU | OUTP:LOAD INF | FREQ 1.0E+07 | VOLT 
 TRIPS = (("VOLT:PROT 16", "1"), ("CURR:PROT:STAT ON | CURR 0.3", "2"))
 JUNCTION = "SENS:TEMP:TRAN:TC:RJUN"
 CALIBRATOR_FAULTS = [
-    ("OUT 3 A, 0 HZ", 705), ("OUT 1.0E-02 A, 50 HZ", 704), ("OUT ten A", 703), ("OUT 1 MAOHM", 707), ("NONSENSE", 702),
+    ("OUT 3 A, 0 HZ", 705), ("OUT 1.0E-02 A, 50 HZ", 704), ("OUT ten A", 703), ("OUT 1 HZ", 707), ("NONSENSE", 702),
     ("RANGELCK MAYBE", 701), ("EXPLAIN? 9999", 703), ("LIMIT -1 A, 1 A", 704),
 ]  # fmt: skip
 ROUTED = "@switch | :CLOS (@1!1!1) | @calibrator"

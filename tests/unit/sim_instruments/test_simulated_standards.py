@@ -21,7 +21,6 @@ from bench.model.errors import InstrumentError
 from sim_instruments.bus.ohms import ACCURACY as OHMS_ACCURACY
 from sim_instruments.bus.ohms import RANGES_OHM
 from sim_instruments.hp_3458a import ACCURACY, Hp3458A
-from sim_instruments.thermotron_3800 import PROGRAM_RUN
 from sim_instruments.worlds.common.terminals import Source
 
 DAY_S = 86_400.0
@@ -300,6 +299,7 @@ def calibrator(bench: Bench, driver: Any) -> None:
     driver.operate()
     bench.clock.sleep(10.0)
     assert bench.world.wiring.loop_current_A == pytest.approx(CURRENT_A, rel=2e-4)
+    assert bench.ask("calibrator", "ISR?") == "4097"  # on, settled and nothing else
 
 
 def switch(bench: Bench, driver: Any) -> None:
@@ -313,13 +313,11 @@ def switch(bench: Bench, driver: Any) -> None:
 
 
 def chamber(bench: Bench, driver: Any) -> None:
-    seen = bench.world.instruments["chamber"]
-    driver.set_temperature(40.0, 5.0)
-    if seen.mode == PROGRAM_RUN:
-        with pytest.raises(InstrumentError):  # it is somebody else's test
-            driver.run()
-        return
+    driver.set_temperature(40.0, 0.5)
     driver.run()
+    before_degC = bench.world.thermal.setpoint_degC(bench.clock.now_ns())
+    bench.clock.sleep(600.0)
+    assert bench.world.thermal.setpoint_degC(bench.clock.now_ns()) - before_degC == pytest.approx(5.0)
     bench.clock.sleep(4 * 3600.0)
     assert float(bench.world.thermal.air_degC(bench.clock.now_ns())) == pytest.approx(40.0, abs=0.1)
 
@@ -390,12 +388,13 @@ def tagger(bench: TaggerBench, driver: Any) -> None:
 
 
 @contextmanager
-def opened(role: str) -> Iterator[tuple[Any, Any]]:
+def opened(role: str, dialect: int = 0) -> Iterator[tuple[Any, Any]]:
     """A bench with this role, and its driver."""
     if role in BENCH_DRIVERS:
-        with open_bench() as bench:
+        options = OPTIONS[dialect].get(role, {})
+        with open_bench(instruments={role: options}) as bench:
             bench.send("switch", ":CLOS (@1!1!1)")
-            yield bench, bench.driver(role)
+            yield bench, bench.driver(role, options=options)
     elif role == "tagger":
         with tagger_bench(SLOW_PS) as alone:
             yield alone, alone.tagger
@@ -421,6 +420,7 @@ ROLES: dict[str, Callable[[Bench, Any], None]] = {
     "tagger": tagger, "level": level, "direct": lock_in, "filtered": lock_in,
     "filter": lambda bench, _: lock_in(bench, bench.driver["filtered"]),
 }  # fmt: skip
+OPTIONS: tuple[dict[str, dict[str, Any]], ...] = ({}, {"chamber": {"dialect": "8800"}})  # of every other start
 
 
 @pytest.mark.parametrize("role", ROLES)
@@ -428,44 +428,64 @@ ROLES: dict[str, Callable[[Bench, Any], None]] = {
 def test_what_the_last_user_left_changes_no_stimulus_and_no_reading(role: str, starts: int) -> None:
     print(f"seed {SEED}: {role}, {starts} starts")
     for seed in range(starts):
-        with opened(role) as (bench, driver):
+        with opened(role, seed % 2) as (bench, driver):
             rows = bench.world.instruments[role].left_by_another(np.random.default_rng([SEED, seed]))
             with refused_by_name(rows):
                 ROLES[role](bench, driver)
 
 
+def held_and_shown(driver: Any, device: Any, name: str, setting: str) -> None:
+    """Leave a setting of a row: a command is taken without an error, and the question of the row shows it."""
+    row = driver.states[name]
+    device.leave(setting)
+    driver.introduce()
+    assert setting.startswith("key ") or driver.drain_errors() == [], setting
+    shown = {one.name: (one.right, one.command != "") for one in driver.state_rows()}
+    told = (False, bool(row.set or row.by)) if row.ask else (None, True)
+    assert shown.get(name, (None, True)) == told, setting
+
+
+def test_what_may_be_left_at_a_table_is_held_and_shown() -> None:
+    manual = manual_of("acutrol_3000")
+    assert manual is not None
+    for name, setting in [(name, setting) for name, row in manual.states.items() for setting in row.left]:
+        with open_table() as rig:
+            held_and_shown(rig.driver, rig.table, name, setting)
+
+
 @pytest.mark.parametrize("role", ROLES)
 def test_what_a_last_user_may_leave_is_held_and_shown_by_questions_alone(role: str) -> None:
-    """Each command of the rows is taken without an error, and the question of its row shows it."""
     with opened(role) as (_, driver):
         manual = manual_of(type(driver).__module__.rpartition(".")[2])
     assert manual is not None
     for name, row in manual.states.items():
         for setting in row.left:
-            with opened(role) as (bench, driver):
-                bench.world.instruments[role].leave(setting)
-                driver.introduce()
-                assert driver.drain_errors() == [], setting
-                shown = {one.name: one.right for one in driver.state_rows()}
-                assert shown.get(name) is (False if row.ask else None), setting
+            with opened(role, dialect=1) as (bench, driver):
+                held_and_shown(driver, bench.world.instruments[role], name, setting)
                 sent = {str(manual.find(text)) for _, direction, text, _ in bench.log.lines if direction == "tx"}
                 assert {manual.commands[form].touch for form in sent - {"END ALWAYS;QFORMAT NORM"}} == {"asks"}, setting
 
 
 @pytest.mark.parametrize("starts", [20, pytest.param(1000, marks=pytest.mark.sweep)])
 def test_a_table_that_somebody_left_turns_as_it_is_told(starts: int) -> None:
-    """Closed interlocks are told before anything is set; made safe, it is as any other table."""
+    """Closed interlocks and another scale are told before anything is set; made safe, it is as any other table."""
     for seed in range(starts):
         with open_table() as rig:
-            rig.table.left_by_another(np.random.default_rng([SEED, seed]))
-            closed = "Closed" in rig.table.outputs()["interlocks"]
-            if closed:
-                with refused("B-INST-017", "interlock"):
+            rows = rig.table.left_by_another(np.random.default_rng([SEED, seed]))
+            wrong = "Closed" in rig.table.outputs()["interlocks"] or "scaling" in rows
+            if wrong:
+                with pytest.raises(InstrumentError, match=r"B-INST-017: .*interlock|B-INST-004: .*:conf:scal"):
                     rig.ready()
-            rig.driver.make_safe()
+            if wrong or seed % 2:
+                rig.driver.make_safe()
+            rig.send(*(f":conf:scal {axis},360,360,0,deg" for axis in (1, 2, 3)))  # a person has seen to it
             driver = rig.ready()
             before = rig.angles()
             driver.turn(3, 400.0, 270.0, 300.0)
             rig.clock.sleep(10.0)
             assert driver.in_position()
             assert rig.angles() == pytest.approx([*before[:2], before[2] + 400.0], abs=2e-3)
+            driver.spin(3, 150.0)
+            rig.world.switches.switch("table_interlock")
+            rig.clock.sleep(1.0)
+            assert rig.rates() == [0.0, 0.0, 0.0]
