@@ -24,7 +24,7 @@ from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
 from instruments import acutrol_axis as table
 from instruments.acutrol_axis import CLOSED, AxisRange, LongTurn, is_mode, read_absolute, read_interlock, read_scaling
-from instruments.base import STRANGER, BaseInstrument
+from instruments.base import BaseInstrument
 from instruments.commands import ReadBack, either
 from instruments.values import plain_form, read_integer, read_number
 
@@ -190,16 +190,11 @@ class Acutrol3000(BaseInstrument):
             return False
         return all(self._off(axis, angle) <= _THERE_DEG for axis, angle in self.wanted.items())
 
-    def make_safe(self) -> None:
-        """Set the declared safe state; one that cannot be prepared gets the commands all the same."""
-        try:
-            super().make_safe()
-        except InstrumentError as error:
-            if error.code not in STRANGER and self.identity is None:
-                with suppress(InstrumentError):
-                    self._order_rest()
-                    self._order_open()
-            raise
+    def _go_safe_unheard(self) -> None:
+        """Order rest and open interlocks where nobody said who is there; one that falls silent later has its orders."""
+        if self.identity is None:
+            self._order_rest()
+            self._order_open()
 
     def drain_errors(self) -> list[str]:
         """Get what the status byte tells, which that clears, and all queued messages, oldest first."""
@@ -368,6 +363,7 @@ class Acutrol3000(BaseInstrument):
         self._order_rest()
         at_rest, doubt = False, None
         try:
+            self.bus.write(":util:form float", self.timeout_s)  # binary rates, of the last user, could not be read
             at_rest = self.poll(self._at_rest, patience_s, _LOOK_S)
         except InstrumentError as error:
             doubt = error

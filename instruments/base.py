@@ -121,18 +121,23 @@ class BaseInstrument(Commands):
     def make_safe(self) -> None:
         """Set the declared safe state; idempotent. Raises: InstrumentError B-INST-009 if it cannot be confirmed.
 
-        One that cannot be prepared or does not answer is sent the command all the same, unless another model answers.
+        One that is not prepared yet is not prepared either: what is on is switched off before anything else is set.
+        One that does not answer is sent the command all the same, unless another model answers.
         """
+        unprepared = self.identity is None
         try:
             with self.bus.persistent():
-                self._ready()
+                if unprepared:
+                    self.introduce()
                 self._go_safe_somehow()
         except InstrumentError as error:
-            unheard = error.code == TIMED_OUT or (self.identity is None and error.code not in STRANGER)
-            if unheard and (command := self._safe_command()):
+            if error.code == TIMED_OUT or (self.identity is None and error.code not in STRANGER):
                 with suppress(InstrumentError):
-                    self.bus.write(command, self.timeout_s)
+                    self._go_safe_unheard()
             raise
+        finally:
+            if unprepared:
+                self.identity = None
 
     def look(self) -> None:
         """Get what tells whether it is on, and how far; the replies go to the transcript. Raises: InstrumentError."""
@@ -221,6 +226,11 @@ class BaseInstrument(Commands):
     def _safe_command(self) -> str:
         """Return the command towards the safe state, "" without one; sent unconfirmed to an instrument that is mute."""
         return ""
+
+    def _go_safe_unheard(self) -> None:
+        """Send what leads to the safe state to one that does not answer."""
+        if command := self._safe_command():
+            self.bus.write(command, self.timeout_s)
 
     def _go_safe_somehow(self) -> None:
         try:

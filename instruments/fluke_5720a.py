@@ -34,7 +34,6 @@ from instruments.values import exponent_form, read_integer, read_number, read_te
 _OPERATING = 1 << 0
 _SETTLED = 1 << 12
 _LOCKED = 1 << 5
-_ALTERED = "B-INST-019"
 _SETTLE_LIMIT_S = 15.0
 _POLL_S = 0.25
 _INPUT_BUFFER_BYTES = 128
@@ -67,19 +66,6 @@ class Fluke5720A(BaseInstrument):
     tells = Tells({"ISR?": lambda reply: bool(int(reply) & _OPERATING)}, {"OUT?": Figure("current", "A", read_output)})
 
     programmed_A: float | None = None
-
-    def make_safe(self) -> None:
-        """Set standby and confirm it, also while the state table forbids everything else. Raises: as of any driver."""
-        try:
-            super().make_safe()
-        except InstrumentError as error:
-            if error.code != _ALTERED:
-                raise
-            self.introduce()
-            try:
-                self._go_safe_somehow()
-            finally:
-                self.identity = None  # it is not prepared
 
     @action(effect=Effect.STIMULUS_OFF, bus_s=0.5)
     def standby(self) -> None:

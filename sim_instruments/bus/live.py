@@ -96,15 +96,11 @@ class LiveDevice(Device):
         left = [name for name in open_to if draw.integers(LEFT_IN) == 0]
         for name in left:
             self.leave(str(draw.choice(states[name].left)))
-        self.leave_more(draw)
         for _ in range(int(draw.integers(MOST_ERRORS))):
             self.execute(_NONSENSE)
         self._partial += b"VO"[: int(draw.integers(3))]
         self._replies.clear()
         return left
-
-    def leave_more(self, draw: np.random.Generator) -> None:
-        """Leave what its state table does not name yet."""
 
     def leave(self, setting: str) -> None:
         """Leave one setting as a row of the state table says: by a command, or by a key of the front panel."""

@@ -194,35 +194,35 @@ def test_commands_are_two_tenths_of_a_second_apart_in_a_hurry_half_of_that() -> 
         sent_ns = [0, *(t_ns for _, direction, _, t_ns in table.test_log.lines if direction == "tx")]
     assert len(sent_ns) > 80
     assert min(later - earlier for earlier, later in pairwise(sent_ns)) >= 0.2 * NS
-    with scripted(NAME, exchange(NAME, "<start> | <safe>")) as table:
+    with scripted(NAME, exchange(NAME, "<who> | <safe>")) as table:
         with table.quick(0.5):
             table.make_safe()
         sent_ns = [t_ns for _, direction, _, t_ns in table.test_log.lines if direction == "tx"]
     assert {later - earlier for earlier, later in pairwise(sent_ns)} == {NS // 10}
 
 
-SAFE = exchange(NAME, "<safe>")  # six commands, three looks, three openings, the status, three interlocks
+SAFE = exchange(NAME, "<safe>")  # seven commands, three looks, three openings, the status, three interlocks
 START, TURNING = exchange(NAME, "<start>"), exchange(NAME, ":read:rate? 3 -> 20.0")
 MUTE = exchange(NAME, ":read:rate? 3 -> <timeout>")
 
 
 def test_opening_waits_for_standstill_and_is_told_when_it_is_none() -> None:
     slowing = exchange(NAME, ":read:rate? 3 -> 41.5 | :read:rate? 3 -> 1.5")
-    with scripted(NAME, [*START, *SAFE[:6], *slowing, *SAFE[6:]]) as table:
+    with scripted(NAME, [*START, *SAFE[:7], *slowing, *SAFE[7:]]) as table:
         table.open_interlock()
     waiting, braked = 50, 15  # looks in 10 s and in 3 s
-    script = [*START, *SAFE[:6], *TURNING * waiting, *SAFE[9:], *TURNING * braked]
+    script = [*START, *SAFE[:7], *TURNING * waiting, *SAFE[10:], *TURNING * braked]
     with scripted(NAME, script) as table, refused("B-INST-009", "still turns"):
         table.open_interlock()
-    script = [*START, *SAFE[:-1], *exchange(NAME, CLOSED_3)]
+    script = [*START[:1], *SAFE[:-1], *exchange(NAME, CLOSED_3)]
     with scripted(NAME, script) as table, refused("B-INST-009", "axis 3 is still closed"):
         table.make_safe()
 
 
 @pytest.mark.parametrize("identified", [True, False])
 def test_a_mute_table_is_stopped_and_opened_unheard(identified: bool) -> None:
-    begins = [*START, *SAFE[:6], *MUTE] if identified else [*exchange(NAME, "*IDN? -> <timeout>"), *SAFE[:6]]
-    table = make(NAME, [*begins, *SAFE[9:12]])
+    begins = [*START, *SAFE[:7], *MUTE] if identified else [*exchange(NAME, "*IDN? -> <timeout>"), *SAFE[:6]]
+    table = make(NAME, [*begins, *SAFE[10:13]])
     if identified:
         table.identify()
     with table.quick(0.5), refused("B-INST-001", "read:rate" if identified else "IDN"):

@@ -295,7 +295,7 @@ def test_in_a_hurry_the_first_silence_is_told_and_afterwards_the_session_gets_in
         with calibrator.quick(0.4), refused("B-INST-001"):
             calibrator.make_safe()
         assert set(calibrator.test_resource.timeouts_ms) == {400}
-    script = "<start> | STBY | FAULT? -> <timeout> | STBY | STBY | <clear> | <ok> | ISR? -> 4096"
+    script = "<who> | STBY | FAULT? -> <timeout> | STBY | <clear> | <who> | STBY! | ISR? -> 4096"
     with scripted("fluke_5720a", exchange("fluke_5720a", script)) as calibrator:
         with calibrator.quick(0.4), pytest.raises(InstrumentError):
             calibrator.make_safe()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from exchanges import CONTROLS, IDENTIFY, MAKE_SAFE, said
+from exchanges import CONTROLS, IDENTIFY, MAKE_SAFE, exchange, said
 from hypothesis import given
 from hypothesis import strategies as st
 from scripted import CLEAR, SILENT, TIMEOUT, make, refused, scripted
@@ -133,7 +133,10 @@ def test_wrong_arguments_are_rejected_before_anything_is_sent(name: str, action:
 
 @pytest.mark.parametrize("name", DRIVERS)
 def test_safe_state_is_reached_twice_in_a_row(name: str) -> None:
-    with scripted(name, [*IDENTIFY[name], *MAKE_SAFE[name], *MAKE_SAFE[name]]) as driver:
+    """Before it is prepared, and behind it."""
+    with scripted(name, exchange(name, "<who> | <safe> | <start> | <safe> | <safe>")) as driver:
+        driver.make_safe()
+        driver.identify()
         driver.make_safe()
         driver.make_safe()
 

@@ -201,7 +201,7 @@ ROWS += [
         CONFIGURE, refuses("B-INST-005", "", "configure", 15.0, 1.0, 18.0), refuses("B-INST-010", "", "output_on")),
     row(NAME, "an output that stays off is noticed", f"{ON} | OUTP? -> 0", CONFIGURE,
         refuses("B-INST-011", "", "output_on")),
-    row(NAME, "an output that stays on is not safe", "<start> | OUTP OFF! | OUTP? -> 1",
+    row(NAME, "an output that stays on is not safe", "<who> | OUTP OFF! | OUTP? -> 1",
         refuses("B-INST-009", "", "make_safe")),
 ]  # fmt: skip
 
@@ -222,7 +222,7 @@ ROWS += [
       for card in (2, None)],
     row(NAME, "a relay that stays closed stops the second route", "<start> | :OPEN ALL! | :CLOS:STAT? -> (@1!2!7)",
         refuses("B-INST-015", "1!2!7", "route", 3, 1)),
-    row(NAME, "a relay that stays closed is not safe", "<start> | :OPEN ALL! | :CLOS:STAT? -> (@1!1!3)",
+    row(NAME, "a relay that stays closed is not safe", "<who> | :OPEN ALL! | :CLOS:STAT? -> (@1!1!3)",
         refuses("B-INST-009", "", "make_safe")),
     *[row(NAME, f"{found} is opened again", f"{OPENED} | :CLOS (@1!1!3)! | :CLOS:STAT? -> {found} | :OPEN ALL",
           refuses("B-INST-015", "", "route", 3, 1))
@@ -387,7 +387,7 @@ ROWS += [
         refuses("B-INST-019", "OFFSET", "operate")),
     row(NAME, "a scale factor that comes later", "<start> | ISR? -> 4609", refuses("B-INST-019", "SCALE", "operating")),
     row(NAME, "one that is refused is made safe all the same and not taken for prepared",
-        f"<start:2> | ISR? -> 4353 | STBY | <start:1> | STBY! | ISR? -> 4352 | <start> | {SETTLED}",
+        f"<who> | STBY! | ISR? -> 4352 | <start> | {SETTLED}",
         does("make_safe"), gives(True, "operating")),
     row(NAME, "what trips ends in standby", f"{READY} | OPER | {ON} | {TRIPPED} | STBY", OUTPUT,
         refuses("B-INST-013", "Output tripped to standby", "operate")),
@@ -395,7 +395,7 @@ ROWS += [
         refuses("B-INST-012", "", "operate"), leaves={"test_clock.now_ns": 15 * NS}),
     row(NAME, "OPER is never sent twice",
         f"{READY} | OPER | ISR? -> <timeout> | <silent> | <ok> | {SETTLED} | <ok>", OUTPUT, OPERATE),
-    row(NAME, "still operating is not safe", f"<start> | STBY! | {SETTLED}", refuses("B-INST-009", "", "make_safe")),
+    row(NAME, "still operating is not safe", f"<who> | STBY! | {SETTLED}", refuses("B-INST-009", "", "make_safe")),
     row(NAME, "its input buffer is not overrun", f"<start> | {'X' * 127}", does("raw", "X" * 127),
         refuses("B-INST-014", "", "raw", "X" * 128)),
     row(NAME, "how long it has been on and how old its zeros are", "<start> | ONTIME? -> 95 | CAL_DAYS? ZERO -> 12",

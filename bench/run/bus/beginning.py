@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from bench.model.clock import Clock
@@ -20,7 +20,9 @@ SILENT = "B-INST-001"
 
 
 def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
-    """Identify every instrument and bring the whole bench to its safe state: a run starts from a known one.
+    """Bring the whole bench to its safe state, then prepare every instrument: a run starts from a known one.
+
+    Nothing is set at an instrument that is on: who is there is asked first, then what is on goes off.
 
     Whatever goes wrong, everything that can be made safe is made safe first; the error carries a note (PEP 678) for
     each instrument that is not confirmed safe.
@@ -28,12 +30,15 @@ def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
             serial number than the register's (B-RUN-006); RunError B-RUN-060 if one cannot be made safe.
     """
     resources = {role: bench.station.instruments[role].resource for role in bench.instruments}
-    answers = asked(resources, lambda role: _identity(bench, role), clock)
+    answers = asked(resources, lambda role: _tried(lambda: _introduced(bench, role)), clock)
     identities = {role: answer for role, answer in answers.items() if isinstance(answer, Identity)}
     problems = {role: answer for role, answer in answers.items() if isinstance(answer, BenchError)}
     mute = {role for role, error in problems.items() if error.code == SILENT}
     unsafe = make_safe(bench.instruments, bench.station.safe_order, clock, mute)
     problem = next(iter(problems.values()), None) or next(iter(unsafe), None)
+    if problem is None:
+        prepared = asked(resources, lambda role: _tried(bench.instruments[role].identify), clock)
+        problem = next((answer for answer in prepared.values() if isinstance(answer, BenchError)), None)
     if problem is not None:
         for failure in unsafe:
             if failure is not problem:
@@ -44,13 +49,17 @@ def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
     return identities
 
 
-def _identity(bench: OpenBench, role: str) -> Identity | BenchError:
+def _introduced(bench: OpenBench, role: str) -> Identity:
+    identity = bench.instruments[role].introduce()
+    _check_serial(bench.station, role, identity)
+    return identity
+
+
+def _tried(ask: Callable[[], Identity]) -> Identity | BenchError:
     try:
-        identity = bench.instruments[role].identify()
-        _check_serial(bench.station, role, identity)
+        return ask()
     except Exception as error:
         return unforeseen(error)
-    return identity
 
 
 def _check_serial(station: Station, role: str, identity: Identity) -> None:

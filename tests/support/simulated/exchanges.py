@@ -16,6 +16,7 @@ NOTHING_WRONG = {
     "acutrol_3000": "*STB? -> 0",
     "srs_sr830": "*ESR? -> 0 | ERRS? -> 0",
 }
+TWO_FIRST = ("hp_3458a",)  # END comes before who it is
 FRAMES = {"leica_nivel_220": "\x16\x02N1C1 {}\x03\r\n"}
 ENDS = {"leica_nivel_220": "", "hp_3458a": "\r\n"}
 
@@ -24,8 +25,8 @@ def exchange(name: str, script: str) -> list[tuple[Any, Any]]:
     """Return the pairs of a script for ``scripted``; `` | `` stands between its events.
 
     ``COMMAND``; ``COMMAND!``, after which nothing is wrong; ``QUESTION -> REPLY``; ``QUESTION ~> REPLY``, which is
-    polled for and there at the second look. ``<start>`` and ``<safe>`` are those of this file, ``<start:3>``
-    the first three pairs; ``<ok>`` is the question for errors without an error. ``<clear>``, ``<poll 16>``,
+    polled for and there at the second look. ``<start>``, ``<who>`` (its question) and ``<safe>`` are those of this
+    file, ``<start:3>`` the first three pairs; ``<ok>`` is the question for errors without an error. ``<clear>``, ``<poll 16>``,
     ``<read> REPLY`` and ``<silent>`` are events of the bus, ``<timeout>`` and ``<bus error>`` may stand for a reply.
     """
     return [pair for event in script.split(" | ") if event for pair in _pairs(name, event)]
@@ -49,6 +50,7 @@ def _marked(name: str, mark: str, rest: str) -> list[tuple[Any, Any]]:
     word, _, number = mark.replace(":", " ").partition(" ")
     pairs: dict[str, list[tuple[Any, Any]]] = {
         "start": IDENTIFY[name][: int(number) if number else None], "safe": MAKE_SAFE[name], "silent": SILENT,
+        "who": IDENTIFY[name][: 2 if name in TWO_FIRST else 1],
         "clear": [(CLEAR, None)], "timeout": [(TIMEOUT, None)], "poll": [(POLL, int(number or 0))],
         "read": [(READ, _reply(name, rest.removeprefix(" ")))],
     }  # fmt: skip
@@ -220,6 +222,7 @@ MAKE_SAFE = {
     "pendulum_cnt_91": [(b"ABOR\n", None), NO_ERROR, (b"STAT:OPER:COND?\n", b"0\n")],
     "acutrol_3000": [
         *[(b":%s %d%s\n" % (what, axis, value), None) for axis in (3, 2, 1) for what, value in _RATE_0],
+        (b":util:form float\n", None),
         *[(b":read:rate? %d\n" % axis, b"-0.0012\n") for axis in (3, 2, 1)],
         *[(b":int:open %d\n" % axis, None) for axis in (3, 2, 1)],
         (b"*STB?\n", b"0\n"),

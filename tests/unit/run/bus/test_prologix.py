@@ -27,7 +27,7 @@ def test_a_short_session_behind_an_adapter(monkeypatch: pytest.MonkeyPatch) -> N
     with serve() as served:
         visa = open_visa("@py", boards_of([served.servers.adapter]))
         calibrator, meter, supply = (opened(visa, role) for role in ("calibrator", "dmm", "supply"))
-        monkeypatch.setattr("sim_instruments.hp_3458a.LINE_HZ", 5000.0)
+        monkeypatch.setattr("sim_instruments.hp_3458a.Hp3458A.reading_s", 0.04)
         calibrator.output(0.01)
         meter.configure_current(0.1)
         assert abs(meter.measure_current()) < 1e-3
