@@ -26,8 +26,8 @@ def exchange(name: str, script: str) -> list[tuple[Any, Any]]:
 
     ``COMMAND``; ``COMMAND!``, after which nothing is wrong; ``QUESTION -> REPLY``; ``QUESTION ~> REPLY``, which is
     polled for and there at the second look. ``<start>``, ``<who>`` (its question) and ``<safe>`` are those of this
-    file, ``<start:3>`` the first three pairs; ``<ok>`` is the question for errors without an error. ``<clear>``, ``<poll 16>``,
-    ``<read> REPLY`` and ``<silent>`` are events of the bus, ``<timeout>`` and ``<bus error>`` may stand for a reply.
+    file, ``<start:3>`` the first three pairs; ``<ok>`` is the question for errors without one. ``<clear>``,
+    ``<poll 16>``, ``<read> REPLY``, ``<silent>`` are events of the bus, ``<timeout>``, ``<bus error>`` may be replies.
     """
     return [pair for event in script.split(" | ") if event for pair in _pairs(name, event)]
 

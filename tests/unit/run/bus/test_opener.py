@@ -17,8 +17,10 @@ from pyvisa_py.sessions import Session, UnavailableSession
 
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, InstrumentError
+from bench.model.ports import Identity
 from bench.plan import Plan, Station, compile_sequence, load_station
 from bench.run.bus import opener
+from bench.run.bus.beginning import begin_safely
 from bench.run.bus.opener import OpenBench, check_answers, missing_buses, open_bench, port_of
 from bench.run.bus.safety import LATE_S, PAUSE_S, QUICK_S, WayToSafe, make_safe, states_of
 from bench.run.bus.served_world import ask, told
@@ -352,3 +354,29 @@ def test_what_fails_to_the_end_is_told_with_what_is_known_of_it() -> None:
     assert {failure.code for failure in failures} == {"B-RUN-060"}
     assert len(live) >= 4  # a guard takes a silence of 1.5 s for a run that hangs
     assert PAUSE_S / 4 < 1.5 > QUICK_S
+
+
+class _Order:
+    """An instrument that notes what it is asked for."""
+
+    def __init__(self, role: str, notes: list[str]) -> None:
+        self.role, self._notes = role, notes
+
+    def introduce(self, note: str = "who") -> Identity:
+        self._notes.append(note)
+        return Identity("maker", self.role, "1", "1")
+
+    def make_safe(self) -> None:
+        self._notes.append("safe")
+
+    def identify(self) -> Identity:
+        return self.introduce("prepared")
+
+
+def test_a_run_prepares_nothing_before_the_whole_bench_is_safe() -> None:
+    notes: list[str] = []
+    entries = {role: SimpleNamespace(resource=f"GPIB0::{at}::INSTR", standard=None) for at, role in enumerate("ab", 1)}
+    station: Any = SimpleNamespace(instruments=entries, safe_order=("a", "b"))
+    instruments: Any = {role: _Order(role, notes) for role in entries}
+    begin_safely(OpenBench(station, instruments, {}, None, lambda: None), VirtualClock())
+    assert notes == ["who", "who", "safe", "safe", "prepared", "prepared"]
