@@ -142,7 +142,9 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
         try_foreign(simulator, [f"{simulator}:SIMULATOR"])
     if simulator is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
-        draft.fail("B-PLAN-016", path, message, "use a driver that has one")
+        draft.fail(
+            "B-PLAN-016", path, message, f"write sim_instruments/{entry.driver}.py, or use a driver that has one"
+        )
 
 
 def _table(draft: Draft[StationFile], path: tuple[str, ...], driver: str, moments: Collection[str]) -> None:
