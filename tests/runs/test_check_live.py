@@ -62,7 +62,7 @@ def test_fourteen_instruments_and_two_lines_are_as_they_should_be(
     assert sum(name.startswith("identity of ") for name in found) == 14
     right = ("second controller", "line of port_a", "line of port_b", "settings of rail_dmm", "guard")
     assert {name: found[name]["status"] for name in right} == dict.fromkeys(right, "ok")
-    assert "a run sets unseen: scan" in found["settings of logger"]["value"]
+    assert "a run sets unseen: running scan" in found["settings of logger"]["value"]
     assert (found["10 MHz at counter"]["status"], found["laboratory air"]["status"]) == ("warn", "skipped")
     assert found["warm-up of calibrator"]["value"].startswith("5.")
     assert outputs(served) == before, "nothing was switched"
