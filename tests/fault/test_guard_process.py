@@ -226,7 +226,7 @@ prepare:
   - turntable.set_limits: {axis: 2, rate: 300 deg/s, acceleration: 300 deg/s2}
   - turntable.set_limits: {axis: 3, rate: 300 deg/s, acceleration: 300 deg/s2}
   - turntable.close_interlock
-  - settle: 2.2 s
+  - settle: 2.4 s
 steps:
   - turntable.spin: {axis: 1, rate: -250 deg/s}
   - settle: 2 s
