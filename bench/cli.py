@@ -83,10 +83,14 @@ def init(
     """Make a laboratory's own folder: sequences, stations, frames and code of its own."""
 
 
-@app.command("list", work="lab.listing", epilog="Example: bench list sequences")
+@app.command("list", work="lab.listing", epilog="Examples: bench list sequences · bench list actions")
 def print_list(
     kind: Annotated[
-        str | None, Argument(help="sequences, stations, frames, instruments or analyses; default: all")
+        str | None,
+        Argument(
+            help="sequences, stations, frames, instruments or analyses; default: all of these; "
+            "actions: what sequences call of each driver"
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

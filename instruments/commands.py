@@ -52,7 +52,8 @@ class Commands:
     """Commands with their checks; ``timeout_s`` limits a plain command, 1.5 s is the most.
 
     ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt. ``kept`` is
-    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file).
+    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file);
+    ``mended``: what of it was not right, with the reply that showed it, and was set.
     """
 
     timeout_s: ClassVar[float] = 1.0
@@ -62,6 +63,7 @@ class Commands:
     seen: dict[str, object]
     kept: tuple[Setting, ...]
     states: Mapping[str, Condition] = {}
+    mended: dict[str, str]
 
     @property
     def station_words(self) -> Mapping[str, str]:
@@ -187,6 +189,7 @@ class Commands:
         self.set(command, ReadBack(lambda: self.ask(query, read_text), condition.is_right, before.__eq__))
         if not condition.is_right(reply := self.ask(query, read_text)):
             raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
+        self.mended[name] = before.strip()
 
     def switch(self, query: str, wanted: int) -> ReadBack:
         """Return the read-back of something that is on (1) or off (0)."""

@@ -77,7 +77,7 @@ ROWS += [
     row(NAME, "another channel and thermocouple", f"{TYPE_K} | ROUT:SCAN (@203)! | READ? ~> +2.5E+01 | <ok>",
         gives([25.0], "scan"), channels=[203], thermocouple="K"),
     row(NAME, "a fixed reference junction is made the internal one", f"{FIXED} | {JUNCTION} -> INT, INT",
-        does("identify")),
+        does("identify"), leaves={"mended": {"reference junction": "INT,FIX"}}),
     row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX",
         refuses("B-INST-011", "'INT,FIX' after 'TEMP.*: reference junction", "identify")),
     row(NAME, "an open thermocouple is no scan", f"{SCAN} | READ? ~> +2.3E+01,+9.90000000E+37",

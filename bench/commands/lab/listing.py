@@ -12,7 +12,8 @@ from rich import box
 from rich.table import Table
 
 from bench.commands.console import console, print_json, say
-from bench.model.errors import InputError, InstallationError
+from bench.model.drivers import driver_class
+from bench.model.errors import BenchError, InputError, InstallationError
 from bench.model.installed import Refusal, driver_packages, driver_refusals
 from bench.model.lab import (
     KINDS,
@@ -27,10 +28,14 @@ from bench.model.lab import (
     shipped_folder,
     shipped_names,
 )
+from bench.model.ports import Effect, Parameter, actions_of
 from bench.model.systems import analyses, system_refusals
+from bench.model.units import format_quantity
 from bench.model.yamlio import load_yaml
 
 WORDS = (*KINDS, "instruments", "analyses")
+_MOST_WORDS = 10
+ACTIONS = "actions"  # asked for by name: each driver is loaded
 
 
 @dataclass(frozen=True)
@@ -46,16 +51,20 @@ class Entry:
 def print_list(kind: str | None, as_json: bool) -> None:
     """Print sequences, stations, frames, instruments and analyses, or those of one kind, each with its origin.
 
+    The kind ``actions``: what a sequence may call of each driver, with arguments, limits and effect on the bench.
+
     Raises: InputError B-CLI-011 for another kind, B-LAB-001; InstallationError.
     """
-    if kind is not None and kind not in WORDS:
-        raise InputError("B-CLI-011", f"{kind!r} is no kind", next_step=f"use one of: {', '.join(WORDS)}")
+    if kind is not None and kind not in (*WORDS, ACTIONS):
+        raise InputError("B-CLI-011", f"{kind!r} is no kind", next_step=f"use one of: {', '.join((*WORDS, ACTIONS))}")
     lab = lab_here()
     entries = [entry for entry in _entries(lab) if kind in (None, entry.kind)]
+    if kind == ACTIONS:
+        entries = [action for entry in _entries(lab) if entry.kind == "instruments" for action in _actions(entry)]
     if as_json:
         print_json([asdict(entry) for entry in entries])
         return
-    for word in WORDS:
+    for word in (*WORDS, ACTIONS):
         rows = [entry for entry in entries if entry.kind == word]
         table = Table("name", "title", "from", box=box.SIMPLE_HEAD, title=word, title_justify="left")
         for entry in rows:
@@ -83,6 +92,37 @@ def _entries(lab: Lab | None) -> Iterator[Entry]:
     for name, entry in installed.items():
         yield Entry("analyses", name, entry.system.name, entry.offer.release)
     yield from _refused("analyses", system_refusals())
+
+
+def _actions(driver: Entry) -> Iterator[Entry]:
+    """Yield what a sequence may call of a driver; why it cannot be loaded otherwise."""
+    try:
+        declared = actions_of(driver_class(driver.name))
+    except BenchError as error:
+        yield Entry(ACTIONS, driver.name, f"refused: {error.message}", driver.origin)
+        return
+    for action in declared.values():
+        arguments = ", ".join(map(_argument, action.parameters))
+        ends = [f"returns {action.returns}"] if action.returns else []
+        ends += [action.effect.value] if action.effect is not Effect.NONE else []
+        yield Entry(ACTIONS, f"{driver.name}.{action.name}", "; ".join(filter(None, [arguments, *ends])), driver.origin)
+
+
+def _argument(parameter: Parameter) -> str:
+    """Return an argument with what it may be; in brackets if it may be left out."""
+    words = [str(choice) for choice in parameter.choices] or [
+        format_quantity(value, parameter.dimension).removesuffix(" 1") for value in parameter.values or _ends(parameter)
+    ]
+    if parameter.low is not None and not parameter.values:
+        limits = " to ".join(words)
+    else:
+        limits = "|".join(words if len(words) <= _MOST_WORDS else [*words[:2], "...", words[-1]])
+    told = f"{parameter.name} {limits}"
+    return told if parameter.required else f"[{told}]"
+
+
+def _ends(parameter: Parameter) -> list[float]:
+    return [value for value in (parameter.low, parameter.high) if value is not None]
 
 
 def _refused(kind: str, refusals: Sequence[Refusal]) -> Iterator[Entry]:

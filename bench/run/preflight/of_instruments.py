@@ -93,9 +93,18 @@ def _identity(context: PreflightContext, role: str) -> Finding:
 
 
 def settings(context: PreflightContext) -> list[Finding]:
-    """What the last user left is what a run relies on, sets, or refuses; nothing is set to find that out."""
+    """What the last user left is what a run relies on, sets, or refuses; nothing is set to find that out.
+
+    Instruments that were identified for a run are prepared already: what they were found with is told.
+    """
     if not context.asks_only:
-        return []  # the instruments are prepared already
+        told = {
+            role: [f"{name} ({reply} before)" for name, reply in getattr(each, "mended", {}).items()]
+            for role, each in context.instruments.items()
+        }
+        return [
+            Finding(f"settings of {role}", Status.OK, f"set {', '.join(rows)}") for role, rows in told.items() if rows
+        ]
     known = {role: each for role, each in context.instruments.items() if getattr(each, "identity", None)}
     resources = {role: context.station.instruments[role].resource for role in known}
     found = asked(resources, lambda role: _settings(role, known[role]), context.clock)

@@ -79,6 +79,10 @@ def test_everything_is_listed_with_its_origin(lab: Path) -> None:
     assert origins["instruments", "hp_3458a"].startswith("inertial-bench ")
     assert origins["analyses", "scale_factor"].startswith("inertial-bench ")
     assert "first_check" in bench("list", "sequences")
+    actions = {entry["name"]: entry["title"] for entry in json.loads(bench("list", "actions", "--json"))}
+    said = "current 0 A to 2.2 A, [range lowest_that_holds|locked]; stimulus_set"
+    assert actions["fluke_5720a.output"] == said
+    assert actions["agilent_34401a.measure_voltage"] == "returns V"
     with pytest.raises(InputError, match=r"B-CLI-011: .*no kind"):
         bench("list", "drivers")
 

@@ -24,7 +24,7 @@ from preflight_bench import (
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, InstrumentError
 from bench.model.events import Event
-from bench.model.ports import Identity
+from bench.model.ports import Identity, StateRow
 from bench.report.tables import analysis_tables
 from bench.run.bus.opener import open_bench
 from bench.run.bus.side_by_side import bus_of
@@ -39,6 +39,7 @@ from bench.run.preflight.of_instruments import (
     laboratory,
     reference,
     self_calibration,
+    settings,
     standards,
     warm_up,
     wiring,
@@ -311,6 +312,7 @@ MUTE: dict[str, Any] = dict.fromkeys(("time_on_s", "self_calibration", "referenc
         (laboratory, "logger", {"scan": calls([21.99, 50.0, 50.0])}, Status.FAIL, ""),
         (laboratory, "logger", MUTE, Status.WARN, ""),
         (laboratory, "dmm", {}, Status.WARN, ""),  # nobody measures it
+        (settings, "dmm", {"mended": {"unit": "F"}}, Status.OK, "set unit (F before)"),
         (generators, "function_generator", {"square": None}, Status.SKIPPED, ""),  # the campaign measures it
     ],
 )
@@ -321,6 +323,18 @@ def test_what_an_instrument_says_of_itself(
     finding = found if isinstance(found, Finding) else single(found)
     assert (finding.status, finding.value if value else "") == (status, value)
     assert finding.of_bench or status is not Status.FAIL or check is laboratory
+
+
+def test_what_the_last_user_left_is_told_and_only_a_person_mends_some_of_it(tmp_path: Path) -> None:
+    rows = [StateRow("scan", "ABOR", "", None, ""), StateRow("unit", "UNIT C", "F", False, "")]
+    wrong = StateRow("terminals", "", "REAR", False, "the rear ones; press Front")
+    for each, status, value, text in (
+        (rows, Status.OK, "1 asked; a run sets unit (F now); a run sets unseen: scan", ""),
+        ([*rows, wrong], Status.FAIL, "terminals (REAR)", "the rear ones; press Front"),
+    ):
+        asked = on_bench(tmp_path, "dmm", state_rows=calls(each), quick=nullcontext)
+        found = single(settings(replace(asked, asks_only=True)))
+        assert (found.status, found.value, found.text) == (status, value, text)
 
 
 def test_what_the_plan_does_not_use_is_not_judged(tmp_path: Path) -> None:
