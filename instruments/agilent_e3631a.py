@@ -28,6 +28,7 @@ class AgilentE3631A(ScpiSupply):
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),E3631A"
     tells = Tells({"OUTP?": is_one})
+    remote = "SYST:REM"
 
     configured: Mapping[int, tuple[Setting, ...]] = MappingProxyType({})  # by rail; ``kept`` are those of the selected
     selected = 0

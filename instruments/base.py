@@ -19,6 +19,7 @@ from bench.model.ports import Identity, Tells, Transcript, actions_of
 from instruments.bus import BUS_FAILED, TIMED_OUT, BusSession
 from instruments.commands import Commands
 from instruments.ladder import Ladder
+from instruments.transport import Need, lacking
 from instruments.values import read_text
 
 WRONG_MODEL, EXCHANGED = "B-INST-002", "B-INST-016"
@@ -32,7 +33,8 @@ class BaseInstrument(Commands):
     leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
     ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards;
     ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``tells`` says which replies show
-    whether it is on, None for a model that holds no energy.
+    whether it is on, None for a model that holds no energy; ``needs`` is what its address must give besides messages;
+    ``remote`` is what takes it out of local on a serial line, also behind a gateway, where no line of a bus does.
 
     Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
@@ -44,6 +46,8 @@ class BaseInstrument(Commands):
     default_options: ClassVar[Mapping[str, Any]] = {}
     ranges_A: ClassVar[tuple[float, ...]] = ()
     spacing_s: ClassVar[float] = 0.0
+    needs: ClassVar[tuple[Need, ...]] = ()
+    remote: ClassVar[str] = ""
     tells: ClassVar[Tells | None] = None
 
     def __init__(
@@ -109,6 +113,7 @@ class BaseInstrument(Commands):
             message = f"{identity.manufacturer} {identity.model} answers where {self.identity_pattern!r} is due"
             raise self.error(WRONG_MODEL, message, "correct the address in the station file; nothing was switched")
         self.bus.echo = (self.identity_question, self._said)
+        self._take_control()
         return identity
 
     def make_safe(self) -> None:
@@ -186,9 +191,18 @@ class BaseInstrument(Commands):
         """
         return None
 
+    @classmethod
+    def lacking(cls, library: str, address: str) -> list[Need]:
+        """Return which of its ``needs`` an address does not give through a VISA library, such as "@py"."""
+        return lacking(cls.needs, library, address)
+
     def _ready(self) -> None:
         if self.identity is None:
             self._identified()
+
+    def _take_control(self) -> None:
+        if self.remote and self.bus.stream:
+            self.bus.write(self.remote, self.timeout_s)
 
     def _prepare(self) -> None:
         """Set what the driver relies on, without touching any output."""
@@ -229,6 +243,7 @@ class BaseInstrument(Commands):
             )
             raise self.error(EXCHANGED, message, "find out what was exchanged, then start again")
         self.drain_errors()
+        self._take_control()
         self._prepare()
         self._recheck()
 

@@ -15,9 +15,8 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
-from instruments.aside import SLICE_S
 from instruments.values import CutOffError, OverloadReadingError, block_content
-from instruments.wire import MESSAGE_AVAILABLE, BusError, Wire
+from instruments.wire import MESSAGE_AVAILABLE, SLICE_S, BusError, Wire
 
 TIMED_OUT = "B-INST-001"
 BUS_FAILED = "B-INST-003"
@@ -207,7 +206,7 @@ class BusSession(Wire):
             except BusError as error:
                 if not error.unsupported:
                     raise self._failure(error, command) from error
-                if (reply := self.hear(timeout_s)) is not None:
+                if (reply := self.hear(timeout_s)) is not None and not self.came_late(command, reply):
                     self.note("rx", reply)
                     return reply
             if self._clock.now_ns() >= end_ns:
@@ -224,6 +223,8 @@ class BusSession(Wire):
             raise self._failure(error, command) from error
         self.heard()
         self._spoke_ns = self._clock.now_ns()
+        if self.came_late(command, reply):
+            return self._receive(command, timeout_s)
         self.note("rx", reply)
         return reply
 

@@ -46,6 +46,7 @@ class Hp3458A(BaseInstrument):
     identity_pattern = r"HP,3458A"
     identity_question = "ID?"
     ranges_A = tuple(nominal for nominal, _ in _RANGES_A)
+    needs = ("serial poll",)
     safe_state = "trigger on hold (TRIG HOLD); the meter drives nothing"
 
     warm_up_s = 4 * 3600.0

@@ -52,16 +52,12 @@ class PendulumCnt91(ScpiInstrument):
     identity_pattern = r"PENDULUM.*,CNT-91R?"
     safe_state = "stream ended (ABOR), confirmed by STAT:OPER:COND?; the tagger drives nothing"
     default_options: ClassVar[Mapping[str, Any]] = {"clock_error_ppm": 0.0}
+    needs = ("END", "device clear")  # a line feed is a byte of a block
 
     configured: tuple[float, float] | None = None  # clock Hz, threshold V
     _streams = False  # started and not known to be stopped
     _started = 0  # how often
     _drained = 0  # of which start everything was read; the reader's own, so that no start is overlooked
-
-    def __init__(self, *arguments: Any, **named: Any) -> None:
-        super().__init__(*arguments, **named)
-        if not self.bus.ends:
-            raise self.bad_option("blocks of bytes need GPIB, USB, VXI-11 or HiSLIP, no raw socket and no serial line")
 
     @action(
         Parameter("clock", "Hz", 10e6, 100e6, values=CLOCKS_HZ),

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import pyvisa
 from pyvisa.constants import StatusCode
@@ -21,14 +21,14 @@ from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import BenchError
 from bench.model.installed import foreign_fault
 from bench.model.ports import Transcript
-from instruments.aside import Aside, NotReturnedError
+from instruments.transport import is_stream
 
 LONGEST_CALL_S = 1.5
 OPEN_S = 1.0  # how long an opening is waited for at a time; one that takes longer is waited for again
 FORGET_S = 3.0  # whoever was not asked for so long may be back, and is given the whole ladder
 RETURN_S = 0.3  # a call comes back that long after its time limit at the latest, or it hangs
 MESSAGE_AVAILABLE = 1 << 4  # status byte, IEEE Std 488.2
-_SLICE_S = 0.5
+SLICE_S = 0.5  # longest wait without a sign of life; a run may be silent for 1.5 s
 _ECHO_S = 1.0
 _QUIET_S = 0.25
 _MOST_LATE_S = 10.0  # a reply that is not there by then never comes
@@ -56,6 +56,56 @@ class BusError(Exception):
         self.unsupported = isinstance(error, NotImplementedError) or code in _UNSUPPORTED
 
 
+class NotReturnedError(Exception):
+    """A call has not come back within its limit; it may still do something."""
+
+
+class Aside(Generic[T]):
+    """One call that may not return (an opening, a library written in C), on a thread of its own, begun at once.
+
+    Whoever waits for it gives signs of life, waits no longer than the limit, and goes on without it. A call that never
+    returns keeps its thread, and nothing else. ``what`` names it for the error.
+    """
+
+    def __init__(self, what: str, call: Callable[[], T]) -> None:
+        self._what, self._call = what, call
+        self._result: T | None = None
+        self._error: BaseException | None = None
+        self._waited_s = 0.0
+        self._thread = threading.Thread(target=self._run, name=what, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self._result = self._call()
+        except BaseException as error:  # raised where it is waited for
+            self._error = error
+
+    @property
+    def under_way(self) -> bool:
+        """True until the call has returned or raised."""
+        return self._thread.is_alive()
+
+    def wait(self, limit_s: float, live: Callable[[], None]) -> T:
+        """Return what the call gives; ``live`` is called each half second. May be called again.
+
+        Raises: what the call raises; NotReturnedError after ``limit_s`` (second).
+        """
+        rest_s = limit_s
+        while self.under_way and rest_s > 0.0:
+            slice_s = min(SLICE_S, rest_s)
+            self._thread.join(slice_s)
+            rest_s -= slice_s
+            self._waited_s += slice_s
+            if self.under_way:
+                live()
+        if self.under_way:
+            raise NotReturnedError(f"{self._what} has not returned for {self._waited_s:.1f} s")
+        if self._error is not None:
+            raise self._error
+        return cast("T", self._result)
+
+
 class _Mode(threading.local):
     """How a thread uses a session: a watcher in a hurry must not hurry, nor be held up by, the steps beside it."""
 
@@ -69,7 +119,7 @@ class Wire:
 
     ``echo`` is the identity question with its known reply, once there is one. ``in_step`` is False while a reply to an
     earlier question may still come. ``alive`` is what the last serial poll said, None when there is none on this bus.
-    ``ends``: the end of a reply is a signal of the bus, so that a reply may have any bytes in it.
+    ``stream``: nothing but bytes reaches the instrument.
     ``lost``: the code of the error after which nobody is there, "" while somebody is; only opening the address again
     helps.   ``heard_ns``: time of the last reply; ``silent_since_ns``: of the first question since then that got none.
     """
@@ -94,13 +144,13 @@ class Wire:
         name = resource.resource_name.upper()
         self._resource = resource
         self._timeout_s = 0.0
-        self.ends = not (name.endswith("::SOCKET") or name.startswith("ASRL"))
-        self._clears = self.ends
+        self.stream = is_stream(name)
+        self._clears = not self.stream
         self.alive: bool | None = True
         self.lost = ""
         self._calling: Aside[Any] | None = None
         self.in_step = name.endswith("::SOCKET")
-        if self.in_step:
+        if self.in_step and self.echo is not None:
             self._owe_nothing()
         resource.write_termination = "\n"
         resource.read_termination = "\n"
@@ -170,7 +220,7 @@ class Wire:
         end_ns = self._clock.now_ns() + to_ns(seconds)
         while (now_ns := self._clock.now_ns()) < end_ns:
             self.note("tx", "<pause>")
-            self._clock.sleep_until_ns(min(end_ns, now_ns + to_ns(_SLICE_S)))
+            self._clock.sleep_until_ns(min(end_ns, now_ns + to_ns(SLICE_S)))
 
     def poll_status(self, timeout_s: float = _ECHO_S) -> int:
         """Return status byte by serial poll. Raises: BusError."""
@@ -197,9 +247,20 @@ class Wire:
         self.in_step = self._device_cleared() or (not self.hurried and self._echoed())
 
     def owe(self, question: str) -> None:
-        """A question was not answered in time; the answer to the one who is there may be mistaken for an echo."""
-        if self.echo is not None and question == self.echo[0]:
+        """Note a question without an answer in time, if its late reply may be mistaken for an echo."""
+        if self.echo is None or question == self.echo[0]:
             self._owed_ns.append(self._clock.now_ns())
+
+    def came_late(self, question: str, reply: str) -> bool:
+        """Return whether a reply is owed to an earlier question who is there, and not the answer to this one.
+
+        At a first contact nobody can be told by an echo, and an instrument that boots, or a gateway, answers late.
+        """
+        late = self._owed_ns and self.echo is not None and question != self.echo[0] and reply.strip() == self.echo[1]
+        if late:
+            del self._owed_ns[0]
+            self.note("rx", f"<not used: {reply}>")
+        return bool(late)
 
     def hear(self, limit_s: float) -> str | None:
         """Return the next reply, to whatever question; None if none comes in ``limit_s`` (second) or the bus fails."""
@@ -312,7 +373,7 @@ class Wire:
         An echo that is missing may be lost or late. It is listened for, and not asked for again, until it must be lost.
         """
         if self.echo is None:
-            return self._is_quiet(_ECHO_S)
+            return self._is_quiet(_ECHO_S)  # what comes later still is told by its text
         question, answer = self.echo
         if not self._listening:
             self.note("tx", question)
@@ -347,6 +408,8 @@ class Wire:
         reply = self.hear(limit_s)
         if reply is not None:
             self.note("rx", f"<not used: {reply}>")
+            if self.echo is None:
+                del self._owed_ns[:1]
         return reply
 
 

@@ -103,8 +103,9 @@ def _announce(station: Station, bench: Any, path: Path) -> None:
         text = f"{name}: port {port} is taken, another one is used; a session begun on it cannot be resumed here"
         typer.echo(text, err=True)
     resources, sockets = bench.resources, bench.sockets
-    for role, entry in station.instruments.items():
-        typer.echo(f"{role}: {entry.driver} at {resources[role]}, raw socket {sockets[role]}")
+    for number, (role, entry) in enumerate(station.instruments.items(), start=1):
+        typer.echo(f"{role}: {entry.driver} at {resources[role]}, raw socket {sockets[role]}, GPIB0::{number}::INSTR")
+    typer.echo(f"GPIB0: adapter {bench.adapter}")
     for name, link in station.links.items():
         port = f"{link.baud} baud, at {bench.urls[name]}" if link.instrument is None else f"read from {link.instrument}"
         typer.echo(f"{name}: {link.frame}, {port}")

@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bench.model import lab
 from bench.model.errors import InputError
@@ -88,6 +88,24 @@ class Manual(StrictModel):
     sources: dict[str, str]
     commands: dict[str, Command]
     states: dict[str, Condition] = Field({}, description="rows of the state table")
+
+    @model_validator(mode="after")
+    def _rows_that_hold_together(self) -> Manual:
+        rows: list[tuple[str, Command | Condition]] = [*self.commands.items(), *self.states.items()]
+        for name, row in rows:
+            if not any(key in row.source for key in self.sources):
+                raise ValueError(f"{name!r} cites none of the sources: {', '.join(self.sources)}")
+        for name, condition in self.states.items():
+            sent = [*condition.by, *(text for text in (condition.set, condition.ask) if text)]
+            if strange := [text for text in sent if self.find(text) is None]:
+                raise ValueError(f"{name!r} names {strange[0]!r}, which is none of the commands")
+            if condition.ask and bool(condition.right) == bool(condition.bits):
+                raise ValueError(f"{name!r} is asked by {condition.ask!r}: write what is right, or the bits of it")
+            if not sent and not condition.why:
+                raise ValueError(f"{name!r} is neither set nor asked: write why")
+            if condition.ask and not condition.set and not (condition.why and condition.person):
+                raise ValueError(f"{name!r} is refused where it is not right: write why, and what a person does")
+        return self
 
     def find(self, sent: str) -> str | None:
         """Return the form of a command that was sent, that with most letters of its own; None if it is in none."""

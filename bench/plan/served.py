@@ -9,8 +9,10 @@ from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
-from bench.plan.language.standards import Standard
-from bench.plan.station import InstrumentEntry, Station
+from pydantic import RootModel
+
+from bench.model.yamlio import parse_yaml
+from bench.plan.station import Station
 
 CALIBRATED = timedelta(days=30)  # before the day it is served
 DUE = timedelta(days=335)  # after it
@@ -19,7 +21,6 @@ _ANEW = (
     *("station", "title", "simulated", "visa", "control", "world", "bus_time_factor", "instruments", "standards"),
     "links",
 )
-_UNITS = {"range": "A", "floor": "A", "offset": "A", "relative": "1", "gain": "1", "age": "s", "certificate_U": "1"}
 
 
 def served_station(
@@ -27,7 +28,7 @@ def served_station(
 ) -> str:
     """Return YAML text of a station with the same roles, standards, limits and options, without a world.
 
-    Sections that have nothing to do with where things are (interlocks, guard, notifications) are taken over as text.
+    What has nothing to do with where things are is taken over as it is written.
 
     Args:
         resources: VISA address of each role.   urls: of each link.   control: socket of the process that serves it.
@@ -44,10 +45,14 @@ def served_station(
     }
     lines = [f"{key}: {json.dumps(value)}" for key, value in head.items()]
     lines.append("instruments:")
-    for role, entry in station.instruments.items():
-        lines.append(f"  {role}: {json.dumps(_instrument(entry, resources[role], today))}")
+    written = parse_yaml(station.document.text.encode(), station.name, RootModel[dict[str, Any]]).model.root
+    for role, entry in written["instruments"].items():
+        served = {name: value for name, value in entry.items() if name != "serial_line"} | {"resource": resources[role]}
+        if "standard" in entry:
+            served["standard"] = _dated(entry["standard"], today)
+        lines.append(f"  {role}: {json.dumps(served)}")
     if file.standards:
-        register = {name: _standard(standard, today) for name, standard in file.standards.items()}
+        register = {name: _dated(standard, today) for name, standard in written["standards"].items()}
         lines.append(f"standards: {json.dumps(register)}")
     lines.append("links:" if station.links else "links: {}")
     for name, link in station.links.items():
@@ -68,39 +73,6 @@ def _others(text: str) -> list[str]:
     return lines
 
 
-def _instrument(entry: InstrumentEntry, resource: str, today: date) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "driver": entry.driver,
-        "resource": resource,
-        "safe_order": entry.safe_order,
-        "options": entry.options,
-        "limits": entry.limits,
-    }
-    if entry.standard is not None:
-        document["standard"] = _standard(entry.standard, today)
-    return document
-
-
-def _standard(standard: Standard, today: date) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "model": standard.model,
-        "serial": standard.serial,
-        "certificate": standard.certificate,
-        "calibrated": (today - CALIBRATED).isoformat(),
-        "due": (today + DUE).isoformat(),
-        "uncertainty": [_with_units(line.model_dump(exclude_unset=True)) for line in standard.uncertainty],
-        "corrections": [_with_units(dict(line)) for line in standard.corrections],
-    }
-    for name in ("traceability", "drift"):
-        value = getattr(standard, name)
-        if value is not None:
-            document[name] = f"{value!r} 1"
-    if standard.degrees_of_freedom is not None:
-        document["degrees_of_freedom"] = standard.degrees_of_freedom
-    if standard.stated:
-        document["stated"] = {name: f"{value!r} {unit}" for name, (value, unit) in standard.stated.items()}
-    return document
-
-
-def _with_units(line: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: f"{value!r} {_UNITS[name]}" if name in _UNITS else value for name, value in line.items()}
+def _dated(standard: Mapping[str, Any], today: date) -> dict[str, Any]:
+    """Return an entry of the register as it is written, but for its dates."""
+    return {**standard, "calibrated": (today - CALIBRATED).isoformat(), "due": (today + DUE).isoformat()}

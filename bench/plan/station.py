@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, StringConstraints, field_validator, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, field_validator, model_validator
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError, InputErrors
@@ -34,6 +35,28 @@ SlotName = Annotated[str, StringConstraints(pattern=r"^[A-H]$")]
 CHAMBER_MARGIN_DEGC, UNIT_MARGIN_DEGC = 5.0, 10.0  # hard limits above the highest set-point; the unit warms itself
 
 
+_ADAPTER = re.compile(r"PRLGX-(?:TCPIP(\d*)::([^:]+)(?:::(\d+))?|ASRL(\d*)::(/?[^:]+))::INTFC", re.IGNORECASE)
+
+
+def _adapter(text: str) -> str:
+    if _ADAPTER.fullmatch(text) is None:
+        raise ValueError(
+            f"{text!r} is no GPIB adapter; write it as PRLGX-TCPIP0::10.0.0.7::1234::INTFC or as "
+            "PRLGX-ASRL0::/dev/serial/by-id/NAME::INTFC: it is GPIB0 then, its instruments GPIB0::22::INSTR"
+        )
+    return text
+
+
+class SerialLine(StrictModel):
+    """Settings of the serial line of an instrument."""
+
+    baud: int = Field(9600, ge=110, le=1_000_000)
+    bits: Literal[7, 8] = 8
+    parity: Literal["none", "odd", "even", "mark", "space"] = "none"
+    stop: Literal[1, 2] = 1
+    handshake: Literal["none", "xon_xoff", "rts_cts", "dtr_dsr"] = "none"
+
+
 class InstrumentEntry(StrictModel):
     """One instrument of the bench under its role."""
 
@@ -42,7 +65,19 @@ class InstrumentEntry(StrictModel):
     safe_order: int = Field(ge=1, le=99, description="place in the order in which instruments are made safe")
     options: dict[Name, Scalar | list[Scalar]] = Field(default_factory=dict)
     limits: dict[Name, tuple[str, str]] = Field(default_factory=dict, description="argument: [lowest, highest]")
+    serial_line: SerialLine | None = Field(None, description="of an instrument at ASRL...::INSTR")
     standard: Standard | None = None
+
+    @property
+    def line(self) -> Mapping[str, Any]:
+        """Settings of its serial line, empty if none are named."""
+        return {} if self.serial_line is None else self.serial_line.model_dump()
+
+    @model_validator(mode="after")
+    def _line_of_a_serial_port(self) -> InstrumentEntry:
+        if self.serial_line is not None and not self.resource.upper().startswith("ASRL"):
+            raise ValueError(f"{self.resource} has no 'serial_line': it is no serial port (ASRL...::INSTR)")
+        return self
 
     @field_validator("limits", mode="before")
     @classmethod
@@ -137,6 +172,9 @@ class StationFile(StrictModel):
     title: Annotated[str, StringConstraints(max_length=200)] = ""
     simulated: bool
     visa: Literal["@bench", "@py", "@ivi", "@sim"]
+    adapters: list[Annotated[str, AfterValidator(_adapter)]] = Field(
+        default_factory=list, description="Prologix adapters; the number in the address is that of the GPIB board"
+    )
     world: World | None = None
     control: Words | None = Field(
         None, description="socket of the process that serves a simulated bench; it is told there what a prompt sets"
@@ -176,6 +214,8 @@ class StationFile(StrictModel):
         ]
         if missing:
             raise ValueError(f"the url of link {missing[0]!r} is missing")
+        if len(boards_of(self.adapters)) < len(self.adapters):
+            raise ValueError("two adapters have one number of a GPIB board; write PRLGX-TCPIP0::..., PRLGX-TCPIP1::...")
         if doubled := sorted(self.standards.keys() & self.instruments.keys()):
             raise ValueError(f"{doubled[0]!r} is an instrument; its standard stands there")
         strange = [link.instrument for link in self.links.values() if link.instrument not in (None, *self.instruments)]
@@ -259,6 +299,11 @@ class Station:
             limits = {name: derived[name] if limit is None else limit for name, limit in limits.items()}
         return {name: limit for name, limit in limits.items() if limit is not None}
 
+    @cached_property
+    def boards(self) -> Mapping[str, str]:
+        """GPIB boards that are adapters, and the VISA addresses of the streams to them."""
+        return boards_of(self.file.adapters)
+
     @property
     def links(self) -> Mapping[str, LinkEntry]:
         """Links by name."""
@@ -321,6 +366,16 @@ def _highest_degC(instruments: Mapping[str, InstrumentEntry]) -> float | None:
         read_quantity(entry.limits["temperature"][1]) for entry in instruments.values() if "temperature" in entry.limits
     ]
     return max((value[0] for value in highest if value is not None), default=None)
+
+
+def boards_of(adapters: Sequence[str]) -> dict[str, str]:
+    """Return the GPIB boards that adapters are, and the VISA addresses of the streams to them."""
+    boards = {}
+    for match in filter(None, map(_ADAPTER.fullmatch, adapters)):
+        lan, host, port, usb, device = match.groups()
+        stream = f"TCPIP0::{host}::{port or 1234}::SOCKET" if host else f"ASRL{device}::INSTR"
+        boards[f"GPIB{lan or usb or 0}"] = stream
+    return boards
 
 
 def load_station(path: Path) -> Station:

@@ -20,12 +20,12 @@ from bench.model.posix import ALONE, lock_file, make_raw, unix_socket
 from sim_instruments.faults.named import listing
 from sim_instruments.served.hislip_exchange import ServedInstrument
 from sim_instruments.served.hislip_server import HislipServer
-from sim_instruments.served.socket_server import SocketServer
+from sim_instruments.served.socket_server import AdapterServer, SocketServer
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world, possible_faults
 
 LOCK, CONTROL, STATION, PORTS = "sim.lock", "control.sock", "station.yaml", "ports.json"
-LOOPBACK, HISLIP, MOST_PORT = "127.0.0.1", "hislip", 1 << 16
+LOOPBACK, HISLIP, ADAPTER, MOST_PORT = "127.0.0.1", "hislip", "adapter", 1 << 16
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 OPERATE, OPERATE_WORDS = "operate", 3
 WATCH_S = 0.02
@@ -51,6 +51,7 @@ class InstrumentServers:
         ports = ports or {}
         self._hislip = HislipServer(served, host, ports.get(HISLIP, 0))
         self._sockets = SocketServer(served, host, ports)
+        self._adapter = AdapterServer(served, host, ports.get(ADAPTER, 0))
 
     @property
     def hislip_port(self) -> int:
@@ -60,7 +61,8 @@ class InstrumentServers:
     @property
     def ports(self) -> dict[str, int]:
         """Every port that is listened at: of "hislip", and of the raw socket of each role."""
-        return {HISLIP: self.hislip_port, **dict(zip(self._roles, self._sockets.ports, strict=True))}
+        others = {HISLIP: self.hislip_port, ADAPTER: self._adapter.port}
+        return {**others, **dict(zip(self._roles, self._sockets.ports, strict=True))}
 
     def resources(self) -> dict[str, str]:
         """Return the VISA address of each role over HiSLIP; the sub-address counts the roles in their order."""
@@ -76,8 +78,14 @@ class InstrumentServers:
             for role, port in zip(self._roles, self._sockets.ports, strict=True)
         }
 
+    @property
+    def adapter(self) -> str:
+        """Address of the GPIB adapter, behind which the roles stand at 1, 2, ... in their order."""
+        return f"PRLGX-TCPIP0::{self._host}::{self._adapter.port}::INTFC"
+
     def close(self) -> None:
         """End all sessions and free the ports; idempotent."""
+        self._adapter.close()
         self._hislip.close()
         self._sockets.close()
 
@@ -190,6 +198,11 @@ class ServedBench:
     def sockets(self) -> dict[str, str]:
         """VISA address of each role's raw socket."""
         return self._servers.sockets()
+
+    @property
+    def adapter(self) -> str:
+        """Address of the GPIB adapter in front of all roles."""
+        return self._servers.adapter
 
     @property
     def urls(self) -> dict[str, str]:

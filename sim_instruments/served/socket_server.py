@@ -1,4 +1,4 @@
-"""Raw sockets, as SCPI instruments offer them: a TCP port per instrument, lines in, lines out.
+"""Raw sockets, as SCPI instruments offer them: a TCP port per instrument, lines in, lines out; and a GPIB adapter.
 
 There is no END, no serial poll and no device clear; commands are carried out in order, each after the reply to the one
 before has been sent. A late reply cannot be told apart from the answer to the next question: that is the nature of a
@@ -7,13 +7,16 @@ raw socket.
 
 from __future__ import annotations
 
+import re
 import select
 import socket
 import threading
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Protocol
 
+from bench.model.clock import Clock, to_ns
 from sim_instruments.served.hislip_exchange import Exchange, ServedInstrument
 from sim_instruments.served.hislip_wire import receive_now, send_all, shut
 
@@ -175,3 +178,95 @@ class SocketServer(LoopbackServer):
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         instrument = self._behind[listener]
         self._serve(_Connection(instrument, sock), f"raw socket {instrument.device.role}")
+
+
+_ADAPTER_LINE = re.compile(rb"((?:\x1b.|[^\x1b\r\n])*)[\r\n]", re.DOTALL)
+_EOS = {"0": b"\r\n", "1": b"\r", "2": b"\n", "3": b""}
+VERSION = "Prologix GPIB-ETHERNET Controller version 01.06.06.00"
+
+
+class _Adapter:
+    """A Prologix GPIB-ETHERNET with its client: lines that begin with "++" are its own, others the instrument's.
+
+    Source: Prologix GPIB-USB Controller User Manual, 2011, 7 and 8 (the commands are those of both models).
+    """
+
+    def __init__(self, exchanges: Mapping[str, Exchange], clock: Clock, sock: socket.socket) -> None:
+        self._exchanges, self._clock, self._sock = exchanges, clock, sock
+        self._settings = {"addr": "0", "auto": "1", "eos": "0", "read_tmo_ms": "1000"}
+        self._stopping = threading.Event()
+
+    def run(self) -> None:
+        begun = b""
+        with self._sock, suppress(OSError):
+            while not self._stopping.is_set() and (chunk := self._sock.recv(4096)):
+                begun += chunk
+                while (line := _ADAPTER_LINE.match(begun)) and not self._stopping.is_set():
+                    begun = begun[line.end() :]
+                    self._take(line[1])
+
+    def stop(self) -> None:
+        self._stopping.set()
+        shut(self._sock)
+
+    def _take(self, line: bytes) -> None:
+        if line.startswith(b"++"):
+            word, *values = line[2:].decode("latin-1").split() or [""]
+            self._obey(word, values)
+        elif line and (listener := self._exchanges.get(self._settings["addr"])) is not None:
+            message = re.sub(rb"\x1b(.)", rb"\1", line, flags=re.DOTALL) + _EOS[self._settings["eos"]]
+            listener.command(message, 0)
+            if self._settings["auto"] == "1":
+                self._read()
+
+    def _obey(self, word: str, values: list[str]) -> None:
+        addressed = self._exchanges.get(values[0] if word == "spoll" and values else self._settings["addr"])
+        if word == "read":
+            self._read()
+        elif word == "ver":
+            self._say(VERSION)
+        elif word == "spoll":
+            self._say(str(0 if addressed is None else addressed.status_byte()))
+        elif word == "clr" and addressed is not None:
+            addressed.clear()
+        elif values:
+            self._settings[word] = values[0]
+        elif word in self._settings:
+            self._say(self._settings[word])
+
+    def _read(self) -> None:
+        """Pass on what the addressed instrument says within the time; nothing, if it says nothing."""
+        talker = self._exchanges.get(self._settings["addr"])
+        end_ns = self._clock.now_ns() + to_ns(float(self._settings["read_tmo_ms"]) / 1000)
+        while talker is not None and self._clock.now_ns() < end_ns and not self._stopping.is_set():
+            if (due := talker.take_due()) is not None:
+                send_all(self._sock, due[0].payload)
+                talker.confirm()
+                return
+            self._stopping.wait(WAIT_MS / 1000)
+
+    def _say(self, text: str) -> None:
+        send_all(self._sock, f"{text}\r\n".encode())
+
+
+class AdapterServer(LoopbackServer):
+    """Serves all instruments behind one adapter, at the GPIB addresses 1, 2, ... in their order, one client at a time.
+
+    Args: instruments, host: as for ``SocketServer``.   port: 0 takes a free one.
+    """
+
+    def __init__(self, instruments: Sequence[ServedInstrument], host: str, port: int) -> None:
+        self._exchanges = {str(number): Exchange(instrument) for number, instrument in enumerate(instruments, start=1)}
+        self._clock = instruments[0].world.clock
+        listener = socket.create_server((host, port))
+        self.port: int = listener.getsockname()[1]
+        super().__init__("adapter", [listener])
+
+    def _run(self) -> None:
+        (listener,) = self._listeners
+        with listener, suppress(OSError):
+            while not self._closing:
+                sock, _ = listener.accept()
+                self._serve(_Adapter(self._exchanges, self._clock, sock), "adapter")
+                for thread in self._clients.values():
+                    thread.join()

@@ -10,11 +10,11 @@ from ways import Walk
 CEILINGS = {
     "tokens": 962_983,
     "tokens a line": 10.56,
-    "files": 733,
+    "files": 734,
     "dict[str, Any]": 478,
-    "lines of tests": 89_917,
+    "lines of tests": 89_981,
     "tests of several deep modules": 129,
-    "words of docs": 154_762,
+    "words of docs": 154_759,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 59,

@@ -11,7 +11,7 @@ from bench.model.clock import VirtualClock
 from bench.model.drivers import Manual, manual_of
 from bench.model.errors import InstrumentError
 from bench.model.ports import Identity
-from bench.plan import load_station
+from bench.plan import Findings, check_station, load_station
 from bench.run.bus.first_contact import Tried, record_of, unproved, walk, write_record
 from bench.run.bus.opener import open_bench
 from bench.run.observers import HeldTranscript
@@ -147,7 +147,9 @@ def test_a_record_that_somebody_changed_proves_nothing(tmp_path: Path) -> None:
     assert unproved(tmp_path / "station.yaml", "m1", MANUAL, WHO) == ["MODE? {n}", "ERR?"]
 
 
-OPEN = {  # what is never sent alone
+OPEN = {  # what is never sent alone, or on a serial line only
+    "agilent_34401a": {"SYST:REM"},
+    "agilent_e3631a": {"SYST:REM"},
     "agilent_34970a": {"FRES:NPLC? {channels}", "CONF:FRES {range},{channels}", "FRES:NPLC {cycles},{channels}"},
     "agilent_53230a": {"READ?"},
     "acutrol_3000": {":mode:pos {axis}"},
@@ -202,7 +204,7 @@ def test_a_filter_that_tells_its_name_alone_does_not_pass(tmp_path: Path, monkey
 
 def test_what_is_never_sent_alone_and_unconfirmed_keeps_the_gate_shut(tmp_path: Path) -> None:
     commands = {"X": {"source": "guide", "state": "unconfirmed"}}
-    manual = Manual.model_validate({"instrument": "A source", "sources": {}, "commands": commands})
+    manual = Manual.model_validate({"instrument": "A source", "sources": {"guide": ""}, "commands": commands})
     assert unproved(tmp_path / "station.yaml", "m1", manual, WHO) == ["X"]
 
 
@@ -220,4 +222,15 @@ def test_the_table_of_a_driver_of_the_lab_folder(tmp_path: Path, monkeypatch: py
     (tmp_path / "instruments" / "own.yaml").write_text("{instrument: Own, sources: {}, commands: {}}")
     monkeypatch.chdir(tmp_path)
     assert manual_of("own") == Manual(instrument="Own", sources={}, commands={})
+    (tmp_path / "instruments" / "away.py").write_text("DRIVER = object\n")
+    row = "{source: g, when: [mesure], why: x}"
+    (tmp_path / "instruments" / "away.yaml").write_text(
+        f"{{instrument: A, sources: {{g: G}}, commands: {{}}, states: {{terminals: {row}}}}}"
+    )
+    (tmp_path / "s.yaml").write_text(
+        "{station: s, simulated: false, visa: '@py', links: {}, instruments: {meter: {driver: away, "
+        "resource: 'GPIB0::1::INSTR', safe_order: 1}}}"
+    )
+    check_station(load_station(tmp_path / "s.yaml"), findings := Findings())
+    assert "'terminals' waits for 'mesure'" in "; ".join(error.message for error in findings.all())
     assert manual_of("hp_3458a") is not None

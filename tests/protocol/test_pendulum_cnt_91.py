@@ -8,8 +8,6 @@ import pytest
 from exchanges import Row, does, exchange, gives, refuses, row
 from scripted import BUS_ERROR, CLEAR, TIMEOUT, ScriptedResource, make, refused, scripted
 
-from bench.model.errors import InputError
-
 NAME = "pendulum_cnt_91"
 IDLE, RUNNING = "STAT:OPER:COND? -> 0", "STAT:OPER:COND? -> 16"
 STOP = f"ABOR! | {IDLE}"
@@ -237,10 +235,3 @@ def test_a_mute_tagger_is_told_to_stop_all_the_same() -> None:
         driver.identify()
         with driver.quick(0.5), refused("B-INST-001"):
             driver.make_safe()
-
-
-@pytest.mark.parametrize("address", ["TCPIP0::10.0.0.1::5025::SOCKET", "ASRL1::INSTR"])
-def test_a_bus_without_end_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ScriptedResource, "resource_name", address)
-    with pytest.raises(InputError, match=r"B-INST-020: .*raw socket"):
-        make(NAME, [])

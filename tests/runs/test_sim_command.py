@@ -39,7 +39,7 @@ def served(process: Served) -> Iterator[Served]:
 def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served, inside: Inside) -> None:
     roles = list(load_station(find_shipped("stations", "af_rack_sim")).instruments)
     assert len(roles) == 14
-    assert [line.split(":")[0] for line in served.said] == [*roles, "port_a", "port_b", "station", "ready"]
+    assert [line.split(":")[0] for line in served.said] == [*roles, "GPIB0", "port_a", "port_b", "station", "ready"]
     station = served.station
     assert (station.simulated, station.in_process, station.file.visa) == (True, False, "@py")
     assert list(station.instruments) == roles

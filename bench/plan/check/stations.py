@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.frame import load_frame
-from bench.model.drivers import driver_class
+from bench.model.drivers import driver_class, manual_of
 from bench.model.errors import InputError
 from bench.model.installed import offer_of, offers, simulator_module, try_foreign, world_parts
 from bench.model.lab import find_beside
+from bench.model.ports import actions_of
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import parse_yaml
 from bench.plan.findings import Draft, Findings, suggestion
@@ -30,14 +31,17 @@ from bench.plan.station import (
     Station,
     StationFile,
     World,
+    boards_of,
     driver_actions,
     driver_ladder_A,
     option_mistakes,
     option_text,
 )
 
+ADAPTER = "adapters"  # in place of a library, for an instrument behind one
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
+_GIVES = "reach it over GPIB, VXI-11 or HiSLIP, or over USB with 'visa: \"@ivi\"' (docs/buses.md)"
 _KINDS = ("INSTR", "SOCKET", "RAW", "BACKPLANE", "MEMACC", "SERVANT", "INTFC")
 
 
@@ -85,7 +89,10 @@ def _addresses(draft: Draft[StationFile]) -> None:
         address = canonical_address(entry.resource)
         if address is None:
             message = f"{role}: {entry.resource!r} is not a VISA address"
-            draft.fail("B-PLAN-012", path, message, "write it as GPIB0::4::INSTR")
+            draft.fail("B-PLAN-012", path, message, "write it as GPIB0::4::INSTR; of an alias, what it stands for")
+        elif address.endswith("::INTFC"):
+            message = f"{role}: {entry.resource!r} is an interface, not an instrument"
+            draft.fail("B-PLAN-012", path, message, "name it under 'adapters', and the instrument GPIB0::22::INSTR")
         elif address in taken:
             message = f"{role} and {taken[address]} both stand at {address}"
             draft.fail("B-PLAN-013", path, message, "give each its own address")
@@ -126,6 +133,8 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     except InputError as error:
         draft.fail(error.code, path, error.message)
         return
+    _table(draft, path, entry.driver, {"prepare", "make_safe", *actions_of(driver)})
+    _transport(draft, role, entry, driver)
     _limits(draft, role, entry)
     _options(draft, role, entry, driver)
     simulator = simulator_module(entry.driver) if draft.model.simulated else ""
@@ -134,6 +143,27 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     if simulator is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
         draft.fail("B-PLAN-016", path, message, "use a driver that has one")
+
+
+def _table(draft: Draft[StationFile], path: tuple[str, ...], driver: str, moments: Collection[str]) -> None:
+    """Judge the table beside a driver: what it has wrong, and rows that no action begins with."""
+    try:
+        manual = manual_of(driver)
+    except InputError as error:
+        draft.findings.extend(error)
+        return
+    for name, condition in manual.states.items() if manual else ():
+        if strange := [when for when in condition.when if when not in moments]:
+            message = f"{driver}.yaml: the row {name!r} waits for {strange[0]!r}{suggestion(strange[0], moments)}"
+            draft.fail("B-PLAN-050", path, message, "name an action of the driver, or prepare")
+
+
+def _transport(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:
+    judge, behind = getattr(driver, "lacking", None), boards_of(draft.model.adapters)
+    library = ADAPTER if entry.resource.split("::")[0].upper() in behind else draft.model.visa
+    if judge is not None and (missing := " and no ".join(judge(library, entry.resource))):
+        message = f"{role} ({entry.driver}): {entry.resource} through {library!r} gives no {missing}"
+        draft.fail("B-PLAN-012", ("instruments", role, "resource"), message, _GIVES)
 
 
 def _options(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import re
 import socket
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import pyvisa
 import serial
-from pyvisa.constants import InterfaceType
+from pyvisa.constants import ControlFlow, InterfaceType, Parity, ResourceAttribute
 from pyvisa.resources import MessageBasedResource
 from pyvisa.rname import ResourceName
 from serial.tools import list_ports
@@ -27,7 +27,9 @@ from bench.model.drivers import driver_class
 from bench.model.errors import InputError, InstrumentError, LinkError
 from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
 from bench.run.bus.port import InstrumentLink, PortLink
+from bench.run.bus.prologix import PrologixBoard, PrologixInstrument
 from bench.run.bus.served_world import told
+from bench.run.bus.side_by_side import bus_of
 
 if TYPE_CHECKING:
     from bench.plan import Station  # the guard opens instruments too, and must not need plans
@@ -117,7 +119,7 @@ def open_bench(
     if world is None and (missing := missing_buses(station)):
         raise next(iter(missing.values()))
     library = world.visa_library if world is not None else station.file.visa
-    visa = open_visa(library)
+    visa = open_visa(library, station.boards)
     bench = OpenBench(station, {}, {}, world, visa.close)
     try:
         for role, entry in station.instruments.items():
@@ -136,10 +138,70 @@ def unheard(role: str, direction: str, text: str, t_mono_ns: int) -> None:
     """Forget what is said on the bus: there is no session it could go to."""
 
 
-def open_visa(library: str) -> pyvisa.ResourceManager:
-    """Return the VISA library of a station. Raises: InstrumentError B-RUN-002."""
+class Visa:
+    """A VISA library, and the GPIB boards that are adapters: ``boards`` are the addresses of their streams."""
+
+    def __init__(self, manager: pyvisa.ResourceManager, boards: Mapping[str, str]) -> None:
+        self._manager = manager
+        self._boards = {name: PrologixBoard(partial(self._connected, at)) for name, at in boards.items()}
+
+    def open(self, role: str, entry: InstrumentAddress) -> MessageBasedResource:
+        """Open the address of an instrument. Raises: InstrumentError B-RUN-002."""
+        try:
+            if (board := self._boards.get(bus_of(entry.resource))) is not None:
+                board.connect()
+                return PrologixInstrument(board, entry.resource)  # type: ignore[return-value]
+            opened = self._connected(entry.resource)
+            for name, value in _line_attributes(entry.line):
+                opened.set_visa_attribute(name, value)
+        except Exception as error:  # a library may let out whatever lies below it
+            raise InstrumentError(
+                "B-RUN-002",
+                f"{entry.resource} does not open: {error}",
+                where=role,
+                next_step="check the address in the station file and the interface",
+            ) from error
+        return opened
+
+    def interface_clear(self, resource: str) -> Callable[[], None] | None:
+        """Return a function that clears the interface of a GPIB board: who talks or listens starts anew; else None."""
+        name = bus_of(resource)
+        if (board := self._boards.get(name)) is not None:
+            return board.clear
+
+        def clear() -> None:
+            with self._manager.open_resource(f"{name}::INTFC") as interface:
+                interface.send_ifc()  # type: ignore[attr-defined]
+
+        return clear if name.startswith("GPIB") else None
+
+    def close(self) -> None:
+        """Close what is open."""
+        for board in self._boards.values():
+            board.close()
+        self._manager.close()
+
+    def _connected(self, resource: str) -> MessageBasedResource:
+        check_answers(resource)
+        opened: MessageBasedResource = self._manager.open_resource(resource, resource_pyclass=MessageBasedResource)  # type: ignore[assignment]
+        _bound_delivery(opened)
+        return opened
+
+
+def _line_attributes(line: Mapping[str, Any]) -> Iterator[tuple[ResourceAttribute, int]]:
+    """Yield what a station says of a serial line as VISA has it; what it does not say stays as the library has it."""
+    if line:
+        yield ResourceAttribute.asrl_baud_rate, line["baud"]
+        yield ResourceAttribute.asrl_data_bits, line["bits"]
+        yield ResourceAttribute.asrl_parity, Parity[line["parity"]]
+        yield ResourceAttribute.asrl_stop_bits, 10 * line["stop"]
+        yield ResourceAttribute.asrl_flow_control, ControlFlow[line["handshake"]]
+
+
+def open_visa(library: str, boards: Mapping[str, str] | None = None) -> Visa:
+    """Return the VISA library of a station, with its adapters. Raises: InstrumentError B-RUN-002."""
     try:
-        return pyvisa.ResourceManager(library)
+        return Visa(pyvisa.ResourceManager(library), boards or {})
     except (pyvisa.Error, OSError, ValueError) as error:
         raise InstrumentError(
             "B-RUN-002",
@@ -154,7 +216,8 @@ def missing_buses(station: Station) -> dict[str, InstrumentError]:
 
     The VISA library is not installed, or what it needs for a kind of interface is not. Nothing is sent or opened.
     """
-    resources = {role: entry.resource for role, entry in station.instruments.items()}
+    addresses = {role: entry.resource for role, entry in station.instruments.items()}
+    resources = {role: station.boards.get(bus_of(address), address) for role, address in addresses.items()}
     library = station.file.visa
     try:
         open_visa(library).close()
@@ -188,7 +251,7 @@ def _unserved(library: str, resource: str) -> str:
     of_board = name.interface_type == "GPIB"  # of an instrument it says so when it is opened
     try:
         kind = Session.get_session_class(
-            InterfaceType[name.interface_type.lower()], "INTFC" if of_board else name.resource_class
+            InterfaceType[name.interface_type.lower().replace("-", "_")], "INTFC" if of_board else name.resource_class
         )
     except (KeyError, ValueError):
         return f"{name.interface_type} {name.resource_class} is no kind that it knows"
@@ -220,9 +283,13 @@ class InstrumentAddress(Protocol):
     def options(self) -> Mapping[str, Any]:
         """Options of the driver."""
 
+    @property
+    def line(self) -> Mapping[str, Any]:
+        """Settings of a serial line; empty: those of the library."""
+
 
 def open_instrument(
-    visa: pyvisa.ResourceManager, role: str, entry: InstrumentAddress, clock: Clock, transcript: Transcript,
+    visa: Visa, role: str, entry: InstrumentAddress, clock: Clock, transcript: Transcript,
     *, used: bool = False,
 ) -> Instrument:  # fmt: skip
     """Open one instrument; no command is sent. Raises: InstrumentError B-RUN-002.
@@ -231,7 +298,7 @@ def open_instrument(
     """
 
     def reopen() -> MessageBasedResource:
-        return _open_resource(visa, role, entry.resource)
+        return visa.open(role, entry)
 
     driver, resource = driver_class(entry.driver), reopen()
     if used:
@@ -239,37 +306,9 @@ def open_instrument(
             resource.clear()
     instrument: Instrument = driver(
         resource, role=role, clock=clock, transcript=transcript, options=dict(entry.options), reopen=reopen,
-        interface_clear=_interface_clear(visa, entry.resource),
+        interface_clear=visa.interface_clear(entry.resource),
     )  # fmt: skip
     return instrument
-
-
-def _interface_clear(visa: pyvisa.ResourceManager, resource: str) -> Callable[[], None] | None:
-    """Return a function that clears the interface of a GPIB board: whoever talks or listens starts anew; else None."""
-    board = resource.split("::", maxsplit=1)[0].upper()
-    if not board.startswith("GPIB"):
-        return None
-
-    def clear() -> None:
-        with visa.open_resource(f"{board}::INTFC") as interface:
-            interface.send_ifc()  # type: ignore[attr-defined]
-
-    return clear
-
-
-def _open_resource(visa: pyvisa.ResourceManager, role: str, resource: str) -> MessageBasedResource:
-    try:
-        check_answers(resource)
-        opened: MessageBasedResource = visa.open_resource(resource, resource_pyclass=MessageBasedResource)  # type: ignore[assignment]
-        _bound_delivery(opened)
-    except Exception as error:  # a library may let out whatever lies below it
-        raise InstrumentError(
-            "B-RUN-002",
-            f"{resource} does not open: {error}",
-            where=role,
-            next_step="check the address in the station file and the interface",
-        ) from error
-    return opened
 
 
 def _bound_delivery(resource: MessageBasedResource) -> None:

@@ -23,6 +23,7 @@ class Address:
     driver: str
     resource: str
     options: Mapping[str, Any] = field(default_factory=dict)
+    line: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Brief:
 
     Attributes:
         pid: of the controller, which is the guard's parent.
-        visa: VISA library of the station.
+        visa: VISA library of the station.   boards: GPIB boards that are adapters, and the addresses of their streams.
         instruments: in the order in which they are made safe.
         limits: hard limits by quantity with its unit.
         silence_s: how long the controller may be silent.
@@ -52,6 +53,7 @@ class Brief:
     terminal: str = ""
     simulated: bool = False
     code: Mapping[str, str] = field(default_factory=dict)
+    boards: Mapping[str, str] = field(default_factory=dict)
 
     def line(self) -> bytes:
         """Return the brief as one line of JSON."""

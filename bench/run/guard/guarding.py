@@ -60,7 +60,9 @@ def station_lock(
 def brief_of(station: Station, diary: Path) -> Brief:
     """Return what the guard of this process is told about a station."""
     entries = {role: station.instruments[role] for role in station.safe_order}
-    addresses = (Address(role, entry.driver, entry.resource, dict(entry.options)) for role, entry in entries.items())
+    addresses = (
+        Address(role, entry.driver, entry.resource, dict(entry.options), entry.line) for role, entry in entries.items()
+    )
     return Brief(
         pid=os.getpid(),
         visa=station.file.visa,
@@ -71,6 +73,7 @@ def brief_of(station: Station, diary: Path) -> Brief:
         notify=notice_command(station.file.notify),
         terminal=terminal_of(2),
         simulated=station.simulated,
+        boards=station.boards,
         code=code_used({entry.driver for entry in entries.values()}),
     )
 

@@ -14,7 +14,7 @@ import select
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from bench.model.lab import demand
 from bench.model.ports import Instrument, actions_of
 from bench.model.posix import signals
 from bench.run.bus.opener import open_instrument, open_visa, unheard
+from bench.run.bus.side_by_side import bus_of
 from bench.run.guard.act import Controller, Opener, act
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.diary import Diary
@@ -51,7 +52,7 @@ def main() -> int:
     brief = Brief.of_line(lines.first())
     clock = WallClock()
     controller = Controller(brief.pid)
-    visa = open_visa(brief.visa)
+    visa = open_visa(brief.visa, brief.boards)
     demand(brief.code, "the run")
     for entry in brief.instruments:
         driver_class(entry.driver)
@@ -93,7 +94,7 @@ def _watch(
     A guard that was stopped itself cannot say that its controller was silent meanwhile. It begins to wait anew, but
     once only until it hears a heartbeat again: one that hangs must not live on with a guard that is often late.
     """
-    own = OwnReading(brief.instruments if AIR in brief.limits else (), opened, clock)
+    own = OwnReading(brief, opened, clock)
 
     def judge(limit_s: float) -> Action | None:
         for line in lines.next(limit_s):
@@ -168,13 +169,13 @@ class _Lines:
 class OwnReading:
     """Reads in a thread of its own, so that an instrument that hangs keeps the guard from nothing.
 
-    The chamber is opened when the first reading is due, and stays open.
+    The chamber is opened when the first reading is due, and stays open; not behind an adapter, which has one client:
+    the controller, as long as it lives.
     """
 
-    def __init__(self, addresses: Sequence[Address], opened: Callable[[Address], Instrument], clock: Clock) -> None:
-        self._address = next(
-            (address for address in addresses if "measure_air" in actions_of(driver_class(address.driver))), None
-        )
+    def __init__(self, brief: Brief, opened: Callable[[Address], Instrument], clock: Clock) -> None:
+        reached = [one for one in brief.instruments if AIR in brief.limits and bus_of(one.resource) not in brief.boards]
+        self._address = next((one for one in reached if "measure_air" in actions_of(driver_class(one.driver))), None)
         self._opened = opened
         self._clock = clock
         self._chamber: Instrument | None = None

@@ -56,14 +56,18 @@ def first_contacts(context: PreflightContext) -> list[Finding]:
     for role, instrument in context.instruments.items():
         entry, identity = context.station.instruments[role], getattr(instrument, "identity", None)
         manual = manual_of(entry.driver)
-        if manual is None or identity is None:
+        if identity is None:
+            continue
+        status, more = (Status.WARN, context.uncommissioned) if context.uncommissioned else (Status.FAIL, _CONTACT)
+        if manual is None:
+            text = f"{entry.driver}.yaml beside the driver is missing: nothing says what it sends; {more}"
+            found.append(Finding(f"first contact of {role}", status, "no table", "none", text, of_bench=True))
             continue
         missing = unproved(context.station.path, entry.driver, manual, identity)
         known += not missing
         if missing:
             value = f"{len(missing)} of {len(manual.commands)} commands"
             text = f"no manual shows {', '.join(missing[:3])}{' ...' if len(missing) > 3 else ''}, and no record of it"
-            status, more = (Status.WARN, context.uncommissioned) if context.uncommissioned else (Status.FAIL, _CONTACT)
             found.append(Finding(f"first contact of {role}", status, value, "none", f"{text}; {more}", of_bench=True))
     if not found and not known:
         return [Finding("first contact", Status.SKIPPED, text="no instrument whose commands are known answers")]

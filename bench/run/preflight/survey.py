@@ -257,7 +257,7 @@ def _opened(station: Station, clock: Clock) -> Iterator[Opened]:
         absent.update(missing_buses(station))
         reached = {role: entry for role, entry in station.instruments.items() if role not in absent}
         if reached:
-            visa = open_visa(station.file.visa)
+            visa = open_visa(station.file.visa, station.boards)
             closers.insert(0, visa.close)
             open_one = partial(open_instrument, visa, clock=clock, transcript=unheard, used=True)
             resources = {role: entry.resource for role, entry in reached.items()}

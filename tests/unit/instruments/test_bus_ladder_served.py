@@ -4,19 +4,19 @@ import importlib
 import socket
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
-import pyvisa
 from pyvisa.resources import MessageBasedResource
-from sim_bench import Served, serve
+from sim_bench import DRIVERS, Served, serve
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InstrumentError
-from instruments.aside import Aside, NotReturnedError
 from instruments.bus import BUS_FAILED, BusSession
 from instruments.ladder import Ladder
+from instruments.wire import Aside, NotReturnedError
 
 SEED = 42
 QUESTIONS = {"VOLT?": "voltage_V", "CURR?": "current_A", "VOLT:PROT?": "trip_V"}
@@ -83,69 +83,44 @@ def test_a_connection_that_is_gone_is_opened_again(supply: Supply) -> None:
     assert sum(line == "tx OUTP ON" for line in supply.lines) == 1
 
 
-class LineServer:
-    """An instrument on a raw socket that was written for this test: it answers in order, each after its delay."""
-
-    def __init__(self) -> None:
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.address = f"TCPIP0::127.0.0.1::{self._listener.getsockname()[1]}::SOCKET"
-        self.waits: dict[str, list[threading.Event]] = {}
-        self.heard: list[str] = []
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def _serve(self) -> None:
-        while True:
-            try:
-                client, _ = self._listener.accept()
-            except OSError:
-                return
-            with client, client.makefile("rw", newline="\n") as stream:
-                for line in stream:
-                    self.heard.append(line.strip())
-                    answers = {"*IDN?": "HEWLETT-PACKARD,6632B,US1,A", "SYST:ERR?": '0,"No error"'}
-                    for event in self.waits.pop(line.strip(), []):
-                        event.wait(10.0)
-                    if "?" in line:
-                        stream.write(answers.get(line.strip(), f"{len(self.heard)}.0") + "\n")
-                        stream.flush()
-
-    def close(self) -> None:
-        self._listener.close()
-
-
-@pytest.fixture
-def server() -> Iterator[LineServer]:
-    made = LineServer()
-    yield made
-    made.close()
-
-
-def test_on_a_raw_socket_the_late_reply_is_told_from_the_echo(server: LineServer) -> None:
+def test_on_a_raw_socket_the_late_reply_is_told_from_the_echo() -> None:
     """No clear reaches an instrument there: what was asked is answered in order, so the echo comes after it."""
-    lines: list[str] = []
-    resource = pyvisa.ResourceManager("@py").open_resource(server.address, resource_pyclass=MessageBasedResource)
-    driver = importlib.import_module("instruments.hp_6632b").DRIVER(
-        resource, role="supply", clock=WallClock(), transcript=lambda _, way, text, __: lines.append(f"{way} {text}")
-    )
-    driver.timeout_s = 0.2
-    driver.identify()
-    release = threading.Event()
-    server.waits["VOLT?"] = [release]
-    keep = driver.bus._transcript
+    with serve() as served:
+        supply = Supply(served, served.servers.sockets()["supply"])
+        supply.driver.identify()
+        supply.driver.timeout_s = 0.2
+        faults = served.world.faults.instrument("supply")
+        faults.late_s, faults.late_replies = 0.5, 1
+        before = len(supply.lines)
+        assert supply.driver.ask("VOLT?", float) == 0.0
+    heard = [line for line in supply.lines[before:] if line.startswith("rx ") and "No error" not in line]
+    assert heard[-3:-1] == ["rx <not used: 0.00000E+00>", "rx <not used: HEWLETT-PACKARD,6632B,SIM6632,A.03.01>"]
+    assert heard[-1] == "rx 0.00000E+00"
 
-    def release_after_the_echo_is_asked(role: str, way: str, text: str, t_ns: int) -> None:
-        keep(role, way, text, t_ns)
-        if text == "*IDN?":
-            threading.Timer(0.05, release.set).start()
 
-    driver.bus._transcript = release_after_the_echo_is_asked
-    answer = driver.ask("VOLT?", float)
-    late = [line for line in lines if line.startswith("rx <not used")]
-    assert late[0] == "rx <not used: 3.0>"  # the third line it heard was the first VOLT?
-    assert late[1].startswith("rx <not used: HEWLETT")
-    assert answer == server.heard.index("VOLT?", 3) + 1
-    driver.close()
+@pytest.mark.parametrize("gateway", [False, True])
+def test_a_first_reply_that_is_late_is_no_answer_to_a_later_question(gateway: bool) -> None:
+    """Three supplies at a time; behind a gateway opening again does not lose what still comes."""
+    with serve() as served:
+
+        def identified(role: str, late_s: float) -> list[str]:
+            resource = served.open_socket(role)
+            faults, heard = served.world.faults.instrument(role), []
+            driver = importlib.import_module(f"instruments.{DRIVERS[role]}").DRIVER(
+                resource, role=role, clock=WallClock(), reopen=(lambda: resource) if gateway else None,
+                transcript=lambda _, way, text, __: heard.append(f"{way} {text}"),
+            )  # fmt: skip
+            if gateway:
+                driver.bus.release = lambda *_: None
+            faults.late_s, faults.late_replies = late_s, 1
+            driver.identify()
+            assert driver.drain_errors() == []
+            assert ("tx SYST:REM" in heard) is (role != "supply")  # there may be a serial line behind a socket
+            return [line for line in heard if "<not used" in line]
+
+        roles = {"supply": 2.5, "rail_dmm": 3.0, "aux_supply": 4.5}
+        with ThreadPoolExecutor() as threads:
+            assert all(threads.map(identified, roles, roles.values()))
 
 
 def test_a_call_that_hangs_is_left_and_taken_when_it_comes() -> None:

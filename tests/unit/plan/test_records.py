@@ -7,15 +7,7 @@ import pytest
 from plan_sample import FLAT, ROOT, changed, make_bench, mistakes, planned
 
 from bench.model.errors import SessionDamaged
-from bench.plan import (
-    PlannedSoak,
-    SetPoint,
-    check_plan,
-    compile_sequence,
-    plan_json,
-    steps_of,
-    steps_sha256,
-)
+from bench.plan import PlannedSoak, SetPoint, check_plan, compile_sequence, plan_json, steps_of, steps_sha256
 from bench.record import SessionReader
 
 SHORT = (ROOT / "sequences" / "scale_factor_short.yaml").read_text()

@@ -1,11 +1,13 @@
 """Station files: standards, ranges, safe order, options, certificates, interlocks, and each mistake with its place."""
 
 from datetime import date
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
 from plan_sample import FLAT, ROOT, SEQUENCE, TRACED, changed, make_bench, mistakes
 
+from bench.model.drivers import driver_class
 from bench.model.errors import InputErrors
 from bench.model.lab import find_shipped
 from bench.model.yamlio import parse_yaml
@@ -20,6 +22,7 @@ PROBE = """standards:
     stated: {{r0: {r0}, a: 3908.1 ppm/degC, b: -0.5774 ppm/degC2}}}}
 
 """
+BOARD = "PRLGX-TCPIP::10.0.0.7::1234::INTFC"
 ABORT = "{signal: unit_temperature, high: 65 degC, dwell: 10 s, action: abort}"
 MISTAKES = [
     ("- {range: 22 mA, gain", "- {range: 23 mA, gain", "B-PLAN-064 B-PLAN-065"),
@@ -28,6 +31,8 @@ MISTAKES = [
     (f"        - {{range: 22 mA, relative: 20 ppm, floor: 40 nA{TRACED}\n", "", "B-PLAN-064"),
     ("resource: GPIB0::7::INSTR", "resource: GPIB::4", "B-PLAN-013"),
     ("resource: GPIB0::7::INSTR", "resource: GPIB0:7:INSTR", "B-PLAN-012"),
+    ("resource: GPIB0::22::INSTR", "resource: TCPIP0::10.0.0.1::inst0::INSTR", ""),
+    ("world:", f"adapters: [{BOARD}]\nworld:", ""),
     ("name: af_converter", "name: af_convertor", "B-PLAN-014"),
     ('    noise: "on"', '    nois: "on"', "B-PLAN-004"),
     ('    noise: "on"', "    noise: maybe", "B-PLAN-015"),
@@ -112,15 +117,22 @@ def test_a_certificate_may_state_degrees_of_freedom_and_values(tmp_path: Path) -
     assert (entry["driver"], entry["certificate"], entry["due"]) == ("", "C-1", "2000-11-01")
 
 
-def test_a_served_station_has_the_same_register(tmp_path: Path) -> None:
-    make_bench(tmp_path, station=probe())
-    station = load_station(tmp_path / "stations" / "af_bench_sim.yaml")
-    places = dict.fromkeys(station.instruments, "TCPIP0::h::hislip0::INSTR")
+@pytest.mark.parametrize(
+    "path", [*ROOT.glob("stations/*_sim.yaml"), *ROOT.glob("examples/*/stations/*.yaml")], ids=attrgetter("stem")
+)
+def test_a_served_station_is_the_same_but_for_places_and_dates(path: Path) -> None:
+    station = load_station(path)
+    places = {role: f"TCPIP0::h::hislip{at}::INSTR" for at, role in enumerate(station.instruments)}
     urls = dict.fromkeys(station.links, "/dev/null")
     text = served_station(station, places, urls, Path("/control.sock"), date(2026, 1, 1))
-    again = parse_yaml(text, "served.yaml", StationFile).model.standards["reference_probe"]
-    assert again.stated == station.file.standards["reference_probe"].stated
-    assert again.due == date(2026, 12, 2)
+    again, dates = parse_yaml(text, "served.yaml", StationFile).model, {"calibrated", "due"}
+    entries = again.instruments | again.standards, station.file.instruments | station.file.standards
+    served, written = (
+        {name: one.model_dump(exclude={"resource": True, "standard": dates, **dict.fromkeys(dates, True)})
+         for name, one in either.items()} for either in entries
+    )  # fmt: skip
+    assert served == written
+    assert {str(one.due) for one in again.standards.values()} <= {"2026-12-02"}
 
 
 @pytest.mark.parametrize(
@@ -130,9 +142,15 @@ def test_a_served_station_has_the_same_register(tmp_path: Path) -> None:
         (probe(r0="100.0123"), "B-YAML-012", "is not a quantity with its unit"),
         ((LINKS, PROBE.replace("reference_probe", "supply").format(due="2000-11-01", r0="1 ohm") + LINKS),
          "B-YAML-012", "'supply' is an instrument"),
+        (("GPIB0::22::INSTR", "TCPIP0::h::5025::SOCKET"), "B-PLAN-012",
+         "dmm (hp_3458a): TCPIP0::h::5025::SOCKET through '@bench' gives no serial poll"),
+        (("GPIB0::22::INSTR", BOARD), "B-PLAN-012", "is an interface, not an instrument"),
+        (("driver: hp_3458a\n", "driver: hp_3458a\n    serial_line: {baud: 9600}\n"), "B-YAML-012", "no serial port"),
+        (("world:", "adapters: [TCPIP::h::1234::SOCKET]\nworld:"), "B-YAML-012", "write it as PRLGX-TCPIP0::"),
+        (("world:", f"adapters: [{BOARD}, {BOARD}]\nworld:"), "B-YAML-012", "one number of a GPIB board"),
     ],
 )  # fmt: skip
-def test_a_wrong_standard_is_one_clear_mistake(tmp_path: Path, change: tuple[str, str], code: str, said: str) -> None:
+def test_a_wrong_entry_is_one_clear_mistake(tmp_path: Path, change: tuple[str, str], code: str, said: str) -> None:
     found = mistakes(make_bench(tmp_path, station=change))
     assert [error.code for error in found] == [code]
     assert said in found[0].message
@@ -307,3 +325,22 @@ def test_a_plan_that_no_interlock_watches_says_so(tmp_path: Path) -> None:
     assert "no interlock watches the chamber" in unwatched(compile_sequence(sequence, load_station(disk), {}))[0]
     watched = compile_sequence(sequence, None, {})
     assert unwatched(watched) == summarise(watched).unwatched == ()
+
+
+@pytest.mark.parametrize(
+    ("library", "address", "dmm", "tagger"),
+    [
+        ("@py", "GPIB0::22::INSTR", "", ""),
+        ("@py", "TCPIP0::10.0.0.1::hislip0::INSTR", "", ""),
+        ("@py", "tcpip0::10.0.0.1::5025::socket", "serial poll", "END, device clear"),
+        ("@py", "ASRL/dev/ttyUSB0::INSTR", "serial poll", "END, device clear"),
+        ("@py", "USB0::0x0957::0x0607::MY1::INSTR", "serial poll", "device clear"),
+        ("@ivi", "USB0::0x0957::0x0607::MY1::INSTR", "", ""),
+        ("@ivi", "ASRL1::INSTR", "serial poll", "END, device clear"),
+        ("@absent", "GPIB0::22::INSTR", "", ""),
+        ("adapters", "GPIB0::22::INSTR", "", "END"),
+    ],
+)
+def test_what_an_address_does_not_give(library: str, address: str, dmm: str, tagger: str) -> None:
+    found = [driver_class(name).lacking(library, address) for name in ("hp_3458a", "pendulum_cnt_91")]
+    assert [", ".join(needs) for needs in found] == [dmm, tagger]

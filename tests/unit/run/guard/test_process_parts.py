@@ -10,6 +10,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -29,8 +30,8 @@ from bench.run.guard.drill_controller import source_of
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.last_words import guard_lines, last_words, terminal_of, write_to_terminal
 from bench.run.guard.notice import notice_command
+from bench.run.guard.process import OwnReading, _watch
 from bench.run.guard.process import _Lines as ReadLines
-from bench.run.guard.process import _watch
 from bench.run.guard.start import GuardProcess
 from bench.run.guard.take_over import TAKE_OVER, ask_to_let_go
 from bench.run.stop import LINKS, SEQUENCER, Health, StopSwitch
@@ -297,6 +298,17 @@ def test_a_goodbye_that_comes_with_the_brief_is_heard() -> None:
     with pytest.raises(EOFError):
         lines.first()
     os.close(read)
+
+
+@pytest.mark.parametrize(("boards", "opened"), [({}, 1), ({"GPIB0": "TCPIP0::h::1234::SOCKET"}, 0)])
+def test_a_chamber_behind_an_adapter_is_left_to_the_controller(boards: dict[str, str], opened: int) -> None:
+    brief = replace(BRIEF, instruments=(Address("chamber", "thermotron_3800", "GPIB0::7::INSTR"),), boards=boards)
+    opener = MagicMock(side_effect=OSError)
+    own = OwnReading(brief, opener, WallClock())
+    own.look(20.0)
+    if own._thread is not None:
+        own._thread.join()
+    assert opener.call_count == opened
 
 
 class _Lines:

@@ -185,13 +185,7 @@ def test_bad_header_ends_the_session_on_both_channels(served: Served, one: RawCl
 
 def test_fatal_errors_end_the_session(served: Served) -> None:
     port = served.servers.hislip_port
-    for kind, payload, reason in (
-        (7, b"*IDN?", 3),
-        (17, b"", 3),
-        (0, b"hislip10", 3),
-        (0, b"inst0", 3),
-        (0, b"", 3),
-    ):
+    for kind, payload, reason in ((7, b"*IDN?", 3), (17, b"", 3), (0, b"hislip10", 3), (0, b"inst0", 3), (0, b"", 3)):
         wire = Wire(port)
         wire.say(kind, 0, 0x0100_0000, payload)
         assert wire.hear()[:2] == (2, reason)
