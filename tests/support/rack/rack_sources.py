@@ -16,7 +16,7 @@ class Fluke5720A(Rack):
 
     Its current is the set-point, times SCALE, plus OFFSET, at the posts that CUR_POST names, or at the amplifier's with
     BOOST; OUT without 0 HZ leaves alternating current as it is. Open: whether OUT? includes the offset, the words of
-    RANGELCK?, whether a change of function goes to standby, and the numbers of faults.
+    RANGELCK?, whether a change of function goes to standby or ends a phase lock, and the numbers of faults.
     """
 
     identity = "FLUKE,5720A,4105001,1.6+A+*"
@@ -93,6 +93,7 @@ class Fluke5720A(Rack):
         if amount_A > state["limit_A"]:
             raise Refused("1306")
         if state["unit"] != "A":
+            state["phase_lock"] &= self.open[3]
             state.update(unit="A", lock=False, wideband=False, output=state["output"] and self.open[1])
         if amount_A > (state["range_A"] if state["lock"] else 2.2):
             raise Refused("1307")
@@ -215,6 +216,7 @@ class Hp6632B(Rack):
         Row("SENSe:CURRent[:DC]:RANGe", "range", "num", 5.0, (0.02,), "CURR:RANG|low range|range of"),
         Row("SENSe:SWEep:POINts", "points", "num", 2048.0, (1.0, 4096.0)),
         Row("SENSe:SWEep:TINTerval", "interval", "num", 15.6e-6, (0.01,), "SENS:SWE|sweep|interval"),
+        Row("INITiate:CONTinuous:SEQ1", "rearmed", "bool", False, (True,), "INIT:CONT|trigger"),
         Row("SYSTem:LANGuage", "language", "SCPI|COMPatibility", "SCPI", ("COMP",), "language|compatib", False),
     )
     asks: ClassVar[Table] = Rack.asks | {
@@ -223,7 +225,8 @@ class Hp6632B(Rack):
         "STATus:QUEStionable[:CONDition]": lambda unit, a: unit.questionable(),
     }
     tells: ClassVar[Table] = Rack.tells | {
-        "OUTPut:PROTection:CLEar": lambda unit, a: (unit.state.update(tripped=""), unit.changed(""))[1]
+        "ABORt": lambda unit, a: None,
+        "OUTPut:PROTection:CLEar": lambda unit, a: (unit.state.update(tripped=""), unit.changed(""))[1],
     }
     peak_V = 0.0
 
