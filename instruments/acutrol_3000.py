@@ -1,16 +1,17 @@
 """Acutronic ACUTROL3000 controller of a three-axis turntable over GPIB: outer axis 1, middle axis 2, inner axis 3.
 
 A mode that is activated moves the table to whatever demand is loaded, so a demand is loaded and read back before its
-mode. ``*STB?`` clears what it tells: bit 0 interlocks, bit 7 messages in the error queue. Commands are kept 200 ms
-apart, as in public programs, which report commands that are not recognised; 100 ms in the first hurried attempt to make
-it safe (40 ms are said to be the least). Angles in deg as the controller counts them, rates in deg/s. An axis without
-stops takes the shortest way to a demand (acutrol_axis.py).
+mode; another signal that is summed to it is switched off (state table). ``*STB?`` clears what it tells: bit 0
+interlocks, bit 7 messages in the error queue. Commands are kept 200 ms apart, as in public programs, which report
+commands that are not recognised; 100 ms in the first hurried attempt to make it safe (40 ms are said to be the least).
+Angles in deg as the controller counts them, rates in deg/s. An axis without stops takes the shortest way to a demand
+(acutrol_axis.py).
 
-Source: manual TM-8004-C: 3.10 (status byte), 4.2.26 (range of positions), 4.5 (interlocks), 4.6 (limits; a trip of the
-tracking error may stand behind that of speed), 4.7 (modes; :MODE? answers "P" too), 4.11.4 (messages of a queue, a null
-string when it is empty), 4.14.1 (format); public Python, C# and ROS programs for this controller (words "Rate",
-"Position", "Fault"). Not confirmed on hardware: the identity reply; the text of a message; the words "Open", "Closed"
-and "Off"; how :CONF:SCAL? answers. An emergency stop within reach and the table's own limits stay the safety function.
+Source: manual TM-8004-C: 3.10 (status byte), 4.2.6 (sums), 4.2.26 (range of positions), 4.5 (interlocks), 4.6 (limits;
+a trip of the tracking error may stand behind that of speed), 4.7 (modes; :MODE? answers "P" too), 4.11.4 (messages of a
+queue, a null string when it is empty), 4.14.1 (format); public Python, C# and ROS programs for this controller (words
+"Rate", "Position", "Fault"). Not confirmed on hardware: the text of a message; the words "Open", "Closed" and "Off";
+how :CONF:SCAL? answers. An emergency stop within reach and the table's own limits stay the safety function.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from instruments import acutrol_axis as table
 from instruments.acutrol_axis import CLOSED, AxisRange, LongTurn, is_mode, read_absolute, read_interlock, read_scaling
 from instruments.base import STRANGER, BaseInstrument
 from instruments.commands import ReadBack, either
-from instruments.values import plain_form, read_integer, read_number, read_text
+from instruments.values import plain_form, read_integer, read_number
 
 _AXES = (1, 2, 3)
 _INNER_FIRST = (3, 2, 1)  # the inner axis is the fast one
@@ -61,16 +62,20 @@ class Acutrol3000(BaseInstrument):
         self.wanted: dict[int, float] = {}  # position demand by axis, deg; none for an axis in rate mode
         self.closed = False
 
-    @action(_AXIS, _RATE, _ACCELERATION, bus_s=3.7)
+    @action(_AXIS, _RATE, _ACCELERATION, bus_s=4.3)
     def set_limits(self, axis: int, rate: float, acceleration: float) -> None:
         """Set the most an axis may do in either mode, deg/s and deg/s2, and read it back; its interlock must be open.
 
-        Raises: InstrumentError B-INST-008 (also above the table's own limits), B-INST-017, B-INST-005, B-INST-011.
+        Switched off or aborted by its controller it comes to rest with that acceleration at least (4.6.8).
+
+        Raises: InstrumentError B-INST-004 (not in deg), B-INST-008 (also above the table's own limits), B-INST-017,
+                B-INST-005, B-INST-011.
         """
         axis, rate, acceleration = self.checked("set_limits", axis=axis, rate=rate, acceleration=acceleration)
         if self._interlock(axis) == CLOSED:
             message = f"set_limits: the interlock of axis {axis} is closed; nothing was set"
             raise self.error("B-INST-017", message, "set the limits before close_interlock")
+        width, middle = self.ask(f":conf:scal? {axis}", read_scaling)
         most_rate, most_acceleration, _, low, high = self.ask(f":lim:abs? {axis}", read_absolute)[:5]
         for name, value, most in (("rate", rate, most_rate), ("acceleration", acceleration, most_acceleration)):
             if value > most:
@@ -80,7 +85,9 @@ class Acutrol3000(BaseInstrument):
         for mode in ("pos", "rate"):
             self._limit("rate", mode, axis, rate)
             self._limit("acc", mode, axis, acceleration)
-        width, middle = self.ask(f":conf:scal? {axis}", read_scaling)
+        for mode in ("off", "abort"):  # never less: it brakes a fault
+            if self.ask(f":lim:acc? {mode},{axis}", read_number) < acceleration:
+                self._limit("acc", mode, axis, acceleration)
         self.limits[axis], self.ranges[axis] = (rate, acceleration), AxisRange(width, middle, low, high)
 
     @action(effect=Effect.MOTION_ON, bus_s=10.0)
@@ -93,10 +100,11 @@ class Acutrol3000(BaseInstrument):
             message = f"close_interlock refused: no limits were set by this run for axis {missing[0]}"
             raise self.error("B-INST-010", message, "call set_limits for each axis before it")
         self._recheck()
+        self.bring("close_interlock")
         self.set(":int:reset")
         for axis in _AXES:
             self._mode("off", "OFF", axis)
-            self._demand("rate", axis, 0.0)
+            self._load(":dem:rate", str(axis), 0.0, "deg/s")
             self.set(f":int:close {axis}", either(lambda axis=axis: self._interlock(axis), CLOSED))  # type: ignore[misc]
             self._confirm_closed(axis)
             self._mode("rate", "RATE", axis)
@@ -199,15 +207,6 @@ class Acutrol3000(BaseInstrument):
         problems = ["interlock fault"] if status & _INTERLOCK_FAULT else []
         return problems + super().drain_errors() if status & _ERRORS_QUEUED else problems
 
-    def _prepare(self) -> None:
-        """Numbers in figures: the last user may have left them binary, and no other reply could be read then."""
-        self.set(":util:form float", either(self._in_figures, True))
-        if not self._in_figures():
-            raise self.error("B-INST-011", "':util:form?' reads back binary, but float was set")
-
-    def _in_figures(self) -> bool:
-        return self.ask(":util:form?", read_text).upper().startswith("F")
-
     def _next_error(self) -> str | None:
         """Get the oldest message, in whatever words; the manual leaves them open."""
         said = self.bus.query(":stat:msg? qerror", str.strip, self.timeout_s, repeatable=False)
@@ -302,17 +301,15 @@ class Acutrol3000(BaseInstrument):
 
     def _turn_at(self, axis: int, rate: float) -> None:
         self.wanted.pop(axis, None)
-        self._demand("rate", axis, rate)
+        self._load(":dem:rate", str(axis), rate, "deg/s")
         self._mode("rate", "RATE", axis)
 
     def _limit(self, what: str, mode: str, axis: int, value: float) -> None:
-        query, unit = f":lim:{what}? {mode},{axis}", "deg/s" if what == "rate" else "deg/s2"
-        self.set(f":lim:{what} {mode},{axis},{plain_form(value)}", self.number(query, value, _STEP))
-        self.confirm(query, value, _STEP, unit)
+        self._load(f":lim:{what}", f"{mode},{axis}", value, "deg/s" if what == "rate" else "deg/s2")
 
-    def _demand(self, what: str, axis: int, value: float) -> None:
-        query, unit = f":dem:{what}? {axis}", "deg/s"
-        self.set(f":dem:{what} {axis},{plain_form(value)}", self.number(query, value, _STEP))
+    def _load(self, header: str, place: str, value: float, unit: str) -> None:
+        query = f"{header}? {place}"
+        self.set(f"{header} {place},{plain_form(value)}", self.number(query, value, _STEP))
         self.confirm(query, value, _STEP, unit)
 
     def _demand_position(self, axis: int, value: float) -> None:

@@ -120,11 +120,15 @@ def read_absolute(reply: str) -> list[float]:
 
 
 def read_scaling(reply: str) -> tuple[float, float]:
-    """Return width and middle of the range, deg: fields 1 and 3. Raises: ValueError. Source: 4.2.26."""
+    """Return width and middle of the range, deg: fields 1 and 3; field 2 is its factor, a turn or the range.
+
+    Raises: ValueError. Source: 4.2.26.
+    """
     fields = [field.strip().strip('"') for field in reply.split(",")]
-    width, _, middle = (read_number(field) for field in fields[:3])
-    if not width >= 360.0 or (fields[3:] and not fields[3].lower().startswith("deg")):
-        raise ValueError("a range of at least 360, its factor and offset, in deg, are due")
+    width, factor, middle = (read_number(field) for field in fields[:3])
+    in_deg = factor in (TURN_DEG, width) and (fields[3:4] or ["deg"])[0].lower().startswith("deg")
+    if not (width >= TURN_DEG and in_deg):
+        raise ValueError("a range of at least 360, its factor 360 and offset, in deg, are due")
     return width, middle
 
 

@@ -9,14 +9,12 @@ amplitudes are those at an open output.
 from __future__ import annotations
 
 from bench.model.ports import Figure, Parameter, Tells, action, is_one
-from instruments.commands import Setting, either
+from instruments.commands import Setting
 from instruments.scpi import ScpiInstrument
-from instruments.values import OVERLOAD_FROM, read_number
+from instruments.values import read_number
 
 _FREQUENCY_STEP_HZ = 1e-6
 _AMPLITUDE_STEP_V = 1e-3
-_DUTY_STEP_PERCENT = 0.1
-_LEFT_OVER = ("BURS:STAT", "SWE:STAT", "AM:STAT", "FM:STAT", "FSK:STAT")  # of the last user
 
 
 class Agilent33250A(ScpiInstrument):
@@ -33,22 +31,15 @@ class Agilent33250A(ScpiInstrument):
     def square(self, frequency: float, amplitude: float) -> None:
         """Set a square wave: ``frequency`` hertz with every digit, ``amplitude`` volt peak to peak, no offset.
 
-        What another user left is set first, in an order that is never a conflict (-221): burst, sweep and modulation
-        off, the offset before the amplitude, the duty cycle before a frequency that would not have it.
+        What another user left is set first (state table), in an order that is never a conflict (-221): burst, sweep
+        and modulation off, the duty cycle before a square wave that would not have it, the offset before the amplitude.
 
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
         frequency, amplitude = self.checked("square", frequency=frequency, amplitude=amplitude)
         self.kept = ()
-        for left_over in _LEFT_OVER:
-            self.set(f"{left_over} OFF", self.switch(f"{left_over}?", 0))
-        self.set("VOLT:OFFS 0", self.number("VOLT:OFFS?", 0.0, _AMPLITUDE_STEP_V))
-        self.set("FUNC SQU", self.word("FUNC?", "SQU"))
-        self.set("OUTP:LOAD INF", either(self._load_is_infinite, True))
-        self.set("OUTP:POL NORM", self.word("OUTP:POL?", "NORM"))
-        self.set("FUNC:SQU:DCYC 50", self.number("FUNC:SQU:DCYC?", 50.0, _DUTY_STEP_PERCENT))
+        self.bring("square")
         of_frequency = self.put(Setting("FREQ?", frequency, _FREQUENCY_STEP_HZ, "Hz"))
-        self.set("VOLT:UNIT VPP", self.word("VOLT:UNIT?", "VPP"))
         self.keep(of_frequency, self.put(Setting("VOLT?", amplitude, _AMPLITUDE_STEP_V, "V")))
 
     @action(bus_s=0.2)
@@ -65,9 +56,6 @@ class Agilent33250A(ScpiInstrument):
     def output_off(self) -> None:
         """Set the output off and confirm it. Raises: InstrumentError B-INST-009."""
         self.switch_output_off()
-
-    def _load_is_infinite(self) -> bool:
-        return abs(self.ask("OUTP:LOAD?", float)) >= OVERLOAD_FROM
 
     def _safe_command(self) -> str:
         return "OUTP OFF"

@@ -1,19 +1,19 @@
 """Agilent 34970A data acquisition unit: thermocouples (laboratory ambient first, then the chamber's), resistances.
 
+Each measurement begins with ``CONFigure``, which resets all else of its channels (unit, scaling, delay, integration),
+the trigger and the form of readings, and makes the channels the scan list; what it leaves alone stands in the state
+table. The list is scanned in ascending order, whatever the order in which it was given.
+
 Resistance is measured with four wires through a 34901A: channel n carries the current, channel n+10 is its pair and
-senses, so that only channels 1 to 10 of a slot can be named.
+senses, so that only channels 1 to 10 of a slot can be named. The reference junction is the terminal block's own sensor.
 
-The reference junction is the terminal block's own sensor (INTernal): one that somebody has fixed makes every reading
-wrong by what the block is away from it, and ``CONFigure`` need not undo that.
-
-Source: 34970A User's Guide (CONFigure:TEMPerature, CONFigure:FRESistance, FRESistance:NPLC, ROUTe:SCAN, READ?,
-UNIT:TEMPerature, TEMPerature:TRANsducer:TCouple:RJUNction:TYPE; tutorial, four-wire multiplexers). Not confirmed on
-hardware: the time a scan takes (10 s is allowed), the form of several replies to ``RJUN:TYPE?``.
+Source: 34970A/34972A Command Reference (CONFigure, ROUTe:SCAN, READ?, FRESistance:NPLC, and what the state table
+names). Not confirmed on hardware: the time a scan takes (10 s is allowed).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 from bench.model.ports import Parameter, action
@@ -51,10 +51,11 @@ class Agilent34970A(ScpiInstrument):
         Raises: InstrumentError B-INST-007 if a thermocouple is open, B-INST-004 if readings are missing, B-INST-008 if
         the unit has none.
         """
-        channels = f"(@{self.station_words['channels']})"
         if not self.options["channels"]:
             raise self.error("B-INST-008", "scan: the station gives the unit no thermocouples; nothing was sent")
-        self.set(f"ROUT:SCAN {channels}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), channels))
+        channels, kind = self.station_words.values()
+        self._configure(f"TEMP TC,{kind}", channels, lambda reply: reply.startswith(f'"TEMP TC,{kind},'))
+        self.bring("scan")
         return self.measured(self._read_scan, _SCAN_LIMIT_S)
 
     @action(
@@ -74,12 +75,18 @@ class Agilent34970A(ScpiInstrument):
         channel, range_ohm, cycles = self.checked("measure_resistance", **given)
         if taken := {channel, channel + _PAIRED} & set(self.options["channels"]):
             raise self.error("B-INST-008", f"channel {taken.pop()} has a thermocouple; nothing was sent")
-        at = f"(@{channel})"
-        configured = either(lambda: is_range(self.ask(f"CONF? {at}", read_text), range_ohm), True)
-        self.set(f"CONF:FRES {exponent_form(range_ohm)},{at}", configured)
-        self.set(f"FRES:NPLC {cycles},{at}", self.number(f"FRES:NPLC? {at}", cycles, 0.0))
-        self.set(f"ROUT:SCAN {at}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), at))
+        self._configure(f"FRES {exponent_form(range_ohm)}", str(channel), lambda reply: is_range(reply, range_ohm))
+        self.set(f"FRES:NPLC {cycles},(@{channel})", self.number(f"FRES:NPLC? (@{channel})", cycles, 0.0))
         return self.measured(read_number, _SCAN_LIMIT_S)
+
+    def _configure(self, measurement: str, channels: str, shows: Callable[[str], bool]) -> None:
+        """Set a measurement of these channels, and only of them; ``shows``: whether a ``CONF?`` reply shows it."""
+
+        def is_configured() -> bool:
+            scanned = self.ask("ROUT:SCAN?", read_scan_list)
+            return scanned == f"(@{channels})" and shows(self.ask(f"CONF? {scanned}", read_text))
+
+        self.set(f"CONF:{measurement},(@{channels})", either(is_configured, True))
 
     def _read_scan(self, reply: str) -> list[float]:
         readings = [read_number(reading) for reading in reply.split(",")]
@@ -93,8 +100,11 @@ class Agilent34970A(ScpiInstrument):
         valid = isinstance(channels, list) and all(
             type(channel) is int and 101 <= channel <= 320 for channel in channels
         )
-        if not valid or (not channels and kind != _NONE):
-            return "channels", f"channels {channels!r} must be a list of numbers 101 to 320"
+        if not valid or channels != sorted(set(channels)) or (not channels and kind != _NONE):
+            return (
+                "channels",
+                f"channels {channels!r} must be numbers 101 to 320 in ascending order, as they are scanned",
+            )
         if channels and kind == _NONE:
             return "thermocouple", f"thermocouple {_NONE} goes with 'channels: []', not with {channels!r}"
         if kind not in (*_THERMOCOUPLES, _NONE):

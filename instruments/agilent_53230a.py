@@ -1,11 +1,11 @@
 """Agilent 53230A universal counter: frequency of input 1 against the external 10 MHz reference.
 
-Its preparation resets it: sample and trigger counts, trigger source, input coupling and impedance of the last user
-would change what READ? answers, or whether it does.
+Its preparation resets it: mathematics, trigger, input and format of the last user would change what READ? answers, or
+whether it does (state table). After the reset the threshold is found anew, at half of the signal.
 
-Source: 53220A/53230A User's Guide (SENSe:FREQuency:GATE, SENSe:ROSCillator:SOURce, READ?, *RST; questionable status
-bit 10 = reference not usable). 9.91E37 is the answer without a signal. The 53131A has other gate commands and is not
-served.
+Source: 53220A/53230A User's Guide (SENSe:FREQuency:GATE, READ?; 69: SENSe:ROSCillator:SOURce, questionable status bit
+10 = reference not usable; 131: auto-level after *RST). 9.91E37 is the answer without a signal. The 53131A has other
+gate commands and is not served.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Agilent53230A(ScpiInstrument):
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-007 (no signal), B-INST-001 (gate plus 2 s are over).
         """
         (gate,) = self.checked("measure_frequency", gate=gate)
-        self.set('FUNC "FREQ 1"', either(self._counts_frequency, True))
-        self.set("FREQ:GATE:SOUR TIME", either(lambda: self.ask("FREQ:GATE:SOUR?", read_text), "TIME"))
-        self.set(f"FREQ:GATE:TIME {exponent_form(gate)}", either(lambda: self._has_gate(gate), True))
+        self.bring("measure_frequency")
+        has_gate = either(lambda: abs(self.ask("FREQ:GATE:TIME?", read_number) - gate) <= _GATE_STEP_S, True)
+        self.set(f"FREQ:GATE:TIME {exponent_form(gate)}", has_gate)
         return self.measured(read_number, gate + _BEYOND_GATE_S)
 
     @action(bus_s=0.2)
@@ -44,12 +44,6 @@ class Agilent53230A(ScpiInstrument):
         external = self.ask("ROSC:SOUR?", read_text).upper().startswith("EXT")
         lost = self.ask("STAT:QUES:EVEN?", read_integer) & _REFERENCE_LOST
         return external and not lost
-
-    def _counts_frequency(self) -> bool:
-        return self.ask("FUNC?", read_text).strip('"').startswith("FREQ")
-
-    def _has_gate(self, gate_s: float) -> bool:
-        return abs(self.ask("FREQ:GATE:TIME?", read_number) - gate_s) <= _GATE_STEP_S
 
     _go_safe = ScpiInstrument.abort
 

@@ -9,7 +9,6 @@ programming ranges 6.18 V/5.15 A and 25.75 V/1.03 A, and the read-back resolutio
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
 from bench.model.ports import Effect, Parameter, Tells, action, is_one
 from instruments.commands import Setting
@@ -30,7 +29,7 @@ class AgilentE3631A(ScpiSupply):
     tells = Tells({"OUTP?": is_one})
     remote = "SYST:REM"
 
-    configured: Mapping[int, tuple[Setting, ...]] = MappingProxyType({})  # by rail; ``kept`` are those of the selected
+    configured: Mapping[int, tuple[Setting, ...]] = {}  # by rail; ``kept`` are those of the selected
     selected = 0
 
     @action(
@@ -55,7 +54,7 @@ class AgilentE3631A(ScpiSupply):
             self._select(rail)
             wanted = Setting("CURR?", limit, _CURRENT_STEP_A, "A"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V")
             self.keep(*map(self.put, wanted))
-        self.configured = MappingProxyType({**self.configured, rail: self.kept})
+        self.configured = {**self.configured, rail: self.kept}
 
     @action(effect=Effect.POWER, bus_s=1.5)
     def output_on(self) -> None:
@@ -99,11 +98,11 @@ class AgilentE3631A(ScpiSupply):
         self.confirm_kept()
 
     def _forget_rail(self, rail: int) -> None:
-        self.configured = MappingProxyType({kept: set_ for kept, set_ in self.configured.items() if kept != rail})
+        self.configured = {kept: set_ for kept, set_ in self.configured.items() if kept != rail}
 
     def _forget(self) -> None:
         super()._forget()
-        self.configured = MappingProxyType({})
+        self.configured = {}
 
 
 DRIVER = AgilentE3631A

@@ -32,20 +32,22 @@ class BaseInstrument(Commands):
     Class members: ``identity_pattern`` matches "manufacturer,model"; ``safe_state`` says in words what ``make_safe``
     leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
     ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards;
-    ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``tells`` says which replies show
-    whether it is on, None for a model that holds no energy; ``needs`` is what its address must give besides messages;
+    ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``reply_end`` is the last character
+    of a reply (what comes behind it is dropped, or stands before the next); ``tells`` says which replies show whether
+    it is on, None for a model that holds no energy; ``needs`` is what its address must give besides messages;
     ``remote`` is what takes it out of local on a serial line, also behind a gateway, where no line of a bus does.
 
     Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
 
     identity_pattern: ClassVar[str]
-    identity_question: ClassVar[str] = "*IDN?"
+    identity_question: str = "*IDN?"
     safe_state: ClassVar[str]
     longest_error_queue: ClassVar[int] = 32
     default_options: ClassVar[Mapping[str, Any]] = {}
     ranges_A: ClassVar[tuple[float, ...]] = ()
     spacing_s: ClassVar[float] = 0.0
+    reply_end: ClassVar[str] = "\n"
     needs: ClassVar[tuple[Need, ...]] = ()
     remote: ClassVar[str] = ""
     tells: ClassVar[Tells | None] = None
@@ -72,7 +74,7 @@ class BaseInstrument(Commands):
         if manual := manual_of(type(self).__module__.rpartition(".")[2]):
             self.states = manual.states
         self._said = ""  # the last reply to the identity question
-        self.bus = BusSession(resource, role, clock, transcript, self.spacing_s)
+        self.bus = BusSession(resource, role, clock, transcript, self.spacing_s, self.reply_end)
         self.bus.climb = Ladder(self.bus, self._drain_known, self._readmit, reopen, interface_clear).climb
         if unknown := sorted(set(self.options) - set(self.default_options)):
             known = ", ".join(self.default_options) or "none"
@@ -247,9 +249,8 @@ class BaseInstrument(Commands):
         self._prepare()
         self._recheck()
 
-    def _drain_known(self) -> None:
-        if self.identity is not None:  # a stranger is asked nothing but who it is
-            self.drain_errors()
+    def _drain_known(self) -> list[str]:
+        return [] if self.identity is None else self.drain_errors()  # a stranger is asked nothing but who it is
 
     def _is_right_model(self, identity: Identity) -> bool:
         return bool(re.fullmatch(self.identity_pattern, f"{identity.manufacturer},{identity.model}", re.IGNORECASE))

@@ -83,8 +83,9 @@ class BusSession(Wire):
         clock: Clock,
         transcript: Transcript,
         spacing_s: float = 0.0,
+        reply_end: str = "\n",
     ) -> None:
-        super().__init__(resource, role, clock, transcript)
+        super().__init__(resource, role, clock, transcript, reply_end)
         self._spacing_ns = to_ns(spacing_s)
         self._spoke_ns = clock.now_ns()  # another session may have spoken just before this one was opened
         self.where = f"{role} ({resource.resource_name})"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from bench.model.clock import Clock, to_ns
@@ -60,6 +61,7 @@ class Commands:
     bus: BusSession
     clock: Clock
     actions: Mapping[str, Action]
+    options: Mapping[str, Any]
     seen: dict[str, object]
     kept: tuple[Setting, ...]
     states: Mapping[str, Condition] = {}
@@ -151,18 +153,18 @@ class Commands:
         replies: dict[str, str] = {}
         for name, condition in self._due():
             command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
-            if query and query not in replies:
-                replies[query] = self.ask(query, read_text)
-            if reply := replies.get(query, ""):
+            if reply := self._asked(query, condition, replies):
                 advice = f"{condition.why}; {condition.person}"
-                yield StateRow(name, command, reply.strip(), condition.is_right(reply), advice)
+                sets_it = command or ", ".join(condition.by)
+                yield StateRow(name, sets_it, reply.strip(), condition.is_right(reply), advice)
             elif command:
                 yield StateRow(name, command, "", None, "")
 
     def _due(self) -> Iterator[tuple[str, Condition]]:
         """Yield the rows of the state table that speak of what the station has."""
         for name, condition in self.states.items():
-            if all(self.station_words[word] for word in condition.words):
+            of_station = condition.of.items() <= self.options.items()
+            if of_station and all(self.station_words[word] for word in condition.words):
                 yield name, condition
 
     def judge(self, query: str, reply: str) -> None:
@@ -173,11 +175,15 @@ class Commands:
             steps = "; ".join(dict.fromkeys(row.person for row in rows.values()))
             raise self.error("B-INST-019", f"{', '.join(rows)}: {query} tells {reply.strip()}: {reasons}", steps)
 
+    def _asked(self, query: str, condition: Condition, replies: dict[str, str]) -> str:
+        """Return the reply to a question, asked once for all rows that it shows; "" without one."""
+        if query and query not in replies:
+            replies[query] = self.ask(query, condition.read)
+        return replies.get(query, "")
+
     def _bring(self, name: str, condition: Condition, replies: dict[str, str]) -> None:
         command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
-        if query and query not in replies:
-            replies[query] = self.ask(query, read_text)
-        before = replies.get(query, "")
+        before = self._asked(query, condition, replies)
         if condition.is_right(before) if query else not command:
             return
         if not command:
@@ -186,8 +192,11 @@ class Commands:
         if not query:
             self.set(command)
             return
-        self.set(command, ReadBack(lambda: self.ask(query, read_text), condition.is_right, before.__eq__))
-        if not condition.is_right(reply := self.ask(query, read_text)):
+        again = partial(self.ask, query, condition.read)
+        self.set(command, ReadBack(again, condition.is_right, before.__eq__))
+        if not condition.is_right(reply := again()) and reply != before:
+            reply = again()  # neither the one nor the other: it may be garbled
+        if not condition.is_right(reply):
             raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
         self.mended[name] = before.strip()
 

@@ -4,14 +4,15 @@ Not SCPI: errors come from ``FAULT?`` (0 = none; the first 15 are kept, the 16th
 ``EXPLAIN? n``; they are read out before anything could clear them. Currents are sent in exponent form with ``A``:
 ``MA`` is milliampere for current but mega for every other unit.
 
-The range the calibrator is really in is not read back: ``OUT?`` does not name it, and no query that does is confirmed.
+The range the calibrator is really in is not read back: ``OUT?`` does not name it, and how ``RANGE?`` does is not known.
 After ``RANGELCK OFF``, acknowledged by an empty fault queue, it is the lowest of ``ranges_A`` that holds the value; the
 static check goes by that, and ``OUT?`` confirms the value alone.
 
 With OFFSET, SCALE or BOOST active, keys of the front panel, the terminals carry another current than the set-point and
-nothing but bits of ``ISR?`` tells it: wherever that is read they must be 0 (state table). The driver refuses and does
-not send ``*RST``: no other command that ends them is confirmed, and a reset may take the entry limits that a person set
-with it. Guard and range lock are read there, too, as no question for them is confirmed.
+nothing but bits of ``ISR?`` tells it: wherever that is read they must be 0, and so must those of other functions (state
+table). The driver refuses and does not send ``*RST``: no other command that ends them is confirmed, and a reset may
+take the entry limits that a person set with it. Guard, sense and range lock are read there, too, as no question for
+them is confirmed.
 
 Source: Fluke 5700A/5720A Series II Operators Manual, ch. 5 (5-13 responses, 5-14 input buffer of 128 bytes), command
 table 5-2 (5-51: bits of ``ISR?``), 4-46 (SCALE). Not confirmed on hardware: what ``OUT?`` tells with an offset, the

@@ -1,13 +1,15 @@
 """HP/Agilent 3458A digital multimeter, dc current.
 
-Not SCPI. The GPIB END line is off at power-on, so ``END ALWAYS`` is the first thing sent, before the identity question.
+Not SCPI. The GPIB END line is off at power-on, so ``END ALWAYS`` is the first thing sent, before the identity question,
+and with it ``QFORMAT NORM``, which no preset brings back.
 A reading is triggered, then awaited by serial poll (bit 7, reading available), so no bus call blocks for the seconds a
 reading at 100 power-line cycles with autozero takes.
 
 Source: 3458A User's Guide (END, ERRSTR?, INBUF, PRESET, STB?, TRIG; DCI ranges and maximum inputs). ``PRESET NORM``
 leaves TARM AUTO, so one ``TRIG SGL`` gives one reading, and the input buffer off, with which the bus would be held
-until that reading is done (page 187): ``INBUF ON`` behind it. Not confirmed on hardware: the serial poll bit with
-memory off, and constant 175 of ``CAL?`` as the temperature of the last ACAL DCV (as in public programs).
+until that reading is done (page 187): ``INBUF ON`` behind it. What it brings back besides, and what it leaves alone,
+stands in the state table. Not confirmed on hardware: the serial poll bit with memory off, the time that ``LFREQ LINE``
+takes, and constant 175 of ``CAL?`` as the temperature of the last ACAL DCV (as in public programs).
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from instruments.commands import Setting
 from instruments.scpi import read_scpi_error
 from instruments.values import exponent_form, read_number
 
+_FULL_RESOLUTION = ("NPLC 100", "NDIG 8", "TRIG HOLD")
 _READING_AVAILABLE = 1 << 7
 _READING_LIMIT_S = 15.0
 _POLL_S = 0.25
@@ -67,7 +70,7 @@ class Hp3458A(BaseInstrument):
         """Set dc current on the smallest range that holds ``range`` (ampere), 100 power-line cycles, autozero on.
 
         Returns the range the meter says it is in, ampere: the readings that follow belong to it.
-        Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
+        Raises: InstrumentError B-INST-008, B-INST-019 (rear terminals), B-INST-005, B-INST-011.
         """
         (largest_A,) = self.checked("configure_current", range=range)
         nominal_A = next(nominal for nominal, limit in _RANGES_A if largest_A <= limit)
@@ -97,14 +100,13 @@ class Hp3458A(BaseInstrument):
         return bool(self.bus.status_byte(self.timeout_s) & _READING_AVAILABLE)
 
     def _set_up(self, nominal_A: float) -> None:
-        for command in ("PRESET NORM", "INBUF ON", "END ALWAYS", f"DCI {exponent_form(nominal_A)}"):
-            self.set(command)
-        for command in ("NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD"):
+        self.bring("configure_current")
+        for command in ("PRESET NORM", "INBUF ON", f"DCI {exponent_form(nominal_A)}", *_FULL_RESOLUTION):
             self.set(command)
         self.keep(Setting("RANGE?", nominal_A, 1e-6 * nominal_A, "A"))
 
     def _ask_identity(self) -> Identity:
-        self.bus.write("END ALWAYS", self.timeout_s)
+        self.bus.write("END ALWAYS;QFORMAT NORM", self.timeout_s)
         return super()._ask_identity()
 
     def _identity_of(self, reply: str) -> Identity:

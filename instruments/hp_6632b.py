@@ -1,7 +1,8 @@
 """HP 6632B system supply (20 V, 5 A): power of the unit under test.
 
 Limits are set before the output can be switched on, the over-voltage trip before the voltage. A tripped protection
-stays latched while OUTP? says on; clearing it is a decision of a person (``OUTP:PROT:CLE`` by hand).
+stays latched while OUTP? says on; clearing it is a decision of a person (``OUTP:PROT:CLE`` by hand), for the output
+comes back with it. What else a last user may have left stands in the state table.
 
 Source: HP 6631B/6632B/6633B/6634B operating and programming guides (VOLTage, CURRent, VOLTage:PROTection,
 CURRent:PROTection:STATe, OUTPut, OUTPut:PROTection:DELay, questionable status bits 0, 1, 4, 9, MEASure). The model ends
@@ -52,19 +53,23 @@ class Hp6632B(ScpiSupply):
             raise self.error("B-INST-008", message)
         self.kept = ()
         of_current = self.put(Setting("CURR?", limit, _CURRENT_STEP_A, "A"))
-        self.set("CURR:PROT:STAT ON", self.switch("CURR:PROT:STAT?", 1))
+        self.bring("configure")  # behind the limit: with that of another user the over-current protection might trip
         self.set(f"OUTP:PROT:DEL {_DELAY_s:g}", self.number("OUTP:PROT:DEL?", _DELAY_s, _DELAY_STEP_s))
-        of_trip = self.put(Setting("VOLT:PROT?", trip, _TRIP_STEP_V, "V"))
-        self.keep(of_current, of_trip, self.put(Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V")))
+        settings = [Setting("VOLT:PROT?", trip, _TRIP_STEP_V, "V"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V")]
+        if self.ask("VOLT?", read_number) > trip:
+            settings.reverse()  # an output that another user left on would trip
+        self.keep(of_current, *map(self.put, settings))
 
     @action(effect=Effect.POWER, bus_s=0.5)
     def output_on(self) -> None:
         """Set the output on, if limits and voltage still read back, and confirm it.
 
-        Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011, B-INST-018 (a protection is latched).
+        Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011, B-INST-019 (a protection is latched),
+                B-INST-018 (one trips).
         """
         self.require_kept("output_on", "limits were", "configure it first")
         self._recheck()
+        self.bring("output_on")
         self.switch_output_on()
         self.clock.sleep(_DELAY_s + _DELAY_STEP_s)
         latched = self.ask("STAT:QUES:COND?", read_integer)

@@ -5,10 +5,13 @@ symmetry the phase at the centre is zero, and the band is two octaves wide. Comm
 after one is the display: input gain, cutoff, channel, output gain, coupling. The 3940 of the same maker begins at
 3 Hz, too high for a table that turns once a second.
 
-Source: 3988 operating manual, section 3 (free format of commands with delimiters, lines of at most 32 characters; form
-of the display and of the answer to ``V``). Not confirmed on hardware: the letters of all other commands (CH channel,
-F cutoff, LP, HP, BU Butterworth, BY by-pass, IG, OG gains, DC), and that a channel in by-pass shows letters for its
-cutoff. The answer to ``V`` names the maker only: any filter of the maker is taken for a 3988.
+The display tells neither high-pass nor low-pass and neither Butterworth nor Bessel: both are set each time.
+
+Source: 3988 operating manual of 4/03, 3.3.2 (free format of commands with delimiters, lines of at most 32 characters),
+3.5.1 (display, "*" at its end in the all-channel mode), 3.5.3 (answer to ``V``). Not confirmed on hardware: the letters
+of all other commands (CH channel, F cutoff, LP, HP, BU Butterworth, BY by-pass, IG, OG gains, DC), and that a channel
+in by-pass shows letters for its cutoff. The answer to ``V`` names the maker only: any filter of the maker is taken for
+a 3988.
 """
 
 from __future__ import annotations
@@ -61,9 +64,10 @@ class KrohnHite3988(BaseInstrument):
     def configure(self, centre: float) -> None:
         """Set a band-pass of two octaves about ``centre`` (hertz), gain 1, dc coupled, and read both channels back.
 
-        Raises: InstrumentError B-INST-008, B-INST-011.
+        Raises: InstrumentError B-INST-008, B-INST-011, B-INST-019 (what is set for one channel is set for both).
         """
         (centre,) = self.checked("configure", centre=centre)
+        self.bring("configure")
         self._set_both(centre / _HALF_BAND, centre * _HALF_BAND)
 
     @action(bus_s=1.0)

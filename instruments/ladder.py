@@ -8,6 +8,7 @@ sets something is looked up by read-back (instruments.commands). Each rung is in
 
 No rung is begun when nobody has answered for ``CLIMB_S``: something may drive, and only a run that knows it can take
 that away. Whoever has made it safe, or is on the way to it, climbs with patience (``Wire.persistent``).
+What an error queue says on the way, such as that the question is unknown, stands in the error that is raised.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ T = TypeVar("T")
 class Ladder:
     """The rungs of one instrument.
 
-    Args: drain: reads the error queue empty.   readmit: checks after a reopening that it is the same instrument as
-    before, set as before.   reopen, interface_clear: None where the station's bus has no such rung.
+    Args: drain: reads the error queue empty and returns what stood in it.   readmit: checks after a reopening that it
+    is the same instrument as before, set as before.   reopen, interface_clear: None where the bus has no such rung.
     """
 
     def __init__(
         self,
         bus: BusSession,
-        drain: Callable[[], object],
+        drain: Callable[[], list[str]],
         readmit: Callable[[], None],
         reopen: Callable[[], MessageBasedResource] | None,
         interface_clear: Callable[[], None] | None,
@@ -61,8 +62,14 @@ class Ladder:
         if self._climbing:
             raise error
         self._climbing, self._given_up = True, False
+        self._faults: dict[str, None] = {}  # in their order, each once
         try:
             return self._climb(error, ask)
+        except InstrumentError as last:
+            if self._faults and last.code in DOUBTFUL:
+                last.message += f"; it reports {'; '.join(self._faults)}"
+                last.next_step = "look up what it reports: its model or firmware may not know the question"
+            raise
         finally:
             self._climbing = False
 
@@ -89,7 +96,7 @@ class Ladder:
         if self._given_up or self._bus.lost or not self._bus.in_step:
             return False
         try:
-            self._drain()
+            self._faults |= dict.fromkeys(self._drain())
         except InstrumentError:
             self._given_up = True
         return not self._given_up

@@ -30,7 +30,7 @@ from bench.model.errors import InstrumentError
 from bench.model.ports import Parameter, action
 from instruments.commands import Setting, either
 from instruments.scpi import ScpiInstrument
-from instruments.values import read_integer, read_text
+from instruments.values import read_integer
 
 CLOCKS_HZ = (10e6, 20e6, 50e6, 100e6)
 LONGEST_BLOCK = 24_032  # bytes: 6,000 events
@@ -54,7 +54,6 @@ class PendulumCnt91(ScpiInstrument):
     default_options: ClassVar[Mapping[str, Any]] = {"clock_error_ppm": 0.0}
     needs = ("END", "device clear")  # a line feed is a byte of a block
 
-    configured: tuple[float, float] | None = None  # clock Hz, threshold V
     _streams = False  # started and not known to be stopped
     _started = 0  # how often
     _drained = 0  # of which start everything was read; the reader's own, so that no start is overlooked
@@ -75,30 +74,23 @@ class PendulumCnt91(ScpiInstrument):
             message = f"configure: clock {clock!r} Hz is none of {known} MHz; nothing was sent"
             raise self.error("B-INST-008", message, "correct the sequence")
         self.stop()
-        self.configured = None
-        self.set("INIT:CONT OFF", self.switch("INIT:CONT?", 0))
-        for name in _INPUTS:
-            self.set(f"{name}:COUP DC", self.word(f"{name}:COUP?", "DC"))
-            self.set(f"{name}:SLOP POS", self.word(f"{name}:SLOP?", "POS"))
-            self.set(f"{name}:IMP 1E6", self.number(f"{name}:IMP?", 1e6, 1.0))
-            self.set(f"{name}:ATT 1", self.number(f"{name}:ATT?", 1.0, 0.0))
-            for switch in ("FILT", "LEV:AUTO"):
-                self.set(f"{name}:{switch} OFF", self.switch(f"{name}:{switch}?", 0))
-            self.put(Setting(f"{name}:LEV?", threshold, _LEVEL_STEP_V, "V"))
-        self.put(Setting("STR:CLOC?", clock, 0.0, "Hz"))
-        self._confirm(clock, threshold)
-        self.configured = (clock, threshold)
+        self.kept = ()
+        self.bring("configure")
+        levels = (self.put(Setting(f"{name}:LEV?", threshold, _LEVEL_STEP_V, "V")) for name in _INPUTS)
+        self.keep(*levels, self.put(Setting("STR:CLOC?", clock, 0.0, "Hz")))
 
     @action(bus_s=0.3)
     def start(self) -> None:
-        """Set the stream going, if clock and levels still read back; blocks that an earlier run left are dropped.
+        """Set the stream going, inputs as they must be; clock and levels must still read back.
+
+        Blocks that an earlier run left are dropped.
 
         Raises: InstrumentError B-INST-010 before ``configure``, B-INST-005, B-INST-011.
         """
-        if self.configured is None:
-            raise self.error("B-INST-010", "start refused: no clock was set by this run", "configure it first")
+        self.require_kept("start", "clock", "configure it first")
         self.stop()
-        self._confirm(*self.configured)
+        self.bring("start")
+        self.confirm_kept()
         if self._drained == self._started:
             self.set("STR:CLE")
         self.set("INIT", either(self.measuring, True))
@@ -161,25 +153,17 @@ class PendulumCnt91(ScpiInstrument):
             return "clock_error_ppm", f"clock_error_ppm {error!r} is no number from -1000 to 1000"
         return None
 
-    def _confirm(self, clock_Hz: float, threshold_V: float) -> None:
-        self.confirm("STR:CLOC?", clock_Hz, 0.0, "Hz")
-        for name in _INPUTS:
-            if (coupling := self.ask(f"{name}:COUP?", read_text).upper()) != "DC":
-                raise self.error("B-INST-011", f"'{name}:COUP?' reads back {coupling!r}, but 'DC' was set")
-            self.confirm(f"{name}:LEV?", threshold_V, _LEVEL_STEP_V, "V")
-
     def _confirm_streaming(self) -> None:
         if not self.measuring():
             raise self.error("B-INST-011", "it does not measure, though the stream was started", "start it again")
 
     def _recheck(self) -> None:
-        if self.configured is not None:
-            self._confirm(*self.configured)
+        super()._recheck()
         if self._streams:
             self._confirm_streaming()
 
     def _forget(self) -> None:
-        self.configured = None
+        super()._forget()
         self._streams, self._drained = False, self._started
 
     def _safe_command(self) -> str:

@@ -6,10 +6,12 @@ of the reference: X is the part of the signal that is in phase with a sine which
 phase. Overload and loss of lock are values of a reading, not errors: they stand for everything since the reading, the
 set of the phase or the set-up before, because reading the status clears it.
 
-Source: SR830 manual, remote programming (FMOD, RSLP, HARM, PHAS, ISRC, IGND, ICPL, ILIN, RMOD, SENS, OFLT, OFSL, SYNC,
-OEXP, OUTX, SNAP?, LIAS?, ERRS?, *ESR?) as quoted in public programs; OUTX comes before any question. Not confirmed on
+OUTX, which turns the answers to this interface, comes before any question and again with each question who is there.
+What else a last user may have left is in the state table; the phase is whatever it was until it is set.
+
+Source: SR830 manual, chapter 5 (remote programming; 5-8 OEXP, 5-15 SNAP?, 5-23 bits of LIAS?). Not confirmed on
 hardware: that a lock that is still lost sets its bit again within 0.5 s of a reading, that the phase reads back with
-0.01 deg, and the form of the answer to OEXP?.
+0.01 deg.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from bench.model.errors import InstrumentError
-from bench.model.ports import Identity, Parameter, action
+from bench.model.ports import Parameter, action
 from instruments.base import BaseInstrument
 from instruments.bus import DOUBTFUL
 from instruments.commands import ReadBack, Setting
@@ -41,10 +43,6 @@ _EVENTS = ((0, "input queue overflow"), (2, "output queue overflow"), (4, "execu
 _FAILURES = (
     (1, "battery backup"), (2, "RAM"), (4, "ROM"), (5, "fast data transfer"), (6, "DSP"), (7, "math"),
 )  # fmt: skip
-# external reference, rising TTL edge, first harmonic, input A, shield floating, dc, no line filters, high reserve
-_FIXED = (
-    ("FMOD", 0), ("RSLP", 1), ("HARM", 1), ("ISRC", 0), ("IGND", 0), ("ICPL", 1), ("ILIN", 0), ("RMOD", 0),
-)  # fmt: skip
 
 
 def read_snapshot(reply: str) -> tuple[float, float, float]:
@@ -53,12 +51,6 @@ def read_snapshot(reply: str) -> tuple[float, float, float]:
     if len(values) != 3:
         raise ValueError("X, Y and a frequency are due")
     return values[0], values[1], values[2]
-
-
-def read_offset(reply: str) -> tuple[float, int]:
-    """Return offset (% of the sensitivity) and expand of an ``OEXP?`` reply. Raises: ValueError."""
-    offset, _, expand = reply.partition(",")
-    return read_number(offset.strip()), read_integer(expand.strip())
 
 
 class SrsSr830(BaseInstrument):
@@ -78,6 +70,7 @@ class SrsSr830(BaseInstrument):
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self.phase_deg: float | None = None
+        self.identity_question = f"OUTX {int('(ASRL' not in self.bus.where.upper())};*IDN?"
 
     @action(
         Parameter("time_constant", "s", 1e-5, 3e4, values=TIME_CONSTANTS_S),
@@ -102,11 +95,12 @@ class SrsSr830(BaseInstrument):
         }
         self._ready()
         self.kept = ()
-        for name, value in (*_FIXED, *chosen.items()):
+        self.bring("configure")
+        for name, value in chosen.items():
             self.set(f"{name} {value}", self.number(f"{name}?", value, 0.0))
-        for quantity in (1, 2):
-            self._no_offset(quantity)
-        self.keep(*(Setting(f"{name}?", float(value), 0.0, "") for name, value in (*_FIXED, *chosen.items())))
+        self.keep(*(Setting(f"{name}?", float(value), 0.0, "") for name, value in chosen.items()))
+        rows = (row for row in self.states.values() if row.right.isdigit())
+        self.kept += tuple(Setting(row.ask, float(row.right), 0.0, "") for row in rows)  # has just read back
         self._status()
 
     @action(Parameter("phase", "deg", -360.0, 729.99), bus_s=0.5)
@@ -182,22 +176,10 @@ class SrsSr830(BaseInstrument):
             raise self.error("B-INST-008", f"{message} {unit}; nothing was sent", "correct the sequence")
         return nearest
 
-    def _no_offset(self, quantity: int) -> None:
-        query = f"OEXP? {quantity}"
-        back = ReadBack(lambda: self.ask(query, read_offset), (0.0, 0).__eq__, lambda _: True)
-        self.set(f"OEXP {quantity},0,0", back)
-        if (offset := self.ask(query, read_offset)) != (0.0, 0):
-            raise self.error("B-INST-011", f"{query!r} reads back {offset!r}, but no offset and no expand was set")
-
     def _confirm_phase(self, phase_deg: float) -> None:
         value = self.ask("PHAS?", read_number)
         self.agree("PHAS?", phase_deg + _part_of_turn(value - phase_deg), phase_deg, _PHASE_STEP_DEG, "deg")
         self.seen["PHAS?"] = value
-
-    def _ask_identity(self) -> Identity:
-        serial_line = self.bus.where.upper().find("(ASRL") >= 0
-        self.bus.write(f"OUTX {0 if serial_line else 1}", self.timeout_s)  # where its answers go
-        return super()._ask_identity()
 
     def _recheck(self) -> None:
         super()._recheck()

@@ -1,13 +1,17 @@
 """Thermotron chamber controllers, dialects "3800" and "8800" (option ``dialect``), temperature channel 1.
 
 The 8800 answers every operation with a completion number, 0 = done, which must be read; the 3800 answers only queries
-and needs more than a second after each operation. There is no error queue: alarms (``ALRM1?``) take its place. Chamber
+and needs more than a second after each operation. No error queue is read: alarms (``ALRM1?``) take its place. Chamber
 air is not the temperature of the unit under test; a soak is judged by the unit's own sensor.
 
+A program that runs, is on hold or will start is somebody's own: with one of them no set-point is sent and nothing is
+set running (state table). The scale of temperatures can be asked of an 8800 alone; on a 3800 a person looks at it once.
+
 Source: Thermotron 8800 interface command descriptions (ALRM, AUXE and their replies); 3800 commands and mode bits as in
-public drivers. Not confirmed on hardware: ``MRMP1,r`` in degC per minute and its read-back, ``IDEN?`` and its reply,
-``HOLD``, the mode bits of the 8800, the range -68 to 177 degC and the fastest ramp. A chamber's own limits and
-thermostat stay the safety function.
+public drivers, those of the 8800 (``STAT?`` tells a hold) as in a public class for it. Not confirmed on hardware:
+``MRMP1,r`` of a 3800 in degC per minute and its read-back, ``IDEN?`` and its reply, that ``MODE?`` of a 3800 tells a
+hold (a public driver names that bit "edit mode, in hold"), the range -68 to 177 degC and the fastest ramp. A chamber's
+own limits and thermostat stay the safety function.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from instruments.values import plain_form, read_integer, read_number
 _MANUAL_RUNS = 1 << 4
 _ANY_RUN = 1 << 0 | _MANUAL_RUNS  # program or manual
 _ON_HOLD = 1 << 3
+_HOLDS_8800 = 1 << 1 | 1 << 2 | 1 << 5  # of STAT?: program on hold or suspended, manual on hold
 _MODE_LIMIT_S = 3.0
 _MODE_POLL_S = 0.5
 _ALARMS = ((0, "low deviation"), (1, "high deviation"), (4, "low process limit"), (5, "high process limit"))
@@ -67,17 +72,19 @@ class Thermotron3800(BaseInstrument):
     def set_temperature(self, temperature: float, ramp: float) -> None:
         """Set the ramp (degC/min), then the air set-point (degC), and read both back; ``run`` starts the chamber.
 
-        Raises: InstrumentError B-INST-008, B-INST-005 (refused or process alarm), B-INST-011.
+        Raises: InstrumentError B-INST-008, B-INST-019 (state table), B-INST-005 (refused or process alarm), B-INST-011.
         """
         temperature, ramp = self.checked("set_temperature", temperature=temperature, ramp=ramp)
         self.kept = ()
+        self.bring("set_temperature")
         self.set(f"MRMP1,{plain_form(ramp)}", self.number("MRMP1?", ramp, _STEP))
         self.set(f"SETP1,{plain_form(temperature)}", self.number("SETP1?", temperature, _STEP))
         self.keep(Setting("MRMP1?", ramp, _STEP, "degC/min"), Setting("SETP1?", temperature, _STEP, "degC"))
 
     @action(effect=Effect.THERMAL, bus_s=2.0)
     def run(self) -> None:
-        """Set the chamber running in manual mode and confirm it. Raises: InstrumentError B-INST-011."""
+        """Set the chamber running in manual mode and confirm it. Raises: InstrumentError B-INST-019, B-INST-011."""
+        self.bring("run")
         self.set("RUNM", either(lambda: self._runs(_MANUAL_RUNS), True))
         if not self.poll(lambda: self._runs(_MANUAL_RUNS), _MODE_LIMIT_S, _MODE_POLL_S):
             raise self.error("B-INST-011", "MODE? does not read back manual run after RUNM", "look at its display")
@@ -143,10 +150,15 @@ class Thermotron3800(BaseInstrument):
 
     def _runs(self, how: int = _ANY_RUN) -> bool:
         mode = self._mode()
-        return bool(mode & how) and not mode & _ON_HOLD
+        return bool(mode & how) and not self._holds(mode)
+
+    def _holds(self, mode: int) -> bool:
+        if self.options["dialect"] == "8800":
+            return bool(self.ask("STAT?", read_integer) & _HOLDS_8800)
+        return bool(mode & _ON_HOLD)
 
     def _is_on_hold(self) -> bool:
-        return bool(self._mode() & _ON_HOLD)
+        return self._holds(self._mode())
 
     def _is_stopped(self) -> bool:
         return self.poll(lambda: not self._mode() & (_ANY_RUN | _ON_HOLD), _MODE_LIMIT_S, _MODE_POLL_S)

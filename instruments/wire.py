@@ -120,12 +120,15 @@ class Wire:
     ``echo`` is the identity question with its known reply, once there is one. ``in_step`` is False while a reply to an
     earlier question may still come. ``alive`` is what the last serial poll said, None when there is none on this bus.
     ``stream``: nothing but bytes reaches the instrument.
+    ``reply_end``: the last character of a reply; what comes behind another than a line feed may be any bytes.
     ``lost``: the code of the error after which nobody is there, "" while somebody is; only opening the address again
     helps.   ``heard_ns``: time of the last reply; ``silent_since_ns``: of the first question since then that got none.
     """
 
-    def __init__(self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript) -> None:
-        self._role = role
+    def __init__(
+        self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript, reply_end: str = "\n"
+    ) -> None:
+        self._role, self._reply_end = role, reply_end
         self._clock = clock
         self._transcript = transcript
         self._mode = _Mode()
@@ -153,7 +156,9 @@ class Wire:
         if self.in_step and self.echo is not None:
             self._owe_nothing()
         resource.write_termination = "\n"
-        resource.read_termination = "\n"
+        resource.read_termination = self._reply_end
+        if self._reply_end != "\n":
+            resource.encoding = "latin-1"
 
     def release(self, wait_s: float = 0.0) -> None:
         """Close the resource, before it is opened again or for good; one that is gone is waited for ``wait_s``."""
@@ -284,7 +289,7 @@ class Wire:
                         chunk, status = resource.visalib.read(resource.session, _CHUNK_BYTES)
                         came.extend(chunk)
             finally:
-                resource.read_termination = "\n"
+                resource.read_termination = self._reply_end
 
         self.call(timeout_s, read)
 

@@ -1,13 +1,15 @@
 """Simulated ACUTROL3000 controller with its three-axis table: outer axis 1, middle axis 2, inner axis 3.
 
 Headers may be cut to any beginning of their words (``:D:R 1,5`` is ``:DEMAND:RATE 1,5``). A demand is obeyed in its
-mode only; a mode that is activated obeys the demand that is loaded. The axes have no stops: positions roll over after
-one turn, and a demand is reached the shortest way. A drive without a closed interlock, or in mode Off, is braked to
-rest. Two commands within 40 ms are not understood. Motion is exact (worlds.common.motion); only the read-out has noise
-and steps. Numbers are figures or binary, as the last user left them.
+mode only; a mode that is activated obeys the demand that is loaded, with what is summed to it. The axes have no stops:
+positions roll over after one turn, and a demand is reached the shortest way. A drive without a closed interlock, or in
+a mode without a motion (Off, Abort; Synthesis and Track have no source here), comes to rest. Two commands within 40 ms
+are not understood. Motion is exact (worlds.common.motion); only the read-out has noise and steps. Numbers are figures
+or binary, and degrees or another unit, as the last user left them.
 
-Source: manual TM-8004-C 2.6 and 4.14.1 (formats), 3.10 (status byte), 4.2.26 (range of positions), 4.3 (demands),
-4.6.1 (limits), 4.7 (modes, shortest way), 4.9.1 and 4.11.4 (errors and messages), 5.1.6 (what is out of range wraps);
+Source: manual TM-8004-C 2.6 and 4.14.1 (formats), 3.10 (status byte), 4.2.6 (sums), 4.2.26 (range of positions, scale),
+4.3 (demands), 4.6 (limits; of Off and Abort the acceleration brakes), 4.7 (modes, shortest way), 4.9.1 and 4.11.4
+(errors and messages), 5.1.6 (what is out of range wraps);
 public programs for this controller and its read-me (reply words, "65" of ``*STB?`` at an interlock fault, 40 ms as
 least time over GPIB). Placeholders, not confirmed on hardware: identity, error numbers and texts, the table's own
 limits, deceleration without drive, resolution and noise of the read-out.
@@ -15,14 +17,14 @@ limits, deceleration without drive, resolution and noise of the read-out.
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
-
-import numpy as np
 
 from bench.model.clock import to_ns
 from sim_instruments.bus.live import CommandDevice, CommandError
@@ -46,6 +48,8 @@ INTERLOCK_FAULT = (104, "INTERLOCK FAULT")
 _TEXTS = {str(number): text for number, text in (NOT_RECOGNIZED, BAD_ARGUMENT, LIMIT_EXCEEDED, INTERLOCK_FAULT)}
 _QUEUE = 20
 _AXIS = ("AXIS", 1, len(ABSOLUTE))
+_MODES = ("Off", "Position", "Rate", "Abort", "Arate", "Synthesis", "Track")
+_STATES = ("POSITION", "RATE", "ACCELERATION", "JERK")
 _UNIT = re.compile(r"(:?)([A-Z]+(?::[A-Z]+)*)(\??)(?:\s+(.*))?")
 
 
@@ -53,7 +57,9 @@ _UNIT = re.compile(r"(:?)([A-Z]+(?::[A-Z]+)*)(\??)(?:\s+(.*))?")
 class Axis:
     """One axis with its drive, its positions within ``range_deg`` around 0.
 
-    ``offset_deg`` is how far from a position demand it comes to rest (a fault).
+    ``sums``: by state whether something is summed to its demand, which variable, its gain and the offset; no variable
+    has a signal.   ``scale``: numbers of the controller for one degree, in ``unit``.   ``offset_deg`` is how far from
+    a position demand it comes to rest (a fault).
     """
 
     number: int
@@ -62,7 +68,10 @@ class Axis:
     mode: str = "Off"
     demands: dict[str, float] = field(default_factory=lambda: {"POSITION": 0.0, "RATE": 0.0})
     limits: dict[tuple[str, str], float] = field(default_factory=dict)
+    sums: dict[str, list[str]] = field(default_factory=lambda: {state: ["D", "0", "0", "0"] for state in _STATES})
     range_deg: float = RANGE_DEG
+    scale: float = 1.0
+    unit: str = "deg"
     stalled: bool = False
     offset_deg: float = 0.0
 
@@ -72,17 +81,26 @@ class Axis:
         caps = ABSOLUTE[self.number - 1]
         return *caps[:3], -self.range_deg / 2.0, self.range_deg / 2.0, *caps[3:]
 
+    def demand(self, state: str) -> float:
+        """Return a demand as it is obeyed."""
+        enabled, _, _, offset = self.sums[state]
+        return self.demands[state] + (float(offset) if enabled == "E" else 0.0)
+
     def obey(self, now_ns: int) -> None:
         """Move from ``now_ns`` on as mode, demand, limits and faults say."""
-        if self.interlock != "Closed" or self.mode == "Off" or self.stalled:
+        if self.interlock == "Open" or self.stalled:
             self.motion.run_at(0.0, BRAKE_DEG_S2, now_ns)
-        elif self.mode == "Rate":
-            self.motion.run_at(self.demands["RATE"], self.limits["ACCELERATION", "RATE"], now_ns)
-        else:
+        elif self.interlock == "Fault":
+            self.motion.run_at(0.0, self.limits["ACCELERATION", "ABORT"], now_ns)
+        elif self.mode in ("Rate", "Arate"):
+            self.motion.run_at(self.demand("RATE"), self.limits["ACCELERATION", "RATE"], now_ns)
+        elif self.mode == "Position":
             here_deg = float(self.motion.angle_deg(now_ns))
-            way_deg = self.rolled_over(self.demands["POSITION"] + self.offset_deg - here_deg)
+            way_deg = self.rolled_over(self.demand("POSITION") + self.offset_deg - here_deg)
             limits = self.limits["RATE", "POSITION"], self.limits["ACCELERATION", "POSITION"]
             self.motion.go_to(here_deg + way_deg, *limits, now_ns)
+        else:
+            self.motion.run_at(0.0, self.limits["ACCELERATION", "OFF"], now_ns)
 
     def rolled_over(self, angle_deg: float) -> float:
         """Return an angle as the controller counts it."""
@@ -99,25 +117,25 @@ class Acutrol3000(CommandDevice):
         motion = getattr(self.world, "motion", None) or [AxisMotion() for _ in ABSOLUTE]
         self.axes = [Axis(number, axis_motion) for number, axis_motion in enumerate(motion, 1)]
         for axis in self.axes:
-            for mode in ("POSITION", "RATE"):
+            for mode in map(str.upper, _MODES):
                 axis.limits["RATE", mode], axis.limits["ACCELERATION", mode] = axis.absolute[:2]
+            for mode in ("OFF", "ABORT"):
+                axis.limits["ACCELERATION", mode] = BRAKE_DEG_S2
         self._errors: deque[tuple[int, str]] = deque(maxlen=_QUEUE)
         self._events = 0
         self._deaf_until_ns = -1
         self._binary = False
         self._noise = self.rng("table encoders")
 
-    def leave_more(self, draw: np.random.Generator) -> None:
-        self._binary = bool(draw.integers(2))
+    def leave(self, setting: str) -> None:
+        self._deaf_until_ns = -1  # somebody took the time
+        super().leave(setting)
+
+    def press(self, keys: str) -> None:
+        """The emergency stop: all interlocks are in fault."""
         for axis in self.axes:
-            for what, mode in axis.limits:
-                axis.limits[what, mode] *= draw.uniform(0.01, 1.0)
-            axis.demands = {"POSITION": draw.uniform(-180.0, 180.0), "RATE": draw.uniform(-3.0, 3.0)}
-            axis.mode = str(draw.choice(["Off", "Position", "Rate"]))
-            axis.interlock = str(draw.choice(["Open", "Open", "Closed", "Fault"]))
+            axis.interlock = "Fault"
             axis.obey(self.now_ns)
-        for _ in range(int(draw.integers(_QUEUE + 1))):
-            self.error(*NOT_RECOGNIZED)
 
     def outputs(self) -> dict[str, Any]:
         rates = [round(float(axis.motion.rate_deg_s(self.now_ns)), 3) for axis in self.axes]
@@ -182,10 +200,12 @@ class Acutrol3000(CommandDevice):
             raise CommandError(*NOT_RECOGNIZED)
         colon, header, query, text = match.groups()
         words = (header if colon or not self._parents else f"{self._parents}:{header}").split(":")
-        count, method = _command(words, bool(query))
+        method = _command(words, bool(query))
         arguments = [part.strip() for part in text.split(",")] if text else []
-        if len(arguments) != count:
-            raise CommandError(*BAD_ARGUMENT)
+        try:
+            inspect.signature(method).bind(self, *arguments)
+        except TypeError:  # another number of arguments
+            raise CommandError(*BAD_ARGUMENT) from None
         reply = method(self, *arguments)
         self._parents = ":".join(words[:-1])
         return reply
@@ -224,62 +244,80 @@ class Acutrol3000(CommandDevice):
             axis.interlock, axis.mode = "Open", "Off"
             axis.obey(self.now_ns)
 
-    def _set_mode(self, number: str, mode: str) -> None:
+    def _set_mode(self, number: str, interval: str = "", *, mode: str) -> None:
         axis = self._axis(number)
-        axis.mode = mode
+        axis.mode = _chosen(mode, _MODES)
         axis.obey(self.now_ns)
 
-    def _demand(self, what: str, number: str, text: str) -> None:
-        axis, value = self._axis(number), _number(text)
+    def _demand(self, number: str, text: str, *, what: str) -> None:
+        axis, value = self._scaled(number, text)
         if what == "RATE" and abs(value) > axis.limits["RATE", "RATE"]:
             raise CommandError(*LIMIT_EXCEEDED)
         axis.demands[what] = axis.rolled_over(value) if what == "POSITION" else value
-        if axis.mode.upper() == what:
+        if axis.mode.upper().endswith(what):
             axis.obey(self.now_ns)
 
-    def _choose_mode(self, number: str, word: str) -> None:
-        mode = next((mode for mode in ("Off", "Position", "Rate") if word and mode.upper().startswith(word)), None)
-        if mode is None:
-            raise CommandError(*BAD_ARGUMENT)
-        self._set_mode(number, mode)
+    def _demand_of(self, number: str, *, what: str) -> str:
+        axis = self._axis(number)
+        return self._formed(axis, axis.demands[what], 6)
+
+    def _sum(self, number: str, state: str, enable: str, *configuration: str) -> None:
+        axis, state = self._axis(number), _chosen(state, _STATES)
+        axis.sums[state] = [_chosen(enable, ("ENABLE", "DISABLE"))[0], *(configuration or axis.sums[state][1:])]
+        axis.obey(self.now_ns)
+
+    def _sum_of(self, number: str, state: str) -> str:
+        return ",".join(self._axis(number).sums[_chosen(state, _STATES)])
 
     def _absolute(self, number: str) -> str:
-        return ",".join(self._formed(cap, 4) for cap in self._axis(number).absolute)
+        axis = self._axis(number)
+        return ",".join(self._formed(axis, cap, 4) for cap in axis.absolute)
 
     def _step(self, number: str, text: str) -> None:
-        axis = self._axis(number)
-        self._demand("POSITION", number, repr(axis.demands["POSITION"] + _number(text)))
+        axis, value = self._scaled(number, text)
+        self._demand(number, repr((axis.demands["POSITION"] + value) * axis.scale), what="POSITION")
 
-    def _limit(self, what: str, mode: str, number: str, text: str) -> None:
-        axis, value = self._axis(number), _number(text)
+    def _limit(self, mode: str, number: str, text: str, *, what: str) -> None:
+        axis, value = self._scaled(number, text)
         if not 0.0 < value <= axis.absolute[0 if what == "RATE" else 1]:
             raise CommandError(*LIMIT_EXCEEDED)
-        axis.limits[what, _mode(mode)] = value
+        axis.limits[what, _chosen(mode, _MODES).upper()] = value
 
-    def _limit_of(self, what: str, mode: str, number: str) -> str:
-        return self._formed(self._axis(number).limits[what, _mode(mode)], 4)
+    def _limit_of(self, mode: str, number: str, *, what: str) -> str:
+        axis = self._axis(number)
+        return self._formed(axis, axis.limits[what, _chosen(mode, _MODES).upper()], 4)
 
     def _read_position(self, number: str) -> str:
         axis = self._axis(number)
         true_deg = float(axis.motion.angle_deg(self.now_ns))
         shown_deg = axis.rolled_over(true_deg + self._noise.normal(0.0, POSITION_NOISE_DEG))
-        return self.reading(self._formed(shown_deg, 4))
+        return self.reading(self._formed(axis, shown_deg, 4))
 
     def _read_rate(self, number: str) -> str:
-        true_deg_s = float(self._axis(number).motion.rate_deg_s(self.now_ns))
-        return self.reading(self._formed(true_deg_s + self._noise.normal(0.0, RATE_NOISE_DEG_S), 4))
+        axis = self._axis(number)
+        true_deg_s = float(axis.motion.rate_deg_s(self.now_ns))
+        return self.reading(self._formed(axis, true_deg_s + self._noise.normal(0.0, RATE_NOISE_DEG_S), 4))
 
-    def _formed(self, value: float, digits: int) -> str:
+    def _scaled(self, number: str, text: str) -> tuple[Axis, float]:
+        axis = self._axis(number)
+        return axis, _number(text) / axis.scale
+
+    def _formed(self, axis: Axis, value: float, digits: int) -> str:
         """Return a number in figures; as a block of four bytes, of which a bus of text shows the head alone."""
-        return "#14...." if self._binary else f"{value:.{digits}f}"
+        return "#14...." if self._binary else f"{value * axis.scale:.{digits}f}"
 
     def _set_format(self, word: str) -> None:
-        if not word or not ("BINARY".startswith(word) or "FLOAT".startswith(word)):
-            raise CommandError(*BAD_ARGUMENT)
-        self._binary = word[0] == "B"
+        self._binary = _chosen(word, ("Binary", "Float")) == "Binary"
+
+    def _scale(self, number: str, full: str, factor: str, offset: str, unit: str) -> None:
+        axis = self._axis(number)
+        axis.scale, axis.unit = _number(factor) / RANGE_DEG, unit.lower()
+        axis.range_deg = _number(full) / axis.scale
 
     def _scaling(self, number: str) -> str:
-        return f"{self._axis(number).range_deg:.4f},360.0000,0.0000,deg,NR2,NR2,NR2,NR2,NR2"
+        axis = self._axis(number)
+        full, factor = axis.range_deg * axis.scale, RANGE_DEG * axis.scale
+        return f"{full:.4f},{factor:.4f},0.0000,{axis.unit},NR2,NR2,NR2,NR2,NR2"
 
     def _next_message(self, queue: str) -> str:
         if queue != "QERROR":
@@ -287,39 +325,42 @@ class Acutrol3000(CommandDevice):
         return ",".join(map(str, self._errors.popleft())) if self._errors else ""
 
 
-_COMMANDS: dict[tuple[str, bool], tuple[int, Callable[..., str | None]]] = {
-    ("INTERLOCK:RESET", False): (0, Acutrol3000._reset),
-    ("INTERLOCK:CLOSE", False): (1, Acutrol3000._close),
-    ("INTERLOCK:OPEN", False): (1, Acutrol3000._open),
-    ("INTERLOCK", True): (1, lambda table, number: table._axis(number).interlock),
-    ("MODE:OFF", False): (1, lambda table, number: table._set_mode(number, "Off")),
-    ("MODE:POSITION", False): (1, lambda table, number: table._set_mode(number, "Position")),
-    ("MODE:RATE", False): (1, lambda table, number: table._set_mode(number, "Rate")),
-    ("MODE", True): (1, lambda table, number: table._axis(number).mode[0]),
-    ("DEMAND:POSITION", False): (2, lambda table, *given: table._demand("POSITION", *given)),
-    ("DEMAND:RATE", False): (2, lambda table, *given: table._demand("RATE", *given)),
-    ("DEMAND:POSITION", True): (1, lambda table, number: table._formed(table._axis(number).demands["POSITION"], 6)),
-    ("DEMAND:RATE", True): (1, lambda table, number: table._formed(table._axis(number).demands["RATE"], 6)),
-    ("LIMIT:RATE", False): (3, lambda table, *given: table._limit("RATE", *given)),
-    ("LIMIT:ACCELERATION", False): (3, lambda table, *given: table._limit("ACCELERATION", *given)),
-    ("LIMIT:RATE", True): (2, lambda table, mode, number: table._limit_of("RATE", mode, number)),
-    ("LIMIT:ACCELERATION", True): (2, lambda table, mode, number: table._limit_of("ACCELERATION", mode, number)),
-    ("LIMIT:ABSOLUTE", True): (1, Acutrol3000._absolute),
-    ("READ:POSITION", True): (1, Acutrol3000._read_position),
-    ("READ:RATE", True): (1, Acutrol3000._read_rate),
-    ("DEMAND:DELTAPOSITION", False): (2, Acutrol3000._step),
-    ("QUERY:ERROR", True): (1, lambda table, code: _TEXTS.get(code, "UNKNOWN ERROR")),
-    ("STATUS:MSG", True): (1, Acutrol3000._next_message),
-    ("STATUS:MSGCLR", False): (1, lambda table, queue: table._errors.clear()),
-    ("UTILITY:FORMAT", False): (1, Acutrol3000._set_format),
-    ("UTILITY:FORMAT", True): (0, lambda table: "BINARY" if table._binary else "FLOAT"),
-    ("CONFIGURE:SCALING", True): (1, Acutrol3000._scaling),
-    ("MODE", False): (2, lambda table, number, word: table._choose_mode(number, word)),
-}  # fmt: skip
+_DEMANDS, _LIMITS = ("POSITION", "RATE"), ("RATE", "ACCELERATION")
+_ALIKE = (
+    ("DEMAND", _DEMANDS, False, Acutrol3000._demand), ("DEMAND", _DEMANDS, True, Acutrol3000._demand_of),
+    ("LIMIT", _LIMITS, False, Acutrol3000._limit), ("LIMIT", _LIMITS, True, Acutrol3000._limit_of),
+)  # fmt: skip
+Handler = Callable[..., str | None]
+_COMMANDS: dict[tuple[str, bool], Handler] = {
+    ("INTERLOCK:RESET", False): Acutrol3000._reset,
+    ("INTERLOCK:CLOSE", False): Acutrol3000._close,
+    ("INTERLOCK:OPEN", False): Acutrol3000._open,
+    ("INTERLOCK", True): lambda table, number: table._axis(number).interlock,
+    **{(f"MODE:{mode.upper()}", False): partial(Acutrol3000._set_mode, mode=mode.upper()) for mode in _MODES},
+    ("MODE", False): lambda table, number, mode: table._set_mode(number, mode=mode),
+    ("MODE", True): lambda table, number: table._axis(number).mode[0],
+    **{
+        (f"{group}:{what}", asks): partial(method, what=what) for group, whats, asks, method in _ALIKE for what in whats
+    },
+    ("READ:POSITION", True): Acutrol3000._read_position,
+    ("READ:RATE", True): Acutrol3000._read_rate,
+    ("LIMIT:ABSOLUTE", True): Acutrol3000._absolute,
+    ("DEMAND:DELTAPOSITION", False): Acutrol3000._step,
+    ("DEMAND:OSCILLATOR", False): lambda table, number, magnitude, frequency, phase: None,
+    ("CONFIGURE:DEMANDSUM", False): Acutrol3000._sum,
+    ("CONFIGURE:DEMANDSUM", True): Acutrol3000._sum_of,
+    ("CONFIGURE:SCALING", False): Acutrol3000._scale,
+    ("CONFIGURE:SCALING", True): Acutrol3000._scaling,
+    ("QUERY:ERROR", True): lambda table, code: _TEXTS.get(code, "UNKNOWN ERROR"),
+    ("STATUS:MSG", True): Acutrol3000._next_message,
+    ("STATUS:MSGCLR", False): lambda table, queue: table._errors.clear(),
+    ("UTILITY:FORMAT", False): Acutrol3000._set_format,
+    ("UTILITY:FORMAT", True): lambda table: "BINARY" if table._binary else "FLOAT",
+}
 
 
-def _command(words: list[str], query: bool) -> tuple[int, Callable[..., str | None]]:
-    """Return number of arguments and function of a header whose words are beginnings of those of a command."""
+def _command(words: list[str], query: bool) -> Handler:
+    """Return the function of a header whose words are beginnings of those of a command."""
     for (header, asks), command in _COMMANDS.items():
         whole = header.split(":")
         if asks == query and len(whole) == len(words) and all(map(str.startswith, whole, words)):
@@ -327,11 +368,12 @@ def _command(words: list[str], query: bool) -> tuple[int, Callable[..., str | No
     raise CommandError(*NOT_RECOGNIZED)
 
 
-def _mode(text: str) -> str:
-    mode = next((mode for mode in ("POSITION", "RATE") if text and mode.startswith(text)), None)
-    if mode is None:
+def _chosen(text: str, words: Iterable[str]) -> str:
+    """Return the word that begins so."""
+    found = next((word for word in words if text and word.upper().startswith(text)), None)
+    if found is None:
         raise CommandError(*BAD_ARGUMENT)
-    return mode
+    return found
 
 
 def _number(text: str) -> float:

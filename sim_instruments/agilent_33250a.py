@@ -2,8 +2,10 @@
 function-generator input.
 
 Source: 33250A User's Guide (remote interface; ranges of square waves, load and amplitude; burst, sweep and modulation
-end each other; VRMS and DBM, which needs a load). The unit's input has a high impedance: with the load setting at
-50 ohm its amplitude is twice the programmed one.
+end each other; VRMS and DBM, which needs a load; 166: a pulse ends before the next one begins); specifications (what
+can be swept, modulated, given in bursts). The unit's input has a high impedance: with the load setting at 50 ohm its
+amplitude is twice the programmed one. Placeholders: the error of an amplitude without autorange; a pulse that does not
+fit is refused, where the real one shortens it and tells so.
 """
 
 from __future__ import annotations
@@ -12,12 +14,12 @@ import math
 from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
-
 from sim_instruments.bus.kept import (
+    Held,
     HeldSettings,
     Kept,
     KeptSettings,
+    held_number,
     held_switch,
     held_word,
     word,
@@ -38,8 +40,11 @@ UNIT_THRESHOLD_VPP = 0.5  # smaller signals are not counted by the unit
 INFINITE_OHM = 9.9e37
 BURST_HZ, SWEEP_HZ, FSK_HZ = 100.0, 550.0, 100.0  # after *RST: trigger period, mean of 100 Hz to 1 kHz, hop
 _MODULATED = 0.99  # cycles of a modulated square that the unit's threshold counts
+_EDGES = 1.6  # edge times between the end of a pulse and the next one
+_HELD_RANGE = 1.02
 _MODES = {"BURS": "BURSt", "SWE": "SWEep", "AM": "AM", "FM": "FM", "FSK": "FSKey"}
 _CREST = {"SIN": 2.0 * math.sqrt(2.0), "SQU": 2.0, "PULS": 2.0, "RAMP": 2.0 * math.sqrt(3.0)}  # peak to peak over RMS
+_NOT_IN = {"BURS": ("DC",), **dict.fromkeys(("SWE", "AM", "FM", "FSK"), ("DC", "NOIS", "PULS"))}  # functions by mode
 _HIGHEST_HZ = {"USER": 25e6, "SIN": 80e6, "SQU": 80e6, "RAMP": 1e6, "PULS": 50e6, "NOIS": 80e6, "DC": 80e6}
 
 
@@ -49,18 +54,41 @@ class Agilent33250A(ScpiDevice):
     identity = "Agilent Technologies,33250A,SIM33250,1.05-1.01-1.00-03-1"
     answers: ClassVar[Answers] = {
         "[:SOURce]:FUNCtion[:SHAPe]?": lambda self: self.function,
-        "[:SOURce]:FREQuency?": lambda self: f"{self.frequency_Hz:+.13E}",
         "[:SOURce]:VOLTage?": lambda self: f"{self._in_unit(self.amplitude_V, self.amplitude_unit):+.13E}",
-        "[:SOURce]:VOLTage:OFFSet?": lambda self: f"{self.offset_V:+.13E}",
         "[:SOURce]:VOLTage:HIGH?": lambda self: f"{self.offset_V + self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:LOW?": lambda self: f"{self.offset_V - self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
-        "[:SOURce]:FUNCtion:SQUare:DCYCle?": lambda self: f"{self.duty_percent:+.13E}",
+        "[:SOURce]:PULSe:PERiod?": lambda self: f"{1.0 / self.frequency_Hz:+.13E}",
         ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
+        **{
+            f"[:SOURce]:{node}:STATe?": lambda self, mode=mode: str(int(self.mode == mode))
+            for mode, node in _MODES.items()
+        },
     }
     held: ClassVar[HeldSettings] = {
         ":OUTPut:POLarity": held_word("polarity", "NORMal", "INVerted"),
         ":OUTPut[:STATe]": held_switch("on", applied=True),
+        "[:SOURce]:VOLTage:RANGe:AUTO": held_switch("autorange", applied=True),
+        "[:SOURce]:FREQuency": Held(
+            "frequency_Hz",
+            lambda self, text: round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6),
+            "+.13E",
+            applied=True,
+        ),
+        "[:SOURce]:VOLTage:OFFSet": Held(
+            "offset_V", lambda self, text: self.number(text, -self._room_V, self._room_V, "V"), "+.13E"
+        ),
+        "[:SOURce]:FUNCtion:SQUare:DCYCle": Held(
+            "duty_percent",
+            lambda self, text: self.number(text, 50.0 - self._duty_room, 50.0 + self._duty_room),
+            "+.13E",
+        ),
+        "[:SOURce]:PULSe:WIDTh": Held(
+            "width_s",
+            lambda self, text: self.number(text, 8e-9, 1.0 / self.frequency_Hz - _EDGES * self.edge_s, "s"),
+            "+.13E",
+        ),
+        "[:SOURce]:PULSe:TRANsition": held_number("edge_s", 5e-9, 1e-3, "s", "+.13E"),
     }
 
     kept: ClassVar[KeptSettings] = {
@@ -74,38 +102,22 @@ class Agilent33250A(ScpiDevice):
         "[:SOURce]:BURSt:GATE:POLarity": word("NORMal", "INVerted"),
         "[:SOURce]:PHASe": Kept(0.0, -360.0, 360.0),
         "[:SOURce]:FUNCtion:RAMP:SYMMetry": Kept(100.0, 0.0, 100.0),
-        ":PULSe:PERiod": Kept(1e-3, 20e-9, 2000.0, "S"),
-        ":PULSe:WIDTh": Kept(100e-6, 8e-9, 2000.0, "S"),
-        ":PULSe:TRANsition": Kept(5e-9, 5e-9, 1e-3, "S"),
         ":TRIGger:SOURce": word("IMMediate", "EXTernal", "BUS"),
         ":TRIGger:SLOPe": word("POSitive", "NEGative"),
         ":TRIGger:DELay": Kept(0.0, 0.0, 85.0, "S"),
     }
 
     def power_up(self) -> None:
-        self.error_ppm = 0.0
-        super().power_up()
         draw = self.rng("function generator frequency")
         self.error_ppm = draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM)
+        super().power_up()
 
     def reset(self) -> None:
         self.function, self.frequency_Hz = "SIN", 1e3
         self.amplitude_V, self.offset_V, self.amplitude_unit = 0.1, 0.0, "VPP"
         self.load_ohm, self.on = 50.0, False
-        self.mode, self.polarity, self.duty_percent = "", "NORM", 50.0
-        self._apply()
-
-    def leave_more(self, draw: np.random.Generator) -> None:
-        self.mode = str(draw.choice(["", *_MODES]))
-        self.function = str(draw.choice(["SIN", "SQU", "RAMP", "PULS"]))
-        self.frequency_Hz = round(10.0 ** draw.uniform(-3.0, 5.9), 6)
-        self.load_ohm = float(draw.choice([50.0, 75.0, 1e4, INFINITE_OHM]))
-        self.amplitude_V = draw.uniform(0.02, 0.5) * self._largest_V()
-        room_V = (self._largest_V() - self.amplitude_V) / 2.0
-        self.offset_V = draw.uniform(-room_V, room_V)
-        self.amplitude_unit = str(draw.choice(["VPP", "VRMS"]))
-        self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), draw.uniform(20.0, 80.0)
-        self.on = bool(draw.integers(2))
+        self.mode, self.polarity, self.duty_percent, self.autorange = "", "NORM", 50.0, True
+        self.width_s, self.edge_s = 100e-6, 5e-9
         self._apply()
 
     @property
@@ -125,9 +137,24 @@ class Agilent33250A(ScpiDevice):
     @property
     def open_amplitude_V(self) -> float:
         """Peak-to-peak amplitude at a high-impedance input, volt."""
-        return self.amplitude_V * (1.0 if self.load_ohm == INFINITE_OHM else (self.load_ohm + 50.0) / self.load_ohm)
+        return self.amplitude_V / self._share * (1.0 if self.autorange else _HELD_RANGE)
+
+    @property
+    def _share(self) -> float:
+        """Part of an open output's amplitude that its load setting says is at the load."""
+        return 1.0 if self.load_ohm == INFINITE_OHM else self.load_ohm / (self.load_ohm + 50.0)
+
+    @property
+    def _duty_room(self) -> float:
+        """How far a duty cycle may be from 50 %, at most."""
+        return 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
 
     def _apply(self) -> None:
+        """Put out what is set, but for a duty cycle that the frequency has not: it is reduced and told."""
+        off_50 = self.duty_percent - 50.0
+        if self.function == "SQU" and abs(off_50) > self._duty_room:
+            self.duty_percent = 50.0 + math.copysign(self._duty_room, off_50)
+            self.error(*SETTINGS_CONFLICT)
         counted = self.open_amplitude_V >= UNIT_THRESHOLD_VPP
         if self.is_first:
             self.world.unit.set_fg(self.true_frequency_Hz if counted else 0.0, self.now_ns)
@@ -135,8 +162,13 @@ class Agilent33250A(ScpiDevice):
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "frequency_Hz": self.frequency_Hz, "amplitude_V": self.amplitude_V}
 
+    @property
     def _largest_V(self) -> float:
-        return 10.0 * (2.0 if self.load_ohm == INFINITE_OHM else 2.0 * self.load_ohm / (self.load_ohm + 50.0))
+        return 20.0 * self._share
+
+    @property
+    def _room_V(self) -> float:
+        return (self._largest_V - self.amplitude_V) / 2
 
     @command("[:SOURce]:FUNCtion[:SHAPe]")
     def _set_function(self, text: str) -> None:
@@ -144,20 +176,23 @@ class Agilent33250A(ScpiDevice):
         if self.frequency_Hz > _HIGHEST_HZ[function]:
             self.frequency_Hz = _HIGHEST_HZ[function]
             self.error(*SETTINGS_CONFLICT)
+        if function in _NOT_IN.get(self.mode, ()):
+            self.mode = ""
+            self.error(*SETTINGS_CONFLICT)
         self.function = function
         self._apply()
 
-    @command("[:SOURce]:FREQuency")
-    def _set_frequency(self, text: str) -> None:
-        self.frequency_Hz = round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6)
+    @command("[:SOURce]:PULSe:PERiod")
+    def _set_period(self, text: str) -> None:
+        self.frequency_Hz = 1.0 / self.number(text, max(20e-9, self.width_s + _EDGES * self.edge_s), 2000.0, "s")
         self._apply()
 
     @command("[:SOURce]:VOLTage")
     def _set_amplitude(self, text: str) -> None:
         unit = next((unit for unit in ("VPP", "VRMS", "DBM") if text.upper().endswith(unit)), self.amplitude_unit)
-        bounds = (self._in_unit(bound_V, unit) for bound_V in (self._largest_V() / 1000.0, self._largest_V()))
+        bounds = (self._in_unit(bound_V, unit) for bound_V in (self._largest_V / 1000.0, self._largest_V))
         amplitude_V = self._from_unit(self.number(text.upper().removesuffix(unit), *bounds, "V"), unit)
-        if amplitude_V / 2 + abs(self.offset_V) > self._largest_V() / 2:
+        if amplitude_V / 2 + abs(self.offset_V) > self._largest_V / 2:
             raise ScpiError(*SETTINGS_CONFLICT)
         self.amplitude_V = round(amplitude_V, 4)
         self._apply()
@@ -166,23 +201,22 @@ class Agilent33250A(ScpiDevice):
         """Return an amplitude in VPP, VRMS or DBM (of the power in the load)."""
         if unit == "VPP":
             return peak_to_peak_V
-        rms_V = peak_to_peak_V / _CREST.get(self.function, _CREST["SIN"])
+        rms_V = peak_to_peak_V / self._crest
         return rms_V if unit == "VRMS" else 10.0 * math.log10(rms_V**2 / self._finite_load_ohm() / 1e-3)
 
     def _from_unit(self, value: float, unit: str) -> float:
         if unit == "DBM":
             value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._finite_load_ohm())
-        return value if unit == "VPP" else value * _CREST.get(self.function, _CREST["SIN"])
+        return value if unit == "VPP" else value * self._crest
+
+    @property
+    def _crest(self) -> float:
+        return _CREST.get(self.function, _CREST["SIN"])
 
     def _finite_load_ohm(self) -> float:
         if self.load_ohm == INFINITE_OHM:
             raise ScpiError(*SETTINGS_CONFLICT)  # no power goes into it
         return self.load_ohm
-
-    @command("[:SOURce]:VOLTage:OFFSet")
-    def _set_offset(self, text: str) -> None:
-        room_V = (self._largest_V() - self.amplitude_V) / 2
-        self.offset_V = self.number(text, -room_V, room_V, "V")
 
     @command("[:SOURce]:VOLTage:HIGH")
     def _set_high(self, text: str) -> None:
@@ -193,32 +227,21 @@ class Agilent33250A(ScpiDevice):
         self._between(self.number(text, -10.0, 10.0, "V"), self.offset_V + self.amplitude_V / 2.0)
 
     def _between(self, low_V: float, high_V: float) -> None:
-        largest_V = self._largest_V()
+        largest_V = self._largest_V
         if not largest_V / 1000.0 <= high_V - low_V or max(abs(low_V), abs(high_V)) > largest_V / 2.0:
             raise ScpiError(*SETTINGS_CONFLICT)
         self.amplitude_V, self.offset_V = round(high_V - low_V, 4), (high_V + low_V) / 2.0
         self._apply()
 
-    @command(":SYSTem:BEEPer[:IMMediate]")
-    def _beep(self, _: str) -> None:
-        """Nobody hears it."""
-
-    @command("[:SOURce]:FUNCtion:SQUare:DCYCle")
-    def _set_duty(self, text: str) -> None:
-        off_50 = 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
-        self.duty_percent = self.number(text, 50.0 - off_50, 50.0 + off_50)
-
     def further(self) -> Handlers:
         switches = {f"[:SOURce]:{node}:STATe": partial(self._switch_mode, mode) for mode, node in _MODES.items()}
-        asked = {f"[:SOURce]:{node}:STATe?": partial(self._is_mode, mode) for mode, node in _MODES.items()}
-        return switches | asked
-
-    def _is_mode(self, mode: str, _: str) -> str:
-        return str(int(self.mode == mode))
+        return switches | {":SYSTem:BEEPer[:IMMediate]": lambda _: None}  # nobody hears it
 
     def _switch_mode(self, mode: str, text: str) -> None:
         """One of burst, sweep and modulation at a time: each that is switched on ends the one before."""
         if self.boolean(text):
+            if self.function in _NOT_IN[mode]:
+                raise ScpiError(*SETTINGS_CONFLICT)
             self.mode = mode
         elif self.mode == mode:
             self.mode = ""
@@ -237,20 +260,21 @@ class Agilent33250A(ScpiDevice):
         if len(values) > 3:
             raise ScpiError(*OUT_OF_RANGE)
         self._set_function("SQU")
-        for setter, value in zip((self._set_frequency, self._set_amplitude, self._set_offset), values, strict=False):
-            setter(value)
+        self.duty_percent = 50.0
+        for header, value in zip((":FREQ", ":VOLT", ":VOLT:OFFS"), values, strict=False):
+            self.carry_out(f"{header} {value}")
         self.on = True
         self._apply()
 
     @command(":OUTPut:LOAD")
     def _set_load(self, text: str) -> None:
-        """The amplitude at the old load stays what the terminal really gives: the displayed value changes with it."""
-        load_ohm = self.number(text, 1.0, 1e4, "Ohm", INF=INFINITE_OHM, INFINITY=INFINITE_OHM, MAX=INFINITE_OHM)
-        open_V = self.open_amplitude_V
-        self.load_ohm = load_ohm
-        if load_ohm == INFINITE_OHM and self.amplitude_unit == "DBM":
+        """Amplitude and offset stay what the terminal really gives: those that are displayed change with it."""
+        before = self._share
+        self.load_ohm = self.number(text, 1.0, 1e4, "Ohm", INF=INFINITE_OHM, INFINITY=INFINITE_OHM, MAX=INFINITE_OHM)
+        if self.load_ohm == INFINITE_OHM and self.amplitude_unit == "DBM":
             self.amplitude_unit = "VPP"
-        self.amplitude_V = open_V * (1.0 if load_ohm == INFINITE_OHM else load_ohm / (load_ohm + 50.0))
+        self.amplitude_V *= self._share / before
+        self.offset_V *= self._share / before
         self._apply()
 
 

@@ -1,17 +1,27 @@
 """Simulated Agilent 53230A counter, input 1 on the function generator's output, external 10 MHz reference connected.
 
 Source: 53220A/53230A Programmer's Reference (FREQuency, SENSe:FREQuency:GATE, ROSCillator, questionable status
-bit 10 = reference). Placeholders: without a signal the measurement ends 1 s after its gate with 9.91E37.
+bit 10 = reference); User's Guide (131, 133: CONFigure, MEASure and *RST find the threshold by themselves, a threshold
+that is given ends that; 140: low-pass at 100 kHz, which CONFigure leaves; 198: scaling); opronningen/53230A-Toolkit,
+Learn/Learn.cs (settings after *RST, without the reference). Placeholders: without a signal the measurement ends 1 s
+after its gate with 9.91E37; the least signal; the reference value of a scale is always the reading itself.
 """
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
 from sim_instruments.agilent_33250a import Agilent33250A
-from sim_instruments.bus.kept import HeldSettings, held_count, held_number, held_word
+from sim_instruments.bus.kept import (
+    HeldSettings,
+    Kept,
+    KeptSettings,
+    held_count,
+    held_number,
+    held_switch,
+    held_word,
+    word,
+)
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command, words
 from sim_instruments.faults.fault import Fault, NamedFaults, becomes
 
@@ -21,6 +31,9 @@ EXTERNAL_SIGMA, INTERNAL_SIGMA = 1e-9, 2e-7  # relative errors of the laboratory
 RESOLUTION_S = 2e-11  # one shot; the resolution of a frequency is this over the gate time
 _NO_SIGNAL_S = 1.0
 _MOST_READINGS = 1000
+_FILTER_HZ = 100e3
+_LEAST = 0.004  # RMS value that is counted, part of the input's range
+_FUNCTION = "[:SENSe]:FUNCtion[:ON]"
 
 
 class Agilent53230A(ScpiDevice):
@@ -34,68 +47,93 @@ class Agilent53230A(ScpiDevice):
     reference_lost = False
     identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
     answers: ClassVar[Answers] = {
-        "[:SENSe]:FUNCtion[:ON]?": lambda _: '"FREQ 1"',
-        "[:SENSe]:ROSCillator:SOURce?": lambda self: self.reference,
+        ":INPut1:LEVel[:ABSolute]?": lambda self: f"{self.level_V:+.8E}",
     }
     held: ClassVar[HeldSettings] = {
         "[:SENSe]:FREQuency:GATE:TIME": held_number("gate_s", 1e-6, 1000.0, "s", "+.15E"),
         "[:SENSe]:FREQuency:GATE:SOURce": held_word("gate_source", "TIME", "IMMediate", "EXTernal"),
+        "[:SENSe]:ROSCillator:SOURce": held_word("reference", "INTernal", "EXTernal"),
         ":SAMPle:COUNt": held_count("samples", 1, 1_000_000, "+.14E"),
         ":TRIGger:COUNt": held_count("triggers", 1, 1_000_000, "+.14E"),
         ":TRIGger:SOURce": held_word("trigger_source", "IMMediate", "EXTernal", "BUS"),
-        ":INPut1:IMPedance": held_number("impedance_ohm", 50.0, 1e6, "Ohm", "+.14E"),
+        ":TRIGger:DELay": held_number("delay_s", 0.0, 3600.0, "s", "+.14E"),
+        ":INPut1:LEVel:AUTO": held_switch("finds_level"),
+        ":INPut1:RANGe": held_number("range_V", 5.0, 50.0, "V", "+.8E"),
+        ":INPut1:FILTer[:LPASs][:STATe]": held_switch("filters"),
+        ":CALCulate1[:STATe]": held_switch("calculates"),
+        ":CALCulate1:SCALe[:STATe]": held_switch("scales"),
+        ":CALCulate1:SCALe:FUNCtion": held_word("scale", "NULL", "PCT", "PPM", "PPB", "SCALe"),
+        ":CALCulate1:SCALe:GAIN": held_number("gain", -1e15, 1e15, form="+.14E"),
     }
+    kept: ClassVar[KeptSettings] = {
+        _FUNCTION: Kept("FREQ 1", choices=("FREQuency 1", "FREQuency 2", "FREQuency"), text=True),
+        "[:SENSe]:FREQuency:MODE": word("AUTO", "RECiprocal", "CONTinuous"),
+        "[:SENSe]:FREQuency:GATE:POLarity": word("NEGative", "POSitive"),
+        "[:SENSe]:ROSCillator:EXTernal:FREQuency": Kept(1e7, 1e6, 1e7, "Hz"),
+        ":INPut1:IMPedance": Kept(1e6, 50.0, 1e6, "Ohm"),
+        ":INPut1:COUPling": word("AC", "DC"),
+        ":INPut1:SLOPe": word("POSitive", "NEGative"),
+        ":INPut1:PROBe": Kept(1, 1, 10),
+        ":INPut1:LEVel:RELative": Kept(50, 10, 90),
+        ":CALCulate1:SCALe:REFerence:AUTO": Kept(True),
+        ":FORMat[:DATA]": Kept("ASC,15"),
+        ":SYSTem:TIMeout": Kept(9.9e37, 0.01, 2000.0, "s", infinite=True),
+        **dict.fromkeys((
+            "[:SENSe]:ROSCillator:SOURce:AUTO", ":INPut1:NREJect", ":CALCulate1:SMOothing[:STATe]",
+            ":CALCulate1:AVERage[:STATe]", ":OUTPut[:STATe]"), Kept(False)),
+    }  # fmt: skip
 
     def power_up(self) -> None:
+        self.reference = "INT"
         super().power_up()
         self._external = self.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA)
         self._internal = self.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA)
         self._noise = self.rng("counter noise")
 
     def reset(self) -> None:
-        self.gate_s, self.gate_source, self.reference = 0.1, "TIME", "INT"
-        self.samples, self.triggers, self.trigger_source, self.impedance_ohm = 1, 1, "IMM", 1e6
+        self.filters, self.range_V, self.delay_s = False, 5.0, 0.0
+        self.calculates, self.scales, self.scale, self.gain = False, False, "NULL", 1.0
         self._event = 0
+        self._configure("")
 
-    def leave_more(self, draw: np.random.Generator) -> None:
-        self.gate_s, self.gate_source = 10.0 ** draw.uniform(-3.0, 1.0), str(draw.choice(["TIME", "IMM", "EXT"]))
-        self.samples, self.triggers = int(draw.integers(1, 1000)), int(draw.integers(1, 10))
-        self.trigger_source = str(draw.choice(["IMM", "EXT", "BUS"]))
-        self.impedance_ohm = float(draw.choice([50.0, 1e6]))
-        self.reference = str(draw.choice(["INT", "EXT"]))
+    @property
+    def _counted_Hz(self) -> float:
+        """Frequency that is seen at the input of the function, hertz; 0 for none."""
+        source = self.partner(Agilent33250A)
+        if source is None or "2" in self._settings[_FUNCTION]:
+            return 0.0
+        peak_V, frequency_Hz = source.open_amplitude_V / 2.0, float(source.true_frequency_Hz)
+        reached = peak_V > _LEAST * self.range_V and (self.finds_level or abs(self.level_V) < peak_V)
+        return frequency_Hz if reached and not (self.filters and frequency_Hz > _FILTER_HZ) else 0.0
 
     def _measure(self) -> str:
-        source = self.partner(Agilent33250A)
-        frequency_Hz = source.true_frequency_Hz if source is not None else 0.0
+        frequency_Hz = self._counted_Hz
+        self.reply_after(self.delay_s + self.gate_s + (0.0 if frequency_Hz else _NO_SIGNAL_S))
         if frequency_Hz == 0.0:
-            self.reply_after(self.gate_s + _NO_SIGNAL_S)
             return f"{NOT_A_NUMBER:+.15E}"
         self._event |= REFERENCE_BIT if self.reference_lost and self.reference == "EXT" else 0
         error = self._external if self.reference == "EXT" and not self.reference_lost else self._internal
         noise = self._noise.normal(0.0, RESOLUTION_S / self.gate_s)
-        self.reply_after(self.gate_s)
-        return self.reading(f"{frequency_Hz * (1.0 - error + noise):+.15E}")
+        return self.reading(f"{self._calculated(frequency_Hz * (1.0 - error + noise)):+.15E}")
 
-    @command("[:SENSe]:FUNCtion[:ON]")
-    def _set_function(self, text: str) -> None:
-        self.word(text, "FREQ 1", "FREQ", "FREQUENCY 1", "FREQUENCY")
+    def _calculated(self, value: float) -> float:
+        if not (self.calculates and self.scales):
+            return value
+        return value * self.gain if self.scale == "SCAL" else 0.0  # nothing from itself
+
+    @command(":INPut1:LEVel[:ABSolute]")
+    def _set_level(self, text: str) -> None:
+        self.level_V, self.finds_level = self.number(text, -51.0, 51.0, "V"), False
 
     @command(":CONFigure:FREQuency")
     def _configure(self, text: str) -> None:
-        if words(text):
-            self.number(words(text)[0].strip(), 1e-3, 4e8)
+        numbers, _, channel = text.partition("(@")
+        if expected := words(numbers):
+            self.number(expected[0], 1e-3, 4e8, "Hz", DEF=1e7)
+        self._settings[_FUNCTION] = f'"FREQ {self.word(channel or "1)", "1)", "2)")[0]}"'
+        self.level_V, self.finds_level = 0.0, True
         self.gate_s, self.gate_source = 0.1, "TIME"
         self.samples, self.triggers, self.trigger_source = 1, 1, "IMM"
-
-    @command("[:SENSe]:ROSCillator:SOURce")
-    def _set_reference(self, text: str) -> None:
-        self.reference = self.word(text, "INTernal", "EXTernal")
-        if self.reference == "EXT" and self.reference_lost:
-            self._event |= REFERENCE_BIT
-
-    @command("[:SENSe]:ROSCillator:EXTernal:FREQuency")
-    def _set_external(self, text: str) -> None:
-        self.number(text, 1e6, 1e7)
 
     @command(":STATus:QUEStionable[:EVENt]?")
     def _questionable(self, _: str) -> str:
@@ -109,8 +147,6 @@ class Agilent53230A(ScpiDevice):
         if self.trigger_source != "IMM" or self.gate_source == "EXT":
             return None  # it waits for a trigger that nobody gives
         count = self.samples * self.triggers
-        if count == 1:
-            return self._measure()
         self.reply_after(count * self.gate_s)
         return ",".join(self._measure() for _ in range(min(count, _MOST_READINGS)))
 

@@ -2,19 +2,19 @@
 
 The selected rail is hidden state; one switch turns all three on and off.
 
-Source: E3631A User's Guide (INSTrument, VOLTage, CURRent, APPLy, MEASure, OUTPut; programming ranges).
+Source: E3631A User's Guide (INSTrument, VOLTage, CURRent, APPLy, MEASure; programming ranges; 77: OUTPut, tracking
+sets the -25 V rail as the +25 V one when it begins, then each as the other; 92: regulation of a rail).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
-import numpy as np
-
-from sim_instruments.bus.kept import HeldSettings, held_switch
-from sim_instruments.bus.scpi import MISSING_PARAMETER, Answers, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.kept import HeldSettings, Kept, KeptSettings, held_count, held_switch, word
+from sim_instruments.bus.scpi import Answers, Handlers, ScpiDevice, command, words
 
 _READ_S = 0.1
 GAIN_SIGMA = 1e-4
@@ -38,14 +38,21 @@ class AgilentE3631A(ScpiDevice):
 
     identity = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
     answers: ClassVar[Answers] = {
-        ":INSTrument:NSELect?": lambda self: f"{self.selected + 1}",
-        ":INSTrument[:SELect]?": lambda self: self.rails[self.selected].name,
-        "[:SOURce]:VOLTage?": lambda self: f"{self.rails[self.selected].voltage_V:+.8E}",
-        "[:SOURce]:CURRent?": lambda self: f"{self.rails[self.selected].current_A:+.8E}",
+        ":INSTrument[:SELect]?": lambda self: self.rail.name,
+        "[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]?": lambda self: f"{self.rail.voltage_V:+.8E}",
+        "[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]?": lambda self: f"{self.rail.current_A:+.8E}",
     }
     held: ClassVar[HeldSettings] = {
+        ":INSTrument:NSELect": held_count("number_selected", 1, 3, ""),
         ":OUTPut[:STATe]": held_switch("on"),
-        ":OUTPut:TRACk[:STATe]": held_switch("tracks"),
+        ":OUTPut:TRACk[:STATe]": held_switch("tracks", applied=True),
+    }
+    kept: ClassVar[KeptSettings] = {
+        ":INSTrument:COUPle[:TRIGger]": Kept("NONE"),
+        ":TRIGger[:SEQuence]:SOURce": word("BUS", "IMMediate"),
+        ":TRIGger[:SEQuence]:DELay": Kept(0.0, 0.0, 3600.0, "S"),
+        ":DISPlay[:WINDow][:STATe]": Kept(True),
+        ":DISPlay[:WINDow]:TEXT[:DATA]": Kept("", text=True),
     }
 
     def power_up(self) -> None:
@@ -59,18 +66,15 @@ class AgilentE3631A(ScpiDevice):
             Rail("P25V", 0.0, 25.75, 1.03, 150.0, current_A=1.0),
             Rail("N25V", -25.75, 0.0, 1.03, 150.0, current_A=1.0),
         )
-        self.selected, self.on, self.tracks = 0, False, False
-
-    def leave_more(self, draw: np.random.Generator) -> None:
-        for rail in self.rails:
-            rail.voltage_V, rail.current_A = (
-                draw.uniform(rail.low_V, rail.high_V),
-                draw.uniform(0.01, 1.0),
-            )
-        self.selected, self.on, self.tracks = int(draw.integers(3)), bool(draw.integers(2)), bool(draw.integers(2))
+        self.number_selected, self.on, self.tracks = 1, False, False
 
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "voltages_V": [rail.voltage_V for rail in self.rails]}
+
+    @property
+    def rail(self) -> Rail:
+        """The rail that is selected."""
+        return self.rails[self.number_selected - 1]
 
     def output(self, index: int) -> tuple[float, float]:
         """Return voltage (V) and current (A) of rail ``index`` (0 to 2) at its terminals."""
@@ -84,61 +88,59 @@ class AgilentE3631A(ScpiDevice):
             current_A = rail.current_A
         return voltage_V, current_A
 
+    def further(self) -> Handlers:
+        unseen = (":DISPlay[:WINDow]:TEXT:CLEar", ":SYSTem:BEEPer[:IMMediate]", ":SYSTem:REMote")  # remote it is anyway
+        return {
+            **dict.fromkeys(unseen, lambda _: None),
+            ":MEASure[:VOLTage][:DC]?": partial(self._measure, 0, 2e-4),
+            ":MEASure:CURRent[:DC]?": partial(self._measure, 1, 1e-4),
+            **{
+                f":STATus:QUEStionable:INSTrument:ISUMmary{number}:CONDition?": partial(self._regulation, number - 1)
+                for number in (1, 2, 3)
+            },
+        }
+
+    def _regulation(self, index: int, _: str) -> str:
+        """Tell 1 for a constant current, 2 for a constant voltage, 0 for an output that is off."""
+        return str(self.on * (1 if self.output(index)[1] >= self.rails[index].current_A else 2))
+
+    def _measure(self, what: int, noise: float, text: str) -> str:
+        self.reply_after(_READ_S)
+        index = self._index(text or self.rail.name)
+        return self.reading(f"{self.output(index)[what] + self._noise.normal(0.0, noise):+.8E}")
+
     def _index(self, text: str) -> int:
-        if not text:
-            return self.selected
-        return ("P6V", "P25V", "N25V").index(self.word(text, "P6V", "P25V", "N25V"))
+        names = [rail.name for rail in self.rails]
+        return names.index(self.word(text, *names))
 
-    def _limited(self, rail: Rail, voltage: str, current: str) -> None:
-        voltage_V = self.number(voltage, rail.low_V, rail.high_V) if voltage else rail.voltage_V
-        current_A = self.number(current, 0.0, rail.high_A) if current else rail.current_A
-        rail.voltage_V, rail.current_A = voltage_V, current_A
-        if self.tracks and rail is not self.rails[0]:
-            for other in self.rails[1:]:
-                other.voltage_V = math.copysign(voltage_V, other.low_V + other.high_V)
+    def _apply(self) -> None:
+        self._track(self.rails[1])
 
-    @command(":INSTrument:NSELect")
-    def _select_number(self, text: str) -> None:
-        self.selected = int(self.number(text, 1, 3)) - 1
+    def _track(self, leader: Rail) -> None:
+        if self.tracks and leader is not self.rails[0]:
+            for rail in self.rails[1:]:
+                rail.voltage_V = math.copysign(leader.voltage_V, rail.low_V + rail.high_V)
 
     @command(":INSTrument[:SELect]")
     def _select(self, text: str) -> None:
-        if not text:
-            raise ScpiError(*MISSING_PARAMETER)
-        self.selected = self._index(text)
+        self.number_selected = self._index(text) + 1
 
     @command(":APPLy")
     def _set_rail(self, text: str) -> None:
-        name, voltage, current = [*words(text), "", "", ""][:3]
-        index = self._index(name)
-        self._limited(self.rails[index], voltage, current)
-        self.selected = index
+        name, *levels = words(text) or [""]
+        self._select(name)
+        for set_level, level in zip((self._set_voltage, self._set_current), levels, strict=False):
+            set_level(level)
 
-    @command("[:SOURce]:VOLTage")
+    @command("[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]")
     def _set_voltage(self, text: str) -> None:
-        if not text:
-            raise ScpiError(*MISSING_PARAMETER)
-        self._limited(self.rails[self.selected], text, "")
+        rail = self.rail
+        rail.voltage_V = self.number(text, rail.low_V, rail.high_V, "V")
+        self._track(rail)
 
-    @command("[:SOURce]:CURRent")
+    @command("[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]")
     def _set_current(self, text: str) -> None:
-        if not text:
-            raise ScpiError(*MISSING_PARAMETER)
-        self._limited(self.rails[self.selected], "", text)
-
-    @command(":SYSTem:REMote")
-    def _remote(self, _: str) -> None:
-        """On GPIB it is remote anyway; on RS-232 it is taken before everything else."""
-
-    @command(":MEASure[:VOLTage]?")
-    def _measure_voltage(self, text: str) -> str:
-        self.reply_after(_READ_S)
-        return self.reading(f"{self.output(self._index(text))[0] + self._noise.normal(0.0, 2e-4):+.8E}")
-
-    @command(":MEASure:CURRent?")
-    def _measure_current(self, text: str) -> str:
-        self.reply_after(_READ_S)
-        return self.reading(f"{self.output(self._index(text))[1] + self._noise.normal(0.0, 1e-4):+.8E}")
+        self.rail.current_A = self.number(text, 0.0, self.rail.high_A, "A")
 
 
 SIMULATOR = AgilentE3631A

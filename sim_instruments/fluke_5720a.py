@@ -2,12 +2,14 @@
 
 Not SCPI. Faults queue up (15 and an overflow mark) and are read with ``FAULT?``, explained with ``EXPLAIN? n``.
 ``MA`` is milliampere for a current; before every other unit it is the multiplier mega. An offset or a scale factor of
-the front panel (keys OFFSET and SCALE) alters what every entry puts out; of the commands only ``*RST`` ends it.
+the front panel (keys OFFSET and SCALE) alters what every entry puts out; of the commands only ``*RST`` ends it. Another
+function than that of its compensation (``RCOMP``, two wires of a resistance) ends that.
 
 Source: 5700A/5720A Series II Operators Manual ch. 5 (commands, response syntax, 128-byte input buffer; 5-51: bits of
-``ISR?``) and 4-45 to 4-46 (offset and scale), Table 2 of the AF-converter paper (ranges and floors). Placeholders, not
-confirmed on hardware: fault numbers, settling times, the trip into an open circuit within the same instant, standby
-opening the current loop, reply format of ``OUT?`` and that it tells the entry and not what an offset makes of it.
+``ISR?``) and 4-45 to 4-46 (offset and scale), Table 2 of the AF-converter paper (ranges and floors), public programs
+(``BOOST``, ``EXTSENSE``, ``RCOMP``, ``XFER``). Placeholders, not confirmed on hardware: fault numbers, settling times,
+the trip into an open circuit within the same instant, standby opening the current loop, reply format of ``OUT?`` and
+that it tells the entry and not what an offset makes of it.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ from sim_instruments.bus.live import CommandDevice, CommandError
 from sim_instruments.faults.fault import Fault, NamedFaults
 from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
-OPERATING_BIT, GUARD_BIT, SENSE_BIT, BOOST_BIT = 1 << 0, 1 << 1, 1 << 2, 1 << 3
-LOCK_BIT, OFFSET_BIT, SCALE_BIT, SETTLED_BIT = 1 << 5, 1 << 8, 1 << 9, 1 << 12
+OPERATING_BIT, OFFSET_BIT, SCALE_BIT, SETTLED_BIT = 1 << 0, 1 << 8, 1 << 9, 1 << 12
+_SWITCH_BITS = {"EXTGUARD": 1 << 1, "EXTSENSE": 1 << 2, "BOOST": 1 << 3, "RCOMP": 1 << 4, "RANGELCK": 1 << 5, "XFER": 0}
+_WORDS = {"CUR_POST": ("NORMAL", "AUX", "IB5725"), **dict.fromkeys(_SWITCH_BITS, ("OFF", "ON"))}  # the first: power-on
 FAULT_AVAILABLE = 8  # status byte
 QUEUE_LENGTH = 16
 LOST_PATH = 502
@@ -37,7 +40,7 @@ GAIN_SIGMA = 10e-6
 DAY_S = 86_400.0
 ON_MIN = 300  # it was switched on so long before the bench
 SINCE_CALIBRATION_DAYS = 5
-_KEYS = {"OFFSET": "offset_A", "SCALE": "scale", "BOOST": "boosted", "EX SNS": "external_sense"}
+_KEYS = {"OFFSET": "offset_A", "SCALE": "scale"}
 _ZERO_A = 1e-12
 
 FAULTS = {
@@ -113,12 +116,10 @@ class Fluke5720A(CommandDevice):
         self.settled = True
         self.unit = "V"
         self.value = 0.0
-        self.offset_A, self.scale, self.boosted, self.external_sense = 0.0, 1.0, False, False
+        self.offset_A, self.scale = 0.0, 1.0
         self.range_index = 0
-        self.range_locked = False
-        self.post = "NORMAL"
-        self.limits = {"A": (-2.2, 2.2), "V": (-1100.0, 1100.0)}
-        self.external_guard = False
+        self.words = {header: words[0] for header, words in _WORDS.items()}
+        self.limits = {"A": (-2.2, 2.2), "V": (-1100.0, 1100.0), "OHM": (0.0, 1e8)}
 
     # --- physics -----------------------------------------------------------------------------------------------
 
@@ -146,7 +147,7 @@ class Fluke5720A(CommandDevice):
     @property
     def elsewhere(self) -> bool:
         """Whether a current comes out of other terminals than those of the bench."""
-        return self.post != "NORMAL" or self.boosted
+        return self.words["CUR_POST"] != "NORMAL" or self.words["BOOST"] == "ON"
 
     def trip(self, number: int = LOST_PATH) -> None:
         """Drop to standby and queue a fault, as the protection does; nothing happens in standby."""
@@ -166,10 +167,8 @@ class Fluke5720A(CommandDevice):
     }  # fmt: skip
 
     def press(self, keys: str) -> None:
-        for key, attribute in _KEYS.items():
-            if keys.startswith(key):
-                entered = keys.removeprefix(key)
-                setattr(self, attribute, float(entered) if entered else True)
+        key, entered = keys.split()
+        setattr(self, _KEYS[key], float(entered))
         if self.operating:
             self._drive(range_changed=True)
 
@@ -183,8 +182,8 @@ class Fluke5720A(CommandDevice):
         if self.unit == "A" and abs(current_A) > TRIP_CURRENT_A and (self.elsewhere or not wiring.has_path):
             self.trip(501)
             return
-        if self.unit == "V":
-            if abs(self.value) > 0 and wiring.has_path:
+        if self.unit != "A":
+            if self.unit == "V" and abs(self.value) > 0 and wiring.has_path:
                 self.trip(503)
             self.settled = True
             return
@@ -210,12 +209,25 @@ class Fluke5720A(CommandDevice):
     # --- messages ----------------------------------------------------------------------------------------------
 
     def carry_out(self, command: str) -> str | None:
-        word, _, parameters = command.partition(" ")
-        handler = _COMMANDS.get(word.upper())
+        word, _, parameters = command.upper().partition(" ")
+        if word.removesuffix("?") in _WORDS:
+            return self._word(word, parameters.strip())
+        handler = _COMMANDS.get(word)
         if handler is not None:
             return handler(self, parameters.strip())
         if word:
             raise CommandError(702)
+        return None
+
+    def _word(self, header: str, text: str) -> str | None:
+        """Tell or take what is one of some words."""
+        if header.endswith("?"):
+            return self.words[header.removesuffix("?")]
+        if text not in _WORDS[header]:
+            raise CommandError(701)
+        self.words[header] = text
+        if self.operating and header in ("CUR_POST", "BOOST"):
+            self._drive(range_changed=True)
         return None
 
     def on_interrupted(self) -> None:
@@ -246,22 +258,19 @@ class Fluke5720A(CommandDevice):
         index = _lowest_range(value) if unit == "A" else self.range_index
         if index is None:
             raise CommandError(704)
-        if unit == "A" and self.range_locked and self.unit == "A":
+        if unit == "A" and self.words["RANGELCK"] == "ON" and self.unit == "A":
             if index > self.range_index:
                 raise CommandError(706)
             index = self.range_index
         changed = index != self.range_index or unit != self.unit
-        if unit != self.unit and self.operating:
-            self._standby()  # another function is another pair of terminals
-        self.value, self.unit, self.range_index = self._resolved(value, unit, index), unit, index
+        if unit != self.unit:
+            self.words["RCOMP"] = "OFF"
+            if self.operating:
+                self._standby()  # another function is another pair of terminals
+        self.value = round(value, CURRENT_RANGES[index].decimals) if unit == "A" else value
+        self.unit, self.range_index = unit, index
         if self.operating:
             self._drive(changed)
-
-    @staticmethod
-    def _resolved(value: float, unit: str, index: int) -> float:
-        if unit != "A":
-            return value
-        return round(value, CURRENT_RANGES[index].decimals)
 
     def _oper(self, _: str) -> None:
         if self.unit == "V" and abs(self.value) >= 22 and self.faults_queued:
@@ -277,23 +286,6 @@ class Fluke5720A(CommandDevice):
             raise CommandError(704)
         self.limits[unit] = (pairs[1][0], pairs[0][0])
 
-    def _lock(self, text: str) -> None:
-        self.range_locked = self._choice(text, "ON", "OFF") == "ON"
-
-    def _set_post(self, text: str) -> None:
-        self.post = self._choice(text, "NORMAL", "AUX", "IB5725")
-        if self.operating:
-            self._drive(range_changed=True)
-
-    def _set_guard(self, text: str) -> None:
-        self.external_guard = self._choice(text, "ON", "OFF") == "ON"
-
-    @staticmethod
-    def _choice(text: str, *allowed: str) -> str:
-        if text.upper() not in allowed:
-            raise CommandError(701)
-        return text.upper()
-
     def _explain(self, text: str) -> str:
         try:
             return f'"{FAULTS[int(text)]}"'
@@ -307,13 +299,10 @@ class Fluke5720A(CommandDevice):
     def _ask_status(self, _: str) -> str:
         bits = {
             OPERATING_BIT: self.operating,
-            GUARD_BIT: self.external_guard,
-            SENSE_BIT: self.external_sense,
-            BOOST_BIT: self.boosted,
-            LOCK_BIT: self.range_locked,
             OFFSET_BIT: self.offset_A != 0.0,
             SCALE_BIT: self.scale != 1.0,
             SETTLED_BIT: self.settled,
+            **{bit: self.words[header] == "ON" for header, bit in _SWITCH_BITS.items()},
         }
         return str(sum(bit for bit, is_set in bits.items() if is_set))
 
@@ -346,12 +335,6 @@ _COMMANDS: dict[str, Callable[[Fluke5720A, str], str | None]] = {
     "CAL_DAYS?": lambda self, _: str(SINCE_CALIBRATION_DAYS),
     "FAULT?": lambda self, _: str(self.faults_queued.popleft() if self.faults_queued else 0),
     "EXPLAIN?": Fluke5720A._explain,
-    "RANGELCK": Fluke5720A._lock,
-    "RANGELCK?": lambda self, _: "ON" if self.range_locked else "OFF",
-    "CUR_POST": Fluke5720A._set_post,
-    "CUR_POST?": lambda self, _: self.post,
-    "EXTGUARD": Fluke5720A._set_guard,
-    "EXTGUARD?": lambda self, _: "ON" if self.external_guard else "OFF",
     "LIMIT": Fluke5720A._limit,
     "LIMIT?": lambda self, _: ",".join(f"{v:.3E}" for v in reversed(self.limits.get(self.unit, (0, 0)))),
 }

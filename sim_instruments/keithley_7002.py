@@ -1,28 +1,51 @@
 """Simulated Keithley 7002 switch system with 7012 4 x 10 two-pole matrix cards.
 
-``:CLOS`` adds crosspoints to those already closed; nothing in the instrument keeps two routes apart. A scan that the
-last user left running opens its channel and closes the next one until ``:INIT:CONT OFF`` and ``:ABOR``.
+``:CLOS`` adds crosspoints to those already closed; nothing in the instrument keeps two routes apart. A scan opens its
+channel and closes the next one of its list; a continuous one does so until ``:INIT:CONT OFF`` and ``:ABOR``. A card of
+another type is not addressed by row and column, a forbidden channel not closed; with four poles a relay has a pair.
 
 Source: Keithley 7001/7002 instruction manuals (ROUTe and trigger subsystems, channel lists ``(@slot!row!column)``),
-7012 card (4 rows, 10 columns, 1 A). Placeholders: a scan goes on once a second; the contacts move at once, ``*OPC?``
-waits 15 ms for them; reply of ``:CLOS:STAT?`` as a list of single crosspoints in order.
+7012 card (4 rows, 10 columns, 1 A); public programs (``:CONF:SLOT1:CTYP?``, ``STIM?``, ``POLE``, ``:SCAN``,
+``:TRIG:DEL``, ``:DISP:ENAB``). Placeholders: a scan goes on once a second; the contacts move at once, ``*OPC?`` waits
+15 ms for them; reply of ``:CLOS:STAT?`` as a list of single crosspoints in order; ``:FCH`` and the number of its error;
+that the pair of a relay is that two rows below.
 """
 
 from __future__ import annotations
 
 import re
+from functools import partial
+from itertools import product
 from typing import Any, ClassVar
 
-import numpy as np
+from sim_instruments.bus.kept import Held, HeldSettings, Kept, KeptSettings, held_switch, word
+from sim_instruments.bus.scpi import (
+    MISSING_PARAMETER,
+    SETTINGS_CONFLICT,
+    Answers,
+    Handlers,
+    ScpiDevice,
+    ScpiError,
+    command,
+)
 
-from sim_instruments.bus.kept import HeldSettings, held_switch
-from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
-
-ROWS, COLUMNS = 4, 10
+ROWS, COLUMNS, SLOTS = 4, 10, 10
 RELAY_S, SCAN_S = 0.015, 1.0
+CARD = "C7012"
 _POINT = re.compile(r"(\d+)!(\d+)!(\d+)")
+_CELLS = tuple(product(range(1, ROWS + 1), range(1, COLUMNS + 1)))
+_SLOT = {"CTYPe": Kept(CARD), "POLE": Kept(2, 1, 4), "STIMe": Kept(0.0, 0.0, 99999.999)}
+_LAYER = {
+    "SOURce": word("IMMediate", "BUS", "EXTernal", "TIMer", "MANual"),
+    "COUNt": Kept(1, 1, 99999, infinite=True),
+    "DELay": Kept(0.0, 0.0, 99999.999),
+}
 
 Point = tuple[int, int, int]
+
+
+def _held_points(attribute: str, *, applied: bool = False) -> Held:
+    return Held(attribute, lambda device, text: device.points(text), None, applied)
 
 
 class Keithley7002(ScpiDevice):
@@ -35,44 +58,74 @@ class Keithley7002(ScpiDevice):
     no_error = '0,"No error"'
     error_format = '{0},"{1}"'
     queue_length = 10
-    held: ClassVar[HeldSettings] = {":INITiate:CONTinuous": held_switch("_continuous", None)}
+    answers: ClassVar[Answers] = {
+        "[:ROUTe]:CLOSe:STATe?": lambda self: self.listed(self.closed),
+        "[:ROUTe]:SCAN?": lambda self: self.listed(self.scan_list),
+        "[:ROUTe]:FCHannels?": lambda self: self.listed(self.forbidden),
+    }
+    held: ClassVar[HeldSettings] = {
+        ":INITiate:CONTinuous": held_switch("continuous", applied=True),
+        "[:ROUTe]:SCAN": _held_points("scan_list", applied=True),
+        "[:ROUTe]:FCHannels": _held_points("forbidden"),
+    }
+    kept: ClassVar[KeptSettings] = {
+        ":DISPlay:ENABle": Kept(True),
+        ":OUTPut:TTL1": Kept(False),
+        ":TRIGger:COUNt:AUTO": Kept(False),
+        **{f"{layer}:{name}": _LAYER[name] for layer in (":ARM:LAYer1", ":ARM:LAYer2", ":TRIGger") for name in _LAYER},
+        **{f"[:ROUTe]:CONFigure:SLOT{slot}:{name}": _SLOT[name] for slot in range(1, SLOTS + 1) for name in _SLOT},
+    }
 
     def power_up(self) -> None:
-        self._closed: set[Point] = set()
-        self._scanning = self._continuous = False
-        super().power_up()
+        self.closed: set[Point] = set()
         slots = self.options.get("slot", 1)
         self._slots = [int(slot) for slot in (slots if isinstance(slots, list) else [slots])]
+        super().power_up()
 
     def reset(self) -> None:
-        self._scanning = self._continuous = False
-        if self._closed:
+        self.scan_list: set[Point] = set()
+        self.forbidden: set[Point] = set()
+        self._scanning = self.continuous = False
+        if self.closed:
             self._move(set())
 
-    def leave_more(self, draw: np.random.Generator) -> None:
-        points = {
-            (self._slots[0], int(draw.integers(1, ROWS + 1)), int(draw.integers(1, COLUMNS + 1))) for _ in range(5)
-        }
-        self._move(set(list(points)[: int(draw.integers(5))]))
-        self._scanning = self._continuous = bool(draw.integers(2))
-        self._scan(1)
+    def _apply(self) -> None:
+        if self.continuous:
+            self._start("")
 
-    def _scan(self, column: int) -> None:
+    @command(":INITiate")
+    def _start(self, _: str) -> None:
+        if self.scan_list and not self._scanning:
+            self._scanning = True
+            self._step(0)
+
+    def _step(self, place: int) -> None:
+        """Close the next channel of the scan list alone."""
+        self._scanning &= self.continuous or place < len(self.scan_list)
         if self._scanning:
-            self._move({(self._slots[0], 1, column)})
-            self.world.after(SCAN_S, lambda: self._scan(column % COLUMNS + 1))
+            self._move({sorted(self.scan_list)[place % len(self.scan_list)]})
+            self.world.after(SCAN_S, lambda: self._step(place + 1))
+
+    @command(":ABORt")
+    def _abort(self, _: str) -> None:
+        """Back to idle, which a continuous initiation leaves at once."""
+        self._scanning &= self.continuous
 
     def outputs(self) -> dict[str, Any]:
-        return {"closed": ["!".join(map(str, point)) for point in sorted(self._closed)]}
+        return {"closed": ["!".join(map(str, point)) for point in sorted(self.closed)]}
 
     def _move(self, closed: set[Point]) -> None:
-        self._closed = closed
+        self.closed = closed
         places = {slot: COLUMNS * place for place, slot in enumerate(self._slots)}
         wired = frozenset((row, places[slot] + column) for slot, row, column in closed)
         self.world.wiring.switch(wired, self.now_ns)
         self.busy(RELAY_S)
 
-    def _points(self, text: str) -> set[Point]:
+    def of_slot(self, slot: int, setting: str) -> str:
+        """Return a setting of a slot as it is told."""
+        return self._settings[f"[:ROUTe]:CONFigure:SLOT{slot}:{setting}"]
+
+    def points(self, text: str) -> set[Point]:
         """Return crosspoints of a channel list; a range runs over columns, then rows, inside one card."""
         if not text:
             raise ScpiError(*MISSING_PARAMETER)
@@ -83,10 +136,8 @@ class Keithley7002(ScpiDevice):
             ends = [self._point(end) for end in item.split(":")]
             if len(ends) > 2 or ends[0][0] != ends[-1][0]:
                 raise ScpiError(-102, "Syntax error")
-            first, last = ends[0], ends[-1]
-            order = sorted([first[1:], last[1:]])
-            cells = [(row, column) for row in range(1, ROWS + 1) for column in range(1, COLUMNS + 1)]
-            points |= {(first[0], *cell) for cell in cells if order[0] <= cell <= order[1]}
+            first, last = min(ends), max(ends)
+            points |= {(first[0], *cell) for cell in _CELLS if first[1:] <= cell <= last[1:]}
         return points
 
     def _point(self, text: str) -> Point:
@@ -94,42 +145,41 @@ class Keithley7002(ScpiDevice):
         if match is None:
             raise ScpiError(-102, "Syntax error")
         slot, row, column = (int(part) for part in match.groups())
-        if slot not in self._slots or not 1 <= row <= ROWS or not 1 <= column <= COLUMNS:
+        there = slot in self._slots and 1 <= row <= ROWS and 1 <= column <= COLUMNS
+        if not there or self.of_slot(slot, "CTYPe") != CARD:
             raise ScpiError(-222, "Parameter data out of range")
         return slot, row, column
 
     @staticmethod
-    def _listed(points: set[Point]) -> str:
+    def listed(points: set[Point]) -> str:
+        """Return crosspoints as they are told."""
         return f"(@{','.join('!'.join(map(str, point)) for point in sorted(points))})"
-
-    @command(":ABORt")
-    def _abort(self, _: str) -> None:
-        """Back to idle, which a continuous initiation leaves at once."""
-        self._scanning = self._continuous
 
     @command("[:ROUTe]:CLOSe")
     def _close(self, text: str) -> None:
-        self._move(self._closed | self._points(text))
-
-    @command("[:ROUTe]:OPEN")
-    def _open(self, text: str) -> None:
-        self._move(set() if text.upper() == "ALL" else self._closed - self._points(text))
+        points = self.points(text)
+        if points & self.forbidden:
+            raise ScpiError(*SETTINGS_CONFLICT)
+        pairs = {
+            (slot, (row + 1) % ROWS + 1, column) for slot, row, column in points if self.of_slot(slot, "POLE") == "4"
+        }
+        self._move(self.closed | points | pairs)
 
     @command("[:ROUTe]:OPEN:ALL")
     def _open_all(self, _: str) -> None:
         self._move(set())
 
-    @command("[:ROUTe]:CLOSe:STATe?")
-    def _closed_list(self, _: str) -> str:
-        return self._listed(self._closed)
+    @command("[:ROUTe]:OPEN")
+    def _open(self, text: str) -> None:
+        self._move(set() if text.upper() == "ALL" else self.closed - self.points(text))
 
-    @command("[:ROUTe]:CLOSe?")
-    def _is_closed(self, text: str) -> str:
-        return ",".join("1" if point in self._closed else "0" for point in sorted(self._points(text)))
+    def further(self) -> Handlers:
+        return {
+            f"[:ROUTe]:{state}?": partial(self._tell, closed) for state, closed in (("CLOSe", True), ("OPEN", False))
+        }
 
-    @command("[:ROUTe]:OPEN?")
-    def _is_open(self, text: str) -> str:
-        return ",".join("0" if point in self._closed else "1" for point in sorted(self._points(text)))
+    def _tell(self, closed: bool, text: str) -> str:
+        return ",".join(str(int((point in self.closed) is closed)) for point in sorted(self.points(text)))
 
 
 SIMULATOR = Keithley7002

@@ -1,54 +1,75 @@
 """Simulated Krohn-Hite 3988 filter: channel 1 and 2 in series between the gyroscope and the lock-in amplifiers.
 
-Each channel is a Butterworth filter of 8 poles, or a by-pass. Whatever is read after a command is the display.
+Each channel is a Butterworth or Bessel filter of 8 poles, or a by-pass. Whatever is read after a command is the
+display. In the all-channel mode (a key) a command acts on both.
 
-Source: 3988 operating manual, section 3 (delimiters, form of the display and of ``V``). Placeholders, not confirmed on
-hardware: the letters of the commands but ``V``, the display in by-pass, no limits of voltage, no noise, ac coupling
-lets everything through.
+Source: 3988 operating manual of 4/03, title page (poles, gains), 3.3.2 (delimiters), 3.5.1 (display), 3.5.3 (``V``).
+Placeholders, not confirmed on hardware: the letters of the commands but ``V``, the display in by-pass, no limits of
+voltage, no noise, ac coupling as one pole at 0.16 Hz.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.signal import butter, sosfilt
+from scipy.signal import bessel, butter, sosfilt
 
 from bench.model.arrays import Floats
 from sim_instruments.bus.live import LiveDevice
 
 SAMPLES_HZ = 1000.0
 POLES = 8
+AC_HZ = 0.16
 LOWEST_HZ, HIGHEST_HZ = 0.03, 1e6
 _SAMPLE_NS = 1_000_000
 _COMMAND = re.compile(r"([A-Z]+)\s*([+-]?[\d.]+(?:E[+-]?\d+)?)?")
 _KILO, _MEGA = 1e3, 1e6
+_WORDS = {"kind": ("HP", "LP", "BY"), "response": ("BU", "BE"), "coupling": ("AC", "DC")}
+_GAINS = {"IG": ("input_gain_dB", 50), "OG": ("output_gain_dB", 20)}
 
 
 @dataclass(frozen=True)
 class Channel:
-    """Settings of one channel; ``kind`` is HP, LP or BY."""
+    """Settings of one channel; ``kind`` is HP, LP or BY, ``response`` BU (Butterworth) or BE (Bessel)."""
 
     kind: str = "BY"
     cutoff_Hz: float = 1000.0
     input_gain_dB: int = 0
     output_gain_dB: int = 0
-    coupling: str = "AC"
+    coupling: str = "DC"
+    response: str = "BU"
 
     @property
     def gain(self) -> float:
         """Gain of both amplifiers, as a factor."""
         return float(10.0 ** ((self.input_gain_dB + self.output_gain_dB) / 20.0))
 
-    def sections(self) -> Floats | None:
-        """Return second-order sections at 1000 samples a second; None for a way straight through."""
-        if self.kind == "BY" or not self.cutoff_Hz < SAMPLES_HZ / 2:
-            return None
-        kind = "highpass" if self.kind == "HP" else "lowpass"
-        sections: Floats = butter(POLES, self.cutoff_Hz, kind, fs=SAMPLES_HZ, output="sos")
+    def sections(self) -> list[Floats]:
+        """Return second-order sections at 1000 samples a second; none for a way straight through."""
+        sections = [] if self.coupling == "DC" else [butter(1, AC_HZ, "highpass", fs=SAMPLES_HZ, output="sos")]
+        if self.kind != "BY" and self.cutoff_Hz < SAMPLES_HZ / 2:
+            kind, poles = "highpass" if self.kind == "HP" else "lowpass", (POLES, self.cutoff_Hz)
+            response = {"BU": butter, "BE": partial(bessel, norm="mag")}[self.response]
+            sections.append(response(*poles, kind, fs=SAMPLES_HZ, output="sos"))
         return sections
+
+
+class Stage:
+    """Filters of second order in series, from rest on, to be called piece by piece; without any, nothing changes."""
+
+    def __init__(self, sections: list[Floats]) -> None:
+        self._sections = np.vstack(sections) if sections else np.zeros((0, 6))
+        self._state = np.zeros((len(self._sections), 2))
+
+    def filtered(self, volts: Floats) -> Floats:
+        """Return the next samples behind them, volt (n,)."""
+        if len(self._sections):
+            volts, self._state = sosfilt(self._sections, volts, zi=self._state)
+        return volts
 
 
 class BandPass:
@@ -60,7 +81,7 @@ class BandPass:
     def __init__(self, history: list[tuple[int, tuple[Channel, Channel]]]) -> None:
         self._history = history
         self._at = -1  # place in the history
-        self._stages: list[tuple[Floats, Floats]] = []
+        self._stage = Stage([])
         self._gain = 1.0
 
     def filtered(self, first: int, volts: Floats) -> Floats:
@@ -73,16 +94,12 @@ class BandPass:
                 self._begin(self._history[self._at][1])
             change = self._history[self._at + 1][0] - first if self._at + 1 < len(self._history) else len(output)
             end = min(change, len(output))
-            output[done:end] *= self._gain
-            for place, (sections, state) in enumerate(self._stages):
-                output[done:end], state = sosfilt(sections, output[done:end], zi=state)
-                self._stages[place] = (sections, state)
+            output[done:end] = self._stage.filtered(output[done:end] * self._gain)
             done = end
         return output
 
     def _begin(self, channels: tuple[Channel, Channel]) -> None:
-        sections = [channel.sections() for channel in channels]
-        self._stages = [(section, np.zeros((len(section), 2))) for section in sections if section is not None]
+        self._stage = Stage([section for channel in channels for section in channel.sections()])
         self._gain = channels[0].gain * channels[1].gain
 
 
@@ -95,15 +112,10 @@ class KrohnHite3988(LiveDevice):
         super().power_up()
         self.channels = [Channel(), Channel()]
         self.history: list[tuple[int, tuple[Channel, Channel]]] = [(0, (Channel(), Channel()))]
-        self._shown = 1
+        self._shown, self.together = 1, False
 
-    def leave_more(self, draw: np.random.Generator) -> None:
-        for place in (0, 1):
-            kind, cutoff_Hz = str(draw.choice(["HP", "LP", "BY"])), float(f"{10.0 ** draw.uniform(-1.0, 2.0):.4g}")
-            gains = [int(gain) for gain in draw.choice([0, 10, 20], 2)]
-            self.channels[place] = Channel(kind, cutoff_Hz, *gains, str(draw.choice(["AC", "DC"])))
-        self._shown = int(draw.integers(1, 3))
-        self.history.append((self.now_ns // _SAMPLE_NS, (self.channels[0], self.channels[1])))
+    def press(self, keys: str) -> None:
+        self.together = not self.together
 
     def outputs(self) -> dict[str, Any]:
         return {"channels": [f"{channel.kind} {channel.cutoff_Hz:g} Hz" for channel in self.channels]}
@@ -121,26 +133,22 @@ class KrohnHite3988(LiveDevice):
         self.reply(self._display())
 
     def _carry_out(self, word: str, text: str | None) -> None:
-        value = float(text) if text else None
-        change: dict[str, Any] = {}
+        value = float(text) if text else 0.0
+        change: dict[str, Any] = {name: word for name, words in _WORDS.items() if word in words}
         if word == "CH" and value in (1.0, 2.0):
             self._shown = int(value)
-        elif word in ("HP", "LP", "BY"):
-            change["kind"] = word
-        elif word in ("AC", "DC"):
-            change["coupling"] = word
-        elif word == "F" and value is not None and LOWEST_HZ <= value <= HIGHEST_HZ:
+        elif word == "F" and LOWEST_HZ <= value <= HIGHEST_HZ:
             change["cutoff_Hz"] = float(f"{value:.4g}")
-        elif word in ("IG", "OG") and value is not None:
-            change["input_gain_dB" if word == "IG" else "output_gain_dB"] = int(value)
-        self.channels[self._shown - 1] = replace(self.channels[self._shown - 1], **change)
+        elif word in _GAINS and 0 <= value <= _GAINS[word][1]:
+            change[_GAINS[word][0]] = int(value)
+        for place in (0, 1) if self.together else (self._shown - 1,):
+            self.channels[place] = replace(self.channels[place], **change)
 
     def _display(self) -> str:
         channel = self.channels[self._shown - 1]
         shown = "byP     " if channel.kind == "BY" else _four_digits(channel.cutoff_Hz)
-        return (
-            f"{channel.input_gain_dB:02d} {shown} {self._shown:02d}.1 {channel.output_gain_dB:02d} {channel.coupling} "
-        )
+        gain, mode = f"{channel.output_gain_dB:02d}", "*" if self.together else " "
+        return f"{channel.input_gain_dB:02d} {shown} {self._shown:02d}.1 {gain} {channel.coupling}{mode}"
 
 
 def _four_digits(frequency_Hz: float) -> str:

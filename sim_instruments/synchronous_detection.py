@@ -39,6 +39,7 @@ class Settings:
     poles: int = 2
     synchronous: bool = False
     phase_deg: float = 0.0
+    harmonic: int = 1
     sensitivity_V: float = 1.0
     input_limit_V: float = 2**0.5
     square: bool = False  # the mixer multiplies by a square wave that gives the same for a pure sine
@@ -147,9 +148,10 @@ class LockIn:
 
     def _mixed(self, volts: Samples, turns: Samples, step_turns: Samples) -> Samples:
         """Return products with the reference and with the one a quarter ahead, (2, n); zero while there is none."""
-        phases = turns + self.settings.phase_deg / 360.0 + np.array([[0.0], [0.25]])
+        harmonic = self.settings.harmonic
+        phases = harmonic * turns + self.settings.phase_deg / 360.0 + np.array([[0.0], [0.25]])
         if self.settings.square:
-            reference = _mean_square_wave(phases, step_turns) * (np.pi / (2.0 * np.sqrt(2.0)))
+            reference = _mean_square_wave(phases, harmonic * step_turns) * (np.pi / (2.0 * np.sqrt(2.0)))
         else:
             reference = np.sqrt(2.0) * np.sin(2.0 * np.pi * phases)
         products: Samples = volts * np.where(np.isnan(reference), 0.0, reference)

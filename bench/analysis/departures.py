@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -32,9 +32,11 @@ _MOST = 20  # of them with shapes that are an item's own
 _PARTS = (0.0, *np.logspace(-6.0, 0.0, 13).tolist())  # of the largest variance of the scatter
 _NOT_MISSED = 1e3  # noncentrality: seen by any search
 _SAME = 1e-4  # columns that differ by less are one
+_BY_CHANCE = 0.05  # of a place where what was found elsewhere is looked for
 _NONE = np.empty(0)
 
 
+OF_SHAPES = ("after", "hours", "record", "pair", "seconds")  # what a shape has about it
 OF_TIME = ("step", "step_in_a_visit", "visit", "drift", "warm_up", "cycle")
 
 
@@ -61,6 +63,11 @@ class Departure:
     own: float = 0.0
     whole: Floats | None = None
     beside: Floats | None = None
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """Where it is: the labels that it is confined to, but for what makes its shape."""
+        return {name: value for name, value in self.about.items() if name not in (*OF_SHAPES, self.of)}
 
     @property
     def is_of_time(self) -> bool:
@@ -244,6 +251,7 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
             together |= np.abs(rows.operator) @ _touched(departures[judged[0]]) > 0.0
         departing |= _touched(departures[best]) & (not findings[-1].is_own)
         left.take_out(best)
+    findings = [_with_siblings(rows, departures, finding, gains, sizes) for finding in findings]
     parts = [(chi2 / dof, chi2, dof) for chi2, dof in (left.chi2(), rows.rest) if dof]
     noise_dof, least = rows.noise_dof or math.inf, FALSE_DOUBT * share / 2.0 / max(len(parts), 1)
     odd = [part for part in parts if f_tail(part[0], part[2], noise_dof) <= least]
@@ -307,6 +315,30 @@ def _finding(
         equals=[departures[at] for at in judged if gains[best] - gains[at] < _ALIKE],
         moves=np.max([_moves(rows, effect) for effect in (*(effects[at] for at in judged), *other_sides)], axis=0),
     )
+
+
+def _with_siblings(
+    rows: Residuals, departures: Sequence[Departure], finding: Finding, gains: Floats, sizes: Floats
+) -> Finding:
+    """Return a finding with what the same moves at other places, where the rows show it as one in twenty by chance.
+
+    What is there once is no surprise at another visit or channel: there it need not stand out of all that could be.
+    """
+    from scipy import special
+
+    shape, moves = _shape_of(finding.departure), [finding.moves]
+    for at, departure in enumerate(departures):
+        effect = departure.effect
+        if _shape_of(departure) == shape and gains[at] >= special.chdtri(effect.shape[1], _BY_CHANCE):
+            moves.append(_moves(rows, effect @ sizes[at, : effect.shape[1]]))
+    return replace(finding, moves=np.max(moves, axis=0))
+
+
+def _shape_of(departure: Departure) -> tuple[Any, ...]:
+    """Return what departures have in common that differ in their place alone."""
+    place = departure.place
+    own = {name: value for name, value in departure.about.items() if name not in place}
+    return departure.carrier, departure.shape, departure.of, departure.power, sorted(place), sorted(own.items())
 
 
 def _moves(rows: Residuals, effect: Floats) -> Floats:

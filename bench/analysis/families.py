@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.analysis.departures import OF_TIME, Departure, Search, Unseen
+from bench.analysis.departures import OF_SHAPES, OF_TIME, Departure, Search, Unseen
 from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
 from bench.analysis.figures import Table, worded_table
 from bench.analysis.wording import say
@@ -99,7 +99,7 @@ def unseen_tables(searches: Iterable[Searched]) -> list[Table]:
 def described(departure: Departure, words: Words) -> str:
     """Return a departure in words: what it is of, where, and its shape."""
     kind, about = _kind(departure), dict(departure.about)
-    shape = {name: about.pop(name) for name in ("after", "hours", "record", "pair", "seconds") if name in about}
+    shape = {name: about.pop(name) for name in OF_SHAPES if name in about}
     level = about.pop(departure.of or "value", None)
     shape |= {name: _duration(shape[name]) for name in ("after", "hours") if name in shape}
     if kind == "own":

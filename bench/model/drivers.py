@@ -60,6 +60,7 @@ class Condition(StrictModel):
 
     source: str = Field(description="key of a source, and where in it")
     when: list[str] = Field(["prepare"], description="actions that begin with it; prepare: identification does")
+    of: dict[str, str] = Field({}, description="options of the station for which it holds, such as a dialect")
     set: str = Field("", description="command that makes it right")
     ask: str = Field("", description="question that shows it")
     right: str = Field("", description="regular expression of the reply that is right, in capitals, without blanks")
@@ -74,8 +75,16 @@ class Condition(StrictModel):
         """The words in braces."""
         return [word[1:-1] for word in _ARGUMENT.findall(self.set + self.ask)]
 
+    def read(self, reply: str) -> str:
+        """Return a reply to its question as it is. Raises: ValueError for an empty one, and for bits that are none."""
+        if not reply:
+            raise ValueError("the reply is empty")
+        if self.bits:
+            int(reply)
+        return reply
+
     def is_right(self, reply: str) -> bool:
-        """Return whether a reply to its question shows it right. Raises: ValueError for bits that are no number."""
+        """Return whether a reply to its question, read, shows it right."""
         if self.bits:
             return not int(reply) & self.bits
         return replies_so(self.right, reply.upper().replace(" ", ""))
@@ -127,16 +136,20 @@ def _says(form: str, sent: str) -> bool:
 
 
 def manual_of(driver: str) -> Manual | None:
-    """Return the table of a driver, None if it has none. Raises: InputErrors for a file that is not right."""
+    """Return the table of a driver, None if it has none.
+
+    Raises: InputErrors for a file that is not right, InstallationError B-LAB-004 of the lab folder.
+    """
     return _manual_of(driver, _here())
 
 
 @lru_cache(maxsize=64)
 def _manual_of(driver: str, here: Path) -> Manual | None:
-    own, package = lab.own_code("instruments", driver), package_of_driver(driver)
-    folders = [*(() if own is None else (own.parent,)), *(() if package is None else (package.folder,))]
-    paths = [folder / f"{driver}.yaml" for folder in folders]
-    return next((parse_yaml(path.read_bytes(), path.name, Manual).model for path in paths if path.is_file()), None)
+    if (own := lab.table_of(driver)) is not None:
+        return parse_yaml(own, f"{driver}.yaml", Manual).model
+    package = package_of_driver(driver)
+    path = None if package is None else package.folder / f"{driver}.yaml"
+    return parse_yaml(path.read_bytes(), path.name, Manual).model if path is not None and path.is_file() else None
 
 
 def _here() -> Path:

@@ -89,7 +89,7 @@ TRUST = "BENCH_TRUST_LAB"
 """Environment variable by which ``--trust-lab`` reaches the processes that a command starts."""
 
 _NAME = re.compile(r"(?!_|none$)[a-z0-9_]{1,40}")  # "none" means that a sequence has no analysis
-_PLACE = re.compile(r"(instruments|sim_instruments|analyses)/([a-z0-9_]{1,40})\.py")
+_PLACE = re.compile(r"(instruments|sim_instruments|analyses)/([a-z0-9_]{1,40})(\.py|\.yaml)")
 _SHOWN = 12  # digits of a hash in a message
 
 
@@ -113,12 +113,15 @@ def is_plain(name: str) -> bool:
     return _NAME.fullmatch(name) is not None
 
 
-def own_code(kind: CodeKind, name: str) -> Path | None:
-    """Return the file of the lab folder that a plain name means, None without one. Raises: InputError B-LAB-001."""
+def own_code(kind: CodeKind, name: str, suffix: str = ".py") -> Path | None:
+    """Return the file of the lab folder that a plain name means, None without one. Raises: InputError B-LAB-001.
+
+    ``suffix``: ".yaml" for the table of a driver.
+    """
     lab = lab_here()
     if lab is None or not is_plain(name):
         return None
-    path = lab.folder / kind / f"{name}.py"
+    path = lab.folder / kind / f"{name}{suffix}"
     return path if os.path.lexists(path) else None
 
 
@@ -183,8 +186,10 @@ def code_used(drivers: Collection[str], *, simulated: bool = False, analysis: st
     Raises: InputError B-LAB-001; InstallationError B-LAB-004.
     """
     kinds: tuple[CodeKind, ...] = ("instruments", "sim_instruments") if simulated else ("instruments",)
-    asked: list[tuple[CodeKind, str]] = [(kind, driver) for kind in kinds for driver in sorted(set(drivers))]
-    found = {f"{kind}/{name}.py": _source(kind, name) for kind, name in [*asked, ("analyses", analysis)]}
+    asked: list[tuple[CodeKind, str, str]] = [("analyses", analysis, ".py")]
+    for driver in set(drivers):
+        asked += [("instruments", driver, ".yaml"), *((kind, driver, ".py") for kind in kinds)]
+    found = {f"{kind}/{name}{suffix}": _source(kind, name, suffix) for kind, name, suffix in asked}
     return {place: source.sha256 for place, source in sorted(found.items()) if source is not None}
 
 
@@ -194,9 +199,15 @@ def code_texts(places: Collection[str]) -> dict[str, str]:
     return {place: source.content.decode("utf-8", "replace") for place, source in sources.items() if source is not None}
 
 
-def sha256_of(kind: CodeKind, name: str) -> str:
+def table_of(driver: str) -> bytes | None:
+    """Return the table beside a driver of the lab; None without one. Raises: InstallationError B-LAB-004."""
+    source = _source("instruments", driver, ".yaml")
+    return None if source is None else source.content
+
+
+def sha256_of(kind: CodeKind, name: str, suffix: str = ".py") -> str:
     """Return SHA-256 of a lab's file, as it was loaded or as it is; "" if the lab has none of this name."""
-    source = _source(kind, name)
+    source = _source(kind, name, suffix)
     return "" if source is None else source.sha256
 
 
@@ -226,11 +237,12 @@ def demand(recorded: Mapping[str, str], whose: str) -> None:
     Raises: InstallationError B-LAB-007 for a file that is not here or has another hash; those of ``load``.
     """
     for place, sha256 in sorted(recorded.items()):
-        kind, name = _parts(place)
-        source = _source(kind, name)
+        kind, name, suffix = _parts(place)
+        source = _source(kind, name, suffix)
         if source is None or source.sha256 != sha256:
             raise _differs(place, sha256, "" if source is None else source.sha256, whose)
-        _module_of(source, kind)
+        if suffix == ".py":
+            _module_of(source, kind)
 
 
 def refuse_others(recorded: Mapping[str, str], used: Mapping[str, str], whose: str) -> None:
@@ -263,16 +275,16 @@ def _differs(place: str, then: str, now: str, whose: str) -> InstallationError:
     return InstallationError("B-LAB-007", f"{asked}, and {found}", where=place, next_step=cure)
 
 
-def _parts(place: str) -> tuple[CodeKind, str]:
+def _parts(place: str) -> tuple[CodeKind, str, str]:
     match = _PLACE.fullmatch(place)
     if match is None:
         message, cure = "is no file of code that a lab folder may hold", "somebody changed the session's manifest"
         raise InstallationError("B-LAB-007", message, where=place[:80], next_step=cure)
-    return next(kind for kind in CODE if kind == match[1]), match[2]
+    return next(kind for kind in CODE if kind == match[1]), match[2], match[3]
 
 
-def _source(kind: CodeKind, name: str) -> _Source | None:
-    path = own_code(kind, name)
+def _source(kind: CodeKind, name: str, suffix: str = ".py") -> _Source | None:
+    path = own_code(kind, name, suffix)
     if path is None:
         return None
     return _LOADED[path][0] if path in _LOADED else _read(path)

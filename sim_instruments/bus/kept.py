@@ -69,7 +69,7 @@ class Held:
     attribute: str
     read: Callable[[Any, str], Any]
     form: str | None
-    applied: bool
+    applied: bool = False
 
 
 HeldSettings = Mapping[str, Held]  # by header
@@ -84,12 +84,12 @@ def held_number(
 
 def held_count(attribute: str, low: int, high: int, form: str | None = None) -> Held:
     """Return a whole number within limits. Source: definition."""
-    return Held(attribute, lambda device, text: int(device.number(text, low, high)), form, applied=False)
+    return Held(attribute, lambda device, text: int(device.number(text, low, high)), form)
 
 
 def held_word(attribute: str, *choices: str, form: str | None = "") -> Held:
     """Return one of some words. Source: definition."""
-    return Held(attribute, lambda device, text: device.word(text, *choices), form, applied=False)
+    return Held(attribute, lambda device, text: device.word(text, *choices), form)
 
 
 def held_switch(attribute: str, form: str | None = "d", *, applied: bool = False) -> Held:

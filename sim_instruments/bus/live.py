@@ -88,7 +88,11 @@ class LiveDevice(Device):
         """
         manual = manual_of(type(self).__module__.rpartition(".")[2])
         states = manual.states if manual else {}
-        open_to = {name: row for name, row in states.items() if row.left and (by_hand or not row.person)}
+        open_to = {
+            name: row
+            for name, row in states.items()
+            if row.left and (by_hand or not row.person) and row.of.items() <= self.options.items()
+        }
         left = [name for name in open_to if draw.integers(LEFT_IN) == 0]
         for name in left:
             self.leave(str(draw.choice(states[name].left)))

@@ -25,8 +25,14 @@ def limits(axis: int, absolute: str = ABSOLUTE, scaling: str = ONE_TURN) -> str:
         for mode in ("pos", "rate")
         for what, value in (("rate", 300), ("acc", 200))
     ]
-    told = f":int? {axis} -> Open | :lim:abs? {axis} -> {absolute}"
-    return " | ".join([told, *settings, f":conf:scal? {axis} -> {scaling}"])
+    settings += [f":lim:acc? off,{axis} -> 200.0 | :lim:acc? abort,{axis} -> 199.0"]
+    settings += [f":lim:acc abort,{axis},200! | :lim:acc? abort,{axis} -> 200.0"]
+    told = f":int? {axis} -> Open | :conf:scal? {axis} -> {scaling}"
+    return " | ".join([told, f":lim:abs? {axis} -> {absolute}", *settings])
+
+
+def summing(axis: int, query: str, rest: str) -> str:
+    return ";".join(f":conf:demandsum{query} {axis},{state}{rest}" for state in "praj")
 
 
 def closing() -> str:
@@ -37,7 +43,8 @@ def closing() -> str:
         f":int:close {axis}! | :int? {axis} -> Closed | :mode:rate {axis}! | :mode? {axis} -> Rate"
         for axis in AXES
     ]
-    return " | ".join([*looks, ":int:reset!", *closes])
+    sums = [f"{summing(axis, '?', '')} -> D,0,0,0;D,2090,100,0.022;D,0,0,0;D,0,0,0" for axis in AXES]
+    return " | ".join([*looks, *sums, ":int:reset!", *closes])
 
 
 def motion(axis: int, target: str, rate: str, acceleration: str, reached: str = "") -> str:
@@ -66,7 +73,9 @@ STOPS = READY.replace(f":lim:abs? 1 -> {ABSOLUTE}", f":lim:abs? 1 -> {ABSOLUTE.r
 SET = tuple(does("set_limits", axis, 300.0, 200.0) for axis in AXES)
 MADE_READY = (*SET, does("close_interlock"))
 CLOSED_1, CLOSED_3 = ":int? 1 -> Closed", ":int? 3 -> Closed"
-OWN = f"<start> | :int? 1 -> Open | :lim:abs? 1 -> {ABSOLUTE}"
+OWN = f"<start> | :int? 1 -> Open | :conf:scal? 1 -> {ONE_TURN} | :lim:abs? 1 -> {ABSOLUTE}"
+SUMS = f"{summing(1, '?', '')} -> D,0,0,0;E,2090,1,0;D,0,0,0;D,0,0,0"
+SUMMED = f"{LIMITED} | {CLOSING.partition(':conf')[0]}{SUMS}"
 MOVES = [("move", (90.0, 10.0)), ("turn", (90.0, 10.0, 10.0)), ("spin", (10.0,))]
 IN_PLACE = [  # rates of axes 3, 2, 1, interlocks of 1, 2, 3, where 1 is
     (["0.0003", "0.0", "-0.0005"], ["Closed"] * 3, ["90.0004"], True),
@@ -79,7 +88,7 @@ WAYS = [
     (READY, "0", 360.0, "0"), (STOPS, "-100", 130.0, "130"), (STOPS, "100", 220.0, "-140"), (STOPS, "0", 370.0, "10"),
 ]  # fmt: skip
 QUEUE = ':stat:msg? qerror -> 103,LIMIT EXCEEDED | :stat:msg? qerror -> "12 BAD" | :stat:msg? qerror -> '
-NO_SCALE, NO_STATE = "<clear> | <ok> | :conf:scal? 1 -> {} | ", ":int? 1 -> Ready | <clear>"
+NO_SCALE, NO_STATE = ":conf:scal? 1 -> {} | <clear>", ":int? 1 -> Ready | <clear>"
 
 
 def looks(rates: list[str], words: list[str], positions: list[str]) -> str:
@@ -102,9 +111,14 @@ ROWS = [
       for absolute in (ABSOLUTE, f"{ABSOLUTE}, 5.0")  # with and without a trip of the tracking error
       for scaling in (ONE_TURN, "360,360,0", '360.0, 360.0, 0.0, "Degrees"')],
     *[row(NAME, f"an axis that counts in {scaling} is not used",
-          f"<start> | {limits(1, scaling=scaling)} | {NO_SCALE.format(scaling) * 2}<clear>",
+          "<start> | :int? 1 -> Open | " + " | <ok> | ".join([NO_SCALE.format(scaling)] * 3),
           refuses("B-INST-004", "", "set_limits", 1, 300.0, 200.0), leaves={"limits": {}})
-      for scaling in ("6.2832,6.2832,0,rad", "1,1,0,rev", "360.0")],
+      for scaling in ("6.2832,6.2832,0,rad", "1,1,0,rev", "360.0", "360,6.2832,0,deg", "360,360,0,rad")],
+    row(NAME, "a signal that is summed to a demand is switched off, and the interlock stays open unless it is",
+        f"{SUMMED} | {summing(1, '', ',disable')}! | {SUMS}", *SET,
+        refuses("B-INST-011", "demand summing of axis 1 is not right", "close_interlock")),
+    row(NAME, "numbers are told in figures",
+        "<start:2> | :util:form? -> BINARY | :util:form float! | :util:form? -> FLOAT", does("identify")),
     ready("limits, then the interlock, then motion",
           f"{CLOSED_3} | {resting(3, '0.0003')} | {motion(3, '90', '45', '200')} | {CLOSED_3} | "
           f"{motion(3, '-70', '270', '150')} | {CLOSED_3} | {spinning(3, '-30')} | {spinning(3, '0')}",

@@ -110,7 +110,7 @@ def test_one_lock_per_bus_and_another_thread_waits_for_it() -> None:
         thread.start()
         thread.join(0.05)
         assert thread.is_alive()
-        assert len(supply.test_resource.events) == 6
+        assert len(supply.test_resource.events) == 9
     thread.join(5)
     assert not thread.is_alive()
     assert supply.test_resource.events == []
@@ -207,8 +207,8 @@ def test_nothing_is_asked_while_an_old_reply_may_still_come() -> None:
 
 
 CURR = "CURR 1.5E+00"
-REST = "CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01! | VOLT 1.5E+01! | "
-REST += "CURR? -> 1.5 | VOLT:PROT? -> 18.0 | VOLT? -> 15.0"
+REST = "INIT:CONT:SEQ1? -> 0 | ABOR! | CURR:PROT:STAT? -> 1 | OUTP:RI:MODE? -> OFF | OUTP:PROT:DEL 0.08! | "
+REST += "VOLT? -> 19 | VOLT 1.5E+01! | VOLT:PROT 1.8E+01! | CURR? -> 1.5 | VOLT? -> 15.0 | VOLT:PROT? -> 18.0"
 NO_QUEUE = "SYST:ERR? -> <timeout> | <silent>"
 CONFIGURE = (15.0, 1.5, 18.0)
 DONE = does("configure", *CONFIGURE)
@@ -247,10 +247,14 @@ SET = does("identify"), does("__setattr__", "programmed_A", 0.01)
 OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | <timeout> | <silent> | "
 TRIP = 'ISR? -> 4096 | FAULT? -> 501 | <ok> | EXPLAIN? 501 -> "Compliance" | STBY'
 DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
+NO_POST = "CUR_POST? -> <timeout> | <silent>"
+UNKNOWN = f'{NO_POST} | FAULT? -> 1302 | <ok> | EXPLAIN? 1302 -> "Unknown command"'
 CLOSE = f"<start> | :OPEN ALL! | :CLOS:STAT? -> (@) | :CLOS (@1!1!3) | {NO_QUEUE} | "
 CLOSED = ":CLOS:STAT? -> (@1!1!3)"
-RUN = "IDEN? -> Thermotron 8800 1.0 | <ok> | RUNM -> <timeout> | <silent> | "
-SET_UP = "PRESET NORM! | INBUF ON! | END ALWAYS! | DCI 1.0E-01! | NPLC 100! | NDIG 8! | AZERO ON! | TRIG HOLD!"
+FREE = "IDEN? -> Thermotron 8800 1.0 | <ok> | MODE? -> 2 | <ok> | CCHR1? -> C | OPTN? -> 0"
+RUN = f"{FREE} | RUNM -> <timeout> | <silent> | "
+RUNS = "MODE? -> 16 | STAT? -> 16"
+SET_UP = "TERM? -> 1 | LFREQ LINE! | PRESET NORM! | INBUF ON! | DCI 1.0E-01! | NPLC 100! | NDIG 8! | TRIG HOLD!"
 LOST = f"{SET_UP.partition('NPLC')[0]}NPLC 100 | ERRSTR? -> <timeout> | <silent>"
 ROWS = [
     row("fluke_5720a", "OPER that took effect", f"{OPERATE}ISR? -> 1 | ISR? -> 4097 | <ok>", *SET, does("operate")),
@@ -261,13 +265,17 @@ ROWS = [
     row("fluke_5720a", "OPER of one that is dead", f"{OPERATE}{DEAD}", *SET, refuses("B-INST-001", "OPER", "operate")),
     row("fluke_5720a", "standby is sent again until it reads back",
         "<start> | <timeout> | <silent> | ISR? -> 4097 | STBY! | ISR? -> 4096", does("standby")),
+    row("fluke_5720a", "a register that is garbled is asked again",
+        "<start:2> | ISR? -> 4O96 | <clear> | <ok> | ISR? -> 4096 | CUR_POST? -> NORMAL", does("identify")),
+    row("fluke_5720a", "a question that it does not know", f"<start:3> | {UNKNOWN} | {UNKNOWN} | {NO_POST}",
+        refuses("B-INST-001", r"no answer to 'CUR_POST.*\); it reports 1302 Unknown command\. Next: look", "identify")),
     row("keithley_7002", "a relay that closed", f"{CLOSE}{CLOSED} | {CLOSED}", does("route", 3, 1)),
     row("keithley_7002", "a relay that did not", f"{CLOSE}:CLOS:STAT? -> (@) | :CLOS (@1!1!3)! | {CLOSED} | {CLOSED}",
         does("route", 3, 1)),
     row("keithley_7002", "another relay", f"{CLOSE}:CLOS:STAT? -> (@1!1!4)",
         refuses("B-INST-011", "1!1!4", "route", 3, 1)),
-    row("thermotron_3800", "a chamber that runs", f"{RUN}MODE? -> 16 | MODE? -> 16", does("run"), dialect="8800"),
-    row("thermotron_3800", "a chamber that does not", f"{RUN}MODE? -> 2 | RUNM -> 0 | <ok> | MODE? -> 16 | MODE? -> 16",
+    row("thermotron_3800", "a chamber that runs", f"{RUN}{RUNS} | {RUNS}", does("run"), dialect="8800"),
+    row("thermotron_3800", "a chamber that does not", f"{RUN}MODE? -> 2 | RUNM -> 0 | <ok> | {RUNS} | {RUNS}",
         does("run"), dialect="8800"),
     row("hp_3458a", "the set-up of a meter begins again from its preset",
         f"<start> | {LOST} | {SET_UP} | RANGE? -> 1.0E-01", gives(0.1, "configure_current", 0.1)),

@@ -34,8 +34,8 @@ DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instrum
 SHARED = {"acutrol_axis", "base", "bus", "commands", "ladder", "scpi", "transport", "values", "wire"}
 TOP = Path(__file__).parents[2]
 VERBS = ("Set", "Get", "Control", "Measure")
-QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS", "ID?", "OUTX 1", "V", "N1C1 RB I")  # who is there
-LATER = ("hp_3458a", "srs_sr830")  # their question is the second thing that is sent
+QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS;QFORMAT NORM", "ID?", "OUTX 1;*IDN?", "V", "N1C1 RB D")  # who is there
+LATER = ("hp_3458a",)  # its question is the second thing that is sent
 
 
 def driver_class(name: str) -> Any:
@@ -140,8 +140,8 @@ def test_safe_state_is_reached_twice_in_a_row(name: str) -> None:
 
 @pytest.mark.parametrize("name", DRIVERS)
 def test_identity_is_checked_first_and_a_stranger_gets_no_other_command(name: str) -> None:
-    questions = [pair for pair in IDENTIFY[name] if said(pair[0]) in QUESTIONS]
-    once = [*questions[:-1], (questions[-1][0], b"ACME,9999,0,1\n")]
+    questions = [pair for pair in IDENTIFY[name] if isinstance(pair[0], bytes) and said(pair[0]) in QUESTIONS]
+    once = [*questions[:-1], (questions[-1][0], b"ACME,9999,0,1" + driver_class(name).reply_end.encode())]
     strange = [*once, (CLEAR, None), *once]
     for method, arguments in (("make_safe", ()), ("identify", ()), ("raw", ("*RST",)), ("set", ("OUTP ON",))):
         with scripted(name, strange) as driver, refused("B-INST-002", "9999"):
@@ -180,7 +180,8 @@ def test_a_mute_instrument_times_out(name: str) -> None:
 
 @pytest.mark.parametrize("name", DRIVERS)
 def test_by_hand_a_command_goes_out_once(name: str) -> None:
-    with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", b"1 2 3\n"), (b"XYZ 1\n", None)]) as driver:
+    reply = b"1 2 3" + driver_class(name).reply_end.encode()
+    with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", reply), (b"XYZ 1\n", None)]) as driver:
         assert driver.raw("XYZ?") == "1 2 3"
         assert driver.raw("XYZ 1") is None
     with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", TIMEOUT), *SILENT]) as driver, refused("B-INST-001", "XYZ"):

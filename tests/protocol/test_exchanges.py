@@ -20,11 +20,11 @@ ROWS: list[Row] = []
 
 
 NAME = "agilent_33250a"
-PLAIN = (
-    "<start> | " + " | ".join(f"{mode}:STAT OFF!" for mode in ("BURS", "SWE", "AM", "FM", "FSK")) + " | VOLT:OFFS 0!"
-)
-SQUARE = f"{PLAIN} | FUNC SQU! | OUTP:LOAD INF! | OUTP:POL NORM! | FUNC:SQU:DCYC 50! | FREQ 1.2345678E+07!"
-SQUARE += " | VOLT:UNIT VPP! | VOLT 2.5E+00!"
+PLAIN = "<start> | BURS:STAT? -> 0 | SWE:STAT? -> 1 | SWE:STAT OFF! | SWE:STAT? -> 0"
+PLAIN += "".join(f" | {mode}:STAT? -> 0" for mode in ("AM", "FM", "FSK")) + " | FUNC:SQU:DCYC? -> +5.0000000000000E+01"
+PLAIN += " | VOLT:OFFS? -> +0.0000000000000E+00 | FUNC? -> SIN"
+SQUARE = f"{PLAIN} | FUNC SQU! | FUNC? -> SQU | OUTP:LOAD? -> +9.9000000000000E+37 | VOLT:UNIT? -> VPP"
+SQUARE += " | VOLT:RANG:AUTO? -> 1 | OUTP:POL? -> NORM | FREQ 1.2345678E+07! | VOLT 2.5E+00!"
 BACK = "FREQ? -> +1.234567800000E+07 | VOLT? -> +2.500000000000E+00"
 ON_OFF = "OUTP ON! | OUTP? -> 1 | OUTP OFF! | OUTP? -> 0"
 CONFLICT = f'{PLAIN} | FUNC SQU | SYST:ERR? -> -221,"Settings conflict" | <ok>'
@@ -66,22 +66,31 @@ ROWS += [
 
 
 NAME = "agilent_34970a"
-SCAN, JUNCTION = "<start> | ROUT:SCAN (@101,102)!", "TEMP:TRAN:TC:RJUN:TYPE? (@101,102)"
-FIXED = f"<start:-1> | {JUNCTION} -> INT,FIX | TEMP:TRAN:TC:RJUN:TYPE INT,(@101,102)!"
-TYPE_K = "<start:8> | CONF:TEMP TC,K,(@203)! | UNIT:TEMP C,(@203)! | TEMP:TRAN:TC:RJUN:TYPE? (@203) -> INT"
-FOUR_WIRES = "CONF:FRES 1.0E+02,(@103)! | FRES:NPLC 10,(@103)! | ROUT:SCAN (@103)!"
+CONFIGURED, JUNCTION = "<start> | CONF:TEMP TC,T,(@101,102)!", "TEMP:TRAN:TC:RJUN:TYPE? (@101,102)"
+FIXED = f"{CONFIGURED} | {JUNCTION} -> FIX,FIX | TEMP:TRAN:TC:RJUN:TYPE INT,(@101,102)!"
+CHECKED = (
+    "TEMP:TRAN:TC:CHEC? (@101,102) -> 0,1 | TEMP:TRAN:TC:CHEC ON,(@101,102)! | TEMP:TRAN:TC:CHEC? (@101,102) -> 1, 1"
+)
+SCAN = f"{CONFIGURED} | {JUNCTION} -> INT,INT | TEMP:TRAN:TC:CHEC? (@101,102) -> 1,1"
+TYPE_K = "<start> | CONF:TEMP TC,K,(@203)! | TEMP:TRAN:TC:RJUN:TYPE? (@203) -> INT | TEMP:TRAN:TC:CHEC? (@203) -> 1"
+FOUR_WIRES = "CONF:FRES 1.0E+02,(@103)! | FRES:NPLC 10,(@103)!"
+DOUBT = "CONF:FRES 1.0E+02,(@103) | SYST:ERR? -> <timeout> | <silent> | ROUT:SCAN? -> #16(@103)"
 ONE_SHORT = "READ? ~> +2.3E+01 | <clear>"
 ROWS += [
     row(NAME, "its channels are scanned", f"{SCAN} | READ? ~> +2.31230000E+01,-9.98700000E+00 | <ok>",
         gives([23.123, -9.987], "scan")),
-    row(NAME, "another channel and thermocouple", f"{TYPE_K} | ROUT:SCAN (@203)! | READ? ~> +2.5E+01 | <ok>",
+    row(NAME, "another channel and thermocouple", f"{TYPE_K} | READ? ~> +2.5E+01 | <ok>",
         gives([25.0], "scan"), channels=[203], thermocouple="K"),
-    row(NAME, "a fixed reference junction is made the internal one", f"{FIXED} | {JUNCTION} -> INT, INT",
-        does("identify"), leaves={"mended": {"reference junction": "INT,FIX"}}),
-    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX",
-        refuses("B-INST-011", "'INT,FIX' after 'TEMP.*: reference junction", "identify")),
-    row(NAME, "an open thermocouple is no scan", f"{SCAN} | READ? ~> +2.3E+01,+9.90000000E+37",
+    row(NAME, "junctions become internal, open thermocouples looked for",
+        f"{FIXED} | {JUNCTION} -> INT, INT | {CHECKED} | READ? ~> +2.3E+01,+9.90000000E+37",
         refuses("B-INST-007", "", "scan")),
+    row(NAME, "one that stays fixed is refused", f"{FIXED} | {JUNCTION} -> INT,FIX | {JUNCTION} -> INT,FIX",
+        refuses("B-INST-011", "'INT,FIX' after 'TEMP.*: reference junction", "scan")),
+    row(NAME, "without its multimeter it is refused", "<start:2> | INST:DMM? -> 0",
+        refuses("B-INST-019", "internal multimeter.*INST:DMM ON", "identify")),
+    row(NAME, "what was configured is not configured again",
+        f'<start> | {DOUBT} | CONF? (@103) -> "FRES +1.0E+02,+1.0E-05" | FRES:NPLC 10,(@103)! | READ? ~> +1E+02 | <ok>',
+        gives(100.0, "measure_resistance", 103, 100.0, 10)),
     row(NAME, "a missing reading is no scan", f"{SCAN} | {ONE_SHORT} | <ok> | {ONE_SHORT} | <ok> | {ONE_SHORT}",
         refuses("B-INST-004", "2 readings are due", "scan")),
     row(NAME, "the resistance of a channel", f"<start> | {FOUR_WIRES} | READ? ~> +1.00003270E+02 | <ok>",
@@ -94,14 +103,14 @@ ROWS += [
           refuses("B-INST-008", "", "measure_resistance", 103, 100.0, 10), channels=[channel])
       for channel in (103, 113)],
     row(NAME, "without thermocouples nothing is configured and nothing scanned",
-        f"<start:8> | {FOUR_WIRES} | READ? ~> +1.0E+02 | <ok>",
+        f"<start> | {FOUR_WIRES} | READ? ~> +1.0E+02 | <ok>",
         gives(100.0, "measure_resistance", 103, 100.0, 10), refuses("B-INST-008", "", "scan"),
         thermocouple="none", channels=[]),
 ]  # fmt: skip
 
 
 NAME = "agilent_53230a"
-GATE = '<start> | FUNC "FREQ 1"! | FREQ:GATE:SOUR TIME! | FREQ:GATE:TIME 1.0E+00!'
+GATE = '<start> | FUNC? -> "FREQ" | FREQ:GATE:TIME 1.0E+00!'
 NEVER = " | ".join(["READ?", *["<poll 0>"] * 13, "<silent>"])
 NO_REFERENCE = '<start:3> | SYST:ERR? -> +1111,"External reference not found" | <ok> | <start>'
 ROWS += [
@@ -140,7 +149,7 @@ ROWS += [
 
 
 NAME = "hp_3458a"
-SET_UP = "<start> | PRESET NORM! | INBUF ON! | END ALWAYS! | DCI {}! | NPLC 100! | NDIG 8! | AZERO ON! | TRIG HOLD!"
+SET_UP = "<start> | TERM? -> 1 | LFREQ LINE! | PRESET NORM! | INBUF ON! | DCI {}! | NPLC 100! | NDIG 8! | TRIG HOLD!"
 READY = SET_UP + " | RANGE? ->  {}"
 SINGLE = "TRIG SGL | <poll 16> | <poll 16> | <poll 16> | <poll 144> | <read>  1.000012345E-01 | <ok>"
 ROWS += [
@@ -152,7 +161,7 @@ ROWS += [
       ((0.12, "1.0E-01"), (0.2, "1.0E+00"), (1.05, "1.0E+00"), (3e-5, "1.0E-04"), (1e-9, "1.0E-07"))],
     row(NAME, "a range that was not taken is noticed", READY.format("1.0E-03", "1.0E-02"),
         refuses("B-INST-011", "RANGE", "configure_current", 1e-3)),
-    row(NAME, "an error is told", '<start> | PRESET NORM | ERRSTR? -> 105,"INVALID PARAMETER -- X" | <ok>',
+    row(NAME, "an error is told", f'{SET_UP.partition("! | INB")[0]} | ERRSTR? -> 105,"INVALID PARAMETER -- X" | <ok>',
         refuses("B-INST-005", "105 INVALID PARAMETER -- X", "configure_current", 0.1)),
     row(NAME, "an overload is no reading", "<start> | TRIG SGL | <poll 128> | <read>  1.0E+38",
         refuses("B-INST-007", "", "measure_current")),
@@ -165,10 +174,11 @@ ROWS += [
 
 
 NAME = "hp_6632b"
-LIMITS = "CURR 1.5E+00! | CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01!"
+LIMITS = "CURR 1.5E+00! | INIT:CONT:SEQ1? -> 0 | ABOR! | CURR:PROT:STAT? -> 1 | OUTP:RI:MODE? -> LIVE"
+LIMITS += " | OUTP:RI:MODE LATC! | OUTP:RI:MODE? -> LATC | OUTP:PROT:DEL 0.08! | VOLT? -> 5.0 | VOLT:PROT 1.8E+01!"
 BACK = "CURR? -> 1.50000E+00 | VOLT:PROT? -> 1.80000E+01 | VOLT? -> 1.50000E+01"
 CONFIGURED = f"<start> | {LIMITS} | VOLT 1.5E+01! | {BACK}"
-ON, OFF = f"{CONFIGURED} | {BACK} | OUTP ON!", "OUTP OFF! | OUTP? -> 0"
+ON, OFF = f"{CONFIGURED} | {BACK} | STAT:QUES:COND? -> 0 | OUTP ON!", "OUTP OFF! | OUTP? -> 0"
 OUT_OF_RANGE = 'SYST:ERR? -> -222,"Data out of range" | <ok>'
 CONFIGURE = does("configure", 15.0, 1.5, 18.0)
 ROWS += [
@@ -176,9 +186,11 @@ ROWS += [
         f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> 0 | MEAS:VOLT? -> +1.49991E+01 | MEAS:CURR? -> +4.20000E-01 | {OFF}",
         CONFIGURE, does("output_on"), gives(14.9991, "measure_voltage"), gives(0.42, "measure_current"),
         does("output_off")),
-    *[row(NAME, f"protection {condition} that was left latched", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
+    *[row(NAME, f"protection {condition} that trips", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
           f"{condition} | {OFF}", CONFIGURE, refuses("B-INST-018", what, "output_on"))
       for condition, what in ((1, "over-voltage"), (3, "over-voltage and over-current"))],
+    row(NAME, "one that was left latched", f"{CONFIGURED} | {BACK} | STAT:QUES:COND? -> 512", CONFIGURE,
+        refuses("B-INST-019", "inhibited output.*OUTP:PROT:CLE", "output_on")),
     row(NAME, "no output without limits", "", refuses("B-INST-010", "", "output_on")),
     row(NAME, "no limits that do not protect", "",
         refuses("B-INST-008", "not above voltage", "configure", 15.0, 1.5, 15.0),
@@ -226,13 +238,16 @@ NAME = "krohn_hite_3988"
 SENT = "CH 1;IG 0;OG 0;DC | CH 1;{0} | CH 2;IG 0;OG 0;DC | CH 2;{1}"
 BAND = SENT.format("HP;BU;F 5.0E-01", "LP;BU;F 2.0E+00")
 SHOWN = "CH 1 -> 00 .5000E+0 01.1 00 DC  | CH 2 -> 00 2.000E+0 02.1 00 DC "
+ALONE = "CH 1 -> 00 .5000E+0 01.1 00 DC "
 BY_PASSED = "CH 1 -> 00 byP      01.1 00 DC  | CH 2 -> 00 byP      02.1 00 DC*"
 ROWS += [
-    row(NAME, "a band of two octaves", f"<start> | {BAND} | {SHOWN}", does("configure", 1.0),
+    row(NAME, "a band of two octaves", f"<start> | {ALONE} | {BAND} | {SHOWN}", does("configure", 1.0),
         leaves={"wanted": (0.5, 2.0), "identity.firmware": "V3.5"}),
     row(NAME, "by-pass", f"<start> | {SENT.format('BY', 'BY')} | {BY_PASSED}", does("bypass"),
         leaves={"wanted": (None, None)}),
-    *[row(NAME, f"{what} reads back different", f"<start> | {BAND} | CH 1 -> {shown} ",
+    row(NAME, "channels that are set together are refused", f"<start> | {ALONE[:-1]}*",
+        refuses("B-INST-019", "(?s)all channels together.*front panel", "configure", 1.0)),
+    *[row(NAME, f"{what} reads back different", f"<start> | {ALONE} | {BAND} | CH 1 -> {shown} ",
           refuses("B-INST-011", "channel 1", "configure", 1.0), leaves={"wanted": None})
       for what, shown in (
           ("its cutoff", "00 .6000E+0 01.1 00 DC"), ("its input gain", "10 .5000E+0 01.1 00 DC"),
@@ -243,44 +258,51 @@ ROWS += [
 
 
 NAME = "leica_nivel_220"
+IN_RANGE = "G P ~> \x16\x02C1N1 OK\x03"
 MEASURED = [
     ("\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03", (0.206, -0.04, 23.8)),
     ("\x16\x02C1N1 X:-1.243 Y:0.587 T: 23.3\x03", (-1.243, 0.587, 23.3)),
-    ("\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03\x02Q", (0.206, -0.04, 23.8)),  # with a checksum behind ETX
+    ("\x02Ñ\x16\x02C1N1 X:+0.206 Y:-0.040 T:+23.8\x03", (0.206, -0.04, 23.8)),  # behind the checksum of the last
 ]
 NOT_MEASURED = {
-    "no frame": "C1N1 X:+0.206 Y:-0.040 T:+23.8",
+    "no frame": "C1N1 X:+0.206 Y:-0.040 T:+23.8\x03",
     "another sensor": "\x16\x02C1N2 X:+0.206 Y:-0.040 T:+23.8\x03",
     "half a value": "\x16\x02C1N1 X:+0.206 Y:-0.0 T:\x03",
     "a value too few": "\x16\x02C1N1 X:+0.206 T:+23.8\x03",
     "an overload": "\x16\x02C1N1 X:+9.91E37 Y:-0.040 T:+23.8\x03",
 }
 ROWS += [
-    *[row(NAME, f"measurement {number}", f"<start> | G A -> {reply}",
+    *[row(NAME, f"measurement {number}", f"<start> | {IN_RANGE} | G A ~> {reply}",
           gives({"x_mrad": x, "y_mrad": y, "temperature_degC": degC}, "measure"))
       for number, (reply, (x, y, degC)) in enumerate(MEASURED)],
     row(NAME, "who it is", "<start>", does("identify"), gives([], "drain_errors"),
-        leaves={"identity.serial": "NIVEL220 632001"}),
-    *[row(NAME, f"{what} is no measurement", " | ".join(["<start>", *[f"G A -> {reply}", "<clear>"] * 3]),
+        leaves={"identity.serial": "000005", "identity.firmware": "1.0"}),
+    row(NAME, "raw signals and another mode are set right", "<start:1> | RS C ~> \x16\x02C1N1 OFF\x03 | S C ON | "
+        "RS C ~> \x16\x02C1N1 ON\x03 | RS M ~> \x16\x02C1N1 PRE\x03 | S M CONT | RS M ~> \x16\x02C1N1 CONT\x03 | "
+        "R N ~> \x16\x02C1N1 008\x03", does("identify")),
+    row(NAME, "it is out of its range", "<start> | G P ~> \x16\x02C1N1 F\x03",
+        refuses("B-INST-019", "working range.*level the sensor", "measure")),
+    *[row(NAME, f"{what} is no measurement", " | ".join(["<start>", IN_RANGE, *[f"G A ~> {reply}", "<clear>"] * 3]),
           refuses("B-INST-004", "", "measure")) for what, reply in NOT_MEASURED.items()],
 ]  # fmt: skip
 
 
 NAME = "thermotron_3800"
 BACK = "MRMP1? -> 0.5 | SETP1? -> -10.0"
-START_8800 = "IDEN? -> Thermotron 8800 1.0 | <ok>"
+START_8800, FREE = "IDEN? -> 8800 Chamber Controller | <ok>", "MODE? -> 2 | <ok>"
+FREE_8800 = f"{FREE} | CCHR1? -> C | OPTN? -> 2"
 SET = does("set_temperature", -10.0, 0.5)
-OTHER_SET_POINT = "<start> | MRMP1,0.5! | SETP1,-10! | MRMP1? -> 0.5 | SETP1? -> 23.0"
+OTHER_SET_POINT = f"<start> | {FREE} | MRMP1,0.5! | SETP1,-10! | MRMP1? -> 0.5 | SETP1? -> 23.0"
 ALARMS = ["low deviation alarm", "high deviation alarm", "low process limit alarm", "high process limit alarm"]
 ROWS += [
     row(NAME, "a 3800 answers nothing and gets more than a second",
-        f"<start> | MRMP1,0.5! | SETP1,-10! | {BACK} | RUNM! | MODE? -> 16 | PVAR1? -> 22.87",
+        f"<start> | {FREE} | MRMP1,0.5! | SETP1,-10! | {BACK} | {FREE} | RUNM! | MODE? -> 16 | PVAR1? -> 22.87",
         SET, does("run"), gives(22.87, "measure_air"), leaves={"test_clock.now_ns": 3_600_000_000}),
     row(NAME, "completions of an 8800 are read",
-        f"{START_8800} | MRMP1,0.5 -> 0 | <ok> | SETP1,-10 -> 0 | <ok> | {BACK} | HOLD -> 0 | <ok> | MODE? -> 24 | "
-        "STOP -> 0 | MODE? -> 2 | XYZ -> 0", SET, does("hold"), does("stop"), gives("0", "raw", "XYZ"),
-        leaves={"test_clock.now_ns": 0}, dialect="8800"),
-    row(NAME, "a refusal of an 8800 is told", f"{START_8800} | RUNM -> 3",
+        f"{START_8800} | {FREE_8800} | MRMP1,0.5 -> 0 | <ok> | SETP1,-10 -> 0 | <ok> | {BACK} | HOLD -> 0 | <ok> | "
+        "MODE? -> 16 | STAT? -> 32 | STOP -> 0 | MODE? -> 2 | XYZ -> 0",
+        SET, does("hold"), does("stop"), gives("0", "raw", "XYZ"), leaves={"test_clock.now_ns": 0}, dialect="8800"),
+    row(NAME, "a refusal of an 8800 is told", f"{START_8800} | {FREE_8800} | RUNM -> 3",
         refuses("B-INST-005", "completion 3", "run"), dialect="8800"),
     row(NAME, "the stop of a stopped 8800 is none", f"{START_8800} | STOP -> 5 | MODE? -> 2", does("stop"),
         dialect="8800"),
@@ -289,13 +311,18 @@ ROWS += [
         refuses("B-INST-005", "high process limit alarm", "hold")),
     row(NAME, "every alarm has its name", "<start> | ALRM1? -> 51 | ALRM1? -> 2", does("identify"),
         gives(ALARMS, "drain_errors"), gives(ALARMS[1:2], "drain_errors")),
-    row(NAME, "one that does not run is noticed", " | ".join(["<start>", "RUNM!", *["MODE? -> 2"] * 7]),
+    row(NAME, "one that does not run is noticed", " | ".join(["<start>", FREE, "RUNM!", *["MODE? -> 2"] * 7]),
         refuses("B-INST-011", "", "run")),
     *[row(NAME, f"one that stays in mode {mode} is not stopped",
           " | ".join(["<start>", "STOP", *[f"MODE? -> {mode}"] * 7]), refuses("B-INST-009", "", "stop"))
       for mode in (16, 1, 24)],
     row(NAME, "a set-point that did not arrive is noticed", OTHER_SET_POINT,
         refuses("B-INST-011", "SETP1", "set_temperature", -10.0, 0.5)),
+    *[row(NAME, f"mode {mode} is not overwritten", f"<start> | MODE? -> {mode}",
+          refuses("B-INST-019", "program|calibration", action, *given))
+      for mode in (1, 9, 34, 64, 128) for action, *given in (("run",), ("set_temperature", -10.0, 0.5))],
+    *[row(NAME, f"{told} is not right", f"{START_8800} | {FREE} | {told}", refuses("B-INST-019", match, "run"),
+          dialect="8800") for told, match in (("CCHR1? -> F", "scale"), ("CCHR1? -> C | OPTN? -> 9", "product"))],
     row(NAME, "the other dialect is another instrument", "IDEN? -> 3800 REV 3 | <clear> | IDEN? -> 3800 REV 3",
         refuses("B-INST-002", "3800 REV 3", "identify"), dialect="8800"),
 ]  # fmt: skip
@@ -312,7 +339,8 @@ OUTPUT, OPERATE = does("output", 0.01), does("operate")
 OTHER = "OUT? -> {0} | <clear>"
 FAULTS = 'FAULT? -> 503 | FAULT? -> 301 | <ok> | EXPLAIN? 503 -> "Over current limit" | EXPLAIN? 301 -> "No such range"'
 TRIPPED = f'{STANDBY} | FAULT? -> 505 | <ok> | EXPLAIN? 505 -> "Output tripped to standby"'
-KEYS = [(256, "OFFSET active"), (512, "SCALE active"), (768, "OFFSET active.*SCALE active")]
+KEYS = [(256, "OFFSET active"), (512, "SCALE active"), (768, "OFFSET active.*SCALE active"), (8, "BOOST active")]
+OTHERS = [(1 << bit, "another function") for bit in (4, 6, 7, 10, 14, 15)]
 CURRENTS = [
     (3e-5, "3.0E-05", "3.00000E-05,A,0.0"), (0.1234567, "1.234567E-01", "1.234567E-01,A,0"),
     (0.0, "0.0E+00", "0E+00,A,0E+00"), (2.2, "2.2E+00", "2.2E+00,A,0E+00"),
@@ -348,8 +376,13 @@ ROWS += [
     *[row(NAME, f"one left with {keys} is refused", f"<start:2> | ISR? -> {4096 | bits}",
           refuses("B-INST-019", f"(?s){keys}.*press LOCAL, then", "identify"))
       for bits, keys in KEYS],
+    row(NAME, "a garbled status is asked for again",
+        "<start:2> | ISR? -> 40#6 | <clear> | <ok> | ISR? -> 4096 | CUR_POST? -> NORMAL", does("identify")),
     *[row(NAME, f"nothing operates with {keys}", f"{SET} | <ok> | {BACK} | ISR? -> {4096 | bits}", OUTPUT,
-          refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS],
+          refuses("B-INST-019", keys, "operate")) for bits, keys in KEYS + OTHERS],
+    row(NAME, "guard and sense are set inside, and another function is no reason to stay away",
+        "<start:2> | ISR? -> 4118 | EXTSENSE OFF! | ISR? -> 4114 | ISR? -> 4114 | EXTGUARD OFF! | ISR? -> 4112 | "
+        "CUR_POST? -> NORMAL", does("identify")),
     row(NAME, "an offset that comes while it settles", f"{READY} | OPER | {ON} | ISR? -> 257 | STBY", OUTPUT,
         refuses("B-INST-019", "OFFSET", "operate")),
     row(NAME, "a scale factor that comes later", "<start> | ISR? -> 4609", refuses("B-INST-019", "SCALE", "operating")),
@@ -378,7 +411,7 @@ def test_an_exchange(case: Row) -> None:
 @pytest.mark.parametrize(
     ("name", "option", "value"),
     [
-        *[("agilent_34970a", "channels", value) for value in ([], [1], ["101"], 101)],
+        *[("agilent_34970a", "channels", value) for value in ([], [1], ["101"], 101, [102, 101], [101, 101])],
         *[("agilent_34970a", "thermocouple", value) for value in ("TT", "", "none")],
         *[("keithley_7002", "slot", value) for value in (0, 11, "one", None)],
         ("thermotron_3800", "dialect", "2800"), ("srs_sr830", "reference", "index_c"), ("srs_sr830", "input", "bfg"),

@@ -13,7 +13,7 @@ NAME = "srs_sr830"
 FIXED = ("FMOD 0", "RSLP 1", "HARM 1", "ISRC 0", "IGND 0", "ICPL 1", "ILIN 0", "RMOD 0")
 CHOSEN = ("SENS 26", "OFSL 3", "OFLT 10", "SYNC 1")
 QUIET, SNAPSHOT = "LIAS? -> 0", "SNAP? 1,2,9 -> "
-EXPAND = "OEXP 1,0,0! | OEXP? 1 -> 0.00,0 | OEXP 2,0,0! | OEXP? 2 -> 0.00,0"
+EXPAND = "OEXP? 1 -> 0.00,0 | OEXP? 2 -> 0.00,0"
 
 
 def orders(*settings: str) -> str:
@@ -28,7 +28,7 @@ def told(*settings: str) -> str:
 
 def configured(*chosen: str) -> str:
     """The whole set-up with these sensitivity, slope, time constant and synchronous filter."""
-    return f"<start> | {orders(*FIXED, *chosen)} | {EXPAND} | {told(*FIXED, *chosen)} | {QUIET}"
+    return f"<start> | {told(*FIXED)} | {EXPAND} | {orders(*chosen)} | {told(*chosen)} | {QUIET}"
 
 
 def phased(phase: str, back: str) -> str:
@@ -76,14 +76,18 @@ ROWS = [
     row(NAME, "a setting that reads back different is noticed",
         configured(*SMALL).partition("OFLT? -> 0")[0] + "OFLT? -> 2",
         refuses("B-INST-011", r"OFLT\?", "configure", 1e-5, 6, 2e-9, "off"), leaves={"kept": ()}),
-    row(NAME, "an output that is expanded is noticed",
-        configured(*CHOSEN).partition("OEXP? 1")[0] + "OEXP? 1 -> 0.00,1",
+    row(NAME, "what somebody left is set", configured(*CHOSEN)
+        .replace("ICPL? -> 1", "ICPL? -> 0 | ICPL 1! | ICPL? -> 1")
+        .replace("OEXP? 2 -> 0", "OEXP? 2 -> 50.00,1 | OEXP 2,0,0! | OEXP? 2 -> -0"), SET_UP),
+    row(NAME, "an output that stays expanded is noticed",
+        configured(*CHOSEN).partition("OEXP? 1")[0] + "OEXP? 1 -> 0.00,1 | OEXP 1,0,0! | OEXP? 1 -> 0.00,1",
         refuses("B-INST-011", "expand", "configure", 1.0, 24, 1.0, "on")),
     row(NAME, "another phase is noticed", "<start> | PHAS 90! | PHAS? -> 90.03",
         refuses("B-INST-011", r"90\.03", "set_phase", 90.0)),
     *[row(NAME, f"not in its lists: {message.partition(' is')[0]}", "",
           refuses("B-INST-008", message, "configure", *arguments)) for arguments, message in NOT_LISTED],
-    row(NAME, "a refused setting is told with its registers", "<start> | FMOD 0 | *ESR? -> 48 | ERRS? -> 64",
+    row(NAME, "a refused setting is told with its registers",
+        "<start> | FMOD? -> 1 | FMOD 0 | *ESR? -> 48 | ERRS? -> 64",
         refuses("B-INST-005", "execution error; command error; DSP failure", "configure", 1.0, 24, 1.0, "on")),
     row(NAME, "a phase that did not arrive is sent again", f"<start> | {phased('90', '90.00')} | {IN_DOUBT}",
         does("set_phase", 90.0), does("set_phase", 180.0)),
@@ -102,16 +106,16 @@ def test_the_lists_are_those_of_the_manual() -> None:
     assert (len(TIME_CONSTANTS_S), *(TIME_CONSTANTS_S[at] for at in (0, 10, 19))) == (20, 1e-5, 1.0, 3e4)
 
 
-SETTINGS = told(*FIXED, *CHOSEN)
-OWN = "<start:1> | <clear> | *IDN? -> Stanford_Research_Systems,SR830,s/n48123,ver1.07"
+SETTINGS = told(*CHOSEN, *FIXED)
+OWN = "<clear> | <start:1>"
 
 
 @pytest.mark.parametrize(
     ("answers", "code", "named"),
     [
-        (f"{OWN} | <ok> | {SETTINGS.partition('SENS?')[0]}SENS? -> 20", "B-INST-011", r"SENS\?"),
+        (f"{OWN} | <ok> | {SETTINGS.partition('FMOD?')[0]}FMOD? -> 1", "B-INST-011", r"FMOD\?"),
         (f"{OWN} | <ok> | {SETTINGS} | PHAS? -> 0.00", "B-INST-011", r"PHAS\?"),
-        (OWN.replace("48123", "50001"), "B-INST-016", "s/n48123"),
+        ("<clear> | OUTX 1;*IDN? -> Stanford_Research_Systems,SR830,s/n50001,ver1.07", "B-INST-016", "s/n48123"),
     ],
 )
 def test_after_a_reopening_settings_and_phase_must_still_stand_on_this_amplifier(

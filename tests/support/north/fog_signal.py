@@ -11,6 +11,7 @@ import numpy as np
 import pyvisa
 from numpy.typing import NDArray
 from pyvisa.resources import MessageBasedResource
+from scripted import Log
 from sim_bench import bare_world
 
 from sim_instruments.synchronous_detection import SAMPLE_NS, LockIn
@@ -106,7 +107,7 @@ class NorthBench:
             "level": {"driver": "leica_nivel_220", "resource": "ASRL3::INSTR", "options": {}},
         }  # fmt: skip
         self.world = bare_world(entries)
-        self.clock = self.world.clock
+        self.clock, self.log = self.world.clock, Log()
         self.world.waveform, self.world.pulses = table.waveform, table.pulses
         self.visa = pyvisa.ResourceManager(self.world.visa_library)
         self.driver = {role: self._open(role, entry) for role, entry in entries.items()}
@@ -117,6 +118,7 @@ class NorthBench:
         return made(resource, role=role, clock=self.clock, transcript=self._line, options=entry["options"])
 
     def _line(self, *line: Any) -> None:
+        self.log(*line)
         self.on_line(*line)
 
     def close(self) -> None:

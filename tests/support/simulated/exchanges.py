@@ -17,7 +17,7 @@ NOTHING_WRONG = {
     "srs_sr830": "*ESR? -> 0 | ERRS? -> 0",
 }
 FRAMES = {"leica_nivel_220": "\x16\x02N1C1 {}\x03\r\n"}
-ENDS = {"leica_nivel_220": "\r\n", "hp_3458a": "\r\n"}
+ENDS = {"leica_nivel_220": "", "hp_3458a": "\r\n"}
 
 
 def exchange(name: str, script: str) -> list[tuple[Any, Any]]:
@@ -125,9 +125,20 @@ def row(name: str, claim: str, script: str, *calls: Call, leaves: dict[str, Any]
     return Row(name, claim, script, calls, leaves or {}, options)
 
 
+def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
+    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
+    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]
+
+
 NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
 NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
 CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
+
+
+def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:
+    """A set command that is accepted."""
+    return [(command, None), ok]
+
 
 IDENTIFY = {
     "fluke_5720a": [
@@ -139,12 +150,10 @@ IDENTIFY = {
     "keithley_7002": [
         (b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"),
         NO_ERROR,
-        (b":INIT:CONT OFF\n", None),
-        NO_ERROR,
-        (b":ABOR\n", None),
-        NO_ERROR,
+        *after(b":INIT:CONT OFF\n"),
+        *after(b":ABOR\n"),
     ],
-    "hp_3458a": [(b"END ALWAYS\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "hp_3458a": [(b"END ALWAYS;QFORMAT NORM\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
     "agilent_53230a": [
         (b"*IDN?\n", b"Agilent Technologies,53230A,MY50001234,02.05-1519\n"),
@@ -155,44 +164,43 @@ IDENTIFY = {
         NO_ERROR,
     ],
     "thermotron_3800": [(b"IDEN?\n", b"3800 REV 3\n"), (b"ALRM1?\n", b"0\n")],
-    "hp_6632b": [(b"*IDN?\n", b"HEWLETT-PACKARD,6632B,US36001234,A.01.01\n"), NO_ERROR],
+    "hp_6632b": [
+        (b"*IDN?\n", b"HEWLETT-PACKARD,6632B,US36001234,A.01.01\n"),
+        NO_ERROR,
+        (b"SENS:CURR:RANG 5;:SENS:SWE:TINT 15.6E-6;POIN 2048\n", None),
+        NO_ERROR,
+    ],
     "agilent_e3631a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0\n"),
         NO_ERROR,
-        (b"OUTP:TRAC OFF\n", None),
-        NO_ERROR,
+        (b"OUTP:TRAC?\n", b"0\n"),
     ],
     "agilent_34970a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,34970A,0,13-2-2\n"),
         NO_ERROR,
-        (b"ABOR\n", None),
-        NO_ERROR,
-        (b"TRIG:SOUR IMM;COUN 1\n", None),
-        NO_ERROR,
-        (b"FORM:READ:UNIT OFF;TIME OFF;CHAN OFF;ALAR OFF\n", None),
-        NO_ERROR,
-        (b"CONF:TEMP TC,T,(@101,102)\n", None),
-        NO_ERROR,
-        (b"UNIT:TEMP C,(@101,102)\n", None),
-        NO_ERROR,
-        (b"TEMP:TRAN:TC:RJUN:TYPE? (@101,102)\n", b"INT,INT\n"),
+        (b"INST:DMM?\n", b"1\n"),
+        *after(b"ABOR\n"),
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
-    "pendulum_cnt_91": [(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR],
+    "pendulum_cnt_91": [
+        *[(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR, (b"INIT:CONT?\n", b"0\n")]
+    ],
     "acutrol_3000": [
         (b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"),
-        (b"*STB?\n", b"0\n"),
-        (b":util:form float\n", None),
         (b"*STB?\n", b"0\n"),
         (b":util:form?\n", b"FLOAT\n"),
     ],
     "srs_sr830": [
-        (b"OUTX 1\n", None),
-        (b"*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
+        (b"OUTX 1;*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
         *NO_EVENT,
     ],
     "krohn_hite_3988": [(b"V\n", b"KROHN-HITE V3.5\n")],
-    "leica_nivel_220": [(b"\x16\x02N1C1 RB I\x03\r\n", b"\x16\x02C1N1 I:NIVEL220 632001\x03\r\n")],
+    "leica_nivel_220": [
+        (b"\x16\x02N1C1 RB D\x03\r\n", b"\x16\x02C1N1 000005 1.0\x03"),
+        *slow(b"\x16\x02N1C1 RS C\x03\r\n", b"\x02\xe7\x16\x02C1N1 ON\x03"),
+        *slow(b"\x16\x02N1C1 RS M\x03\r\n", b"\x01\xb0\x16\x02C1N1 CONT\x03"),
+        *slow(b"\x16\x02N1C1 R N\x03\r\n", b"\x16\x02C1N1 008\x03"),
+    ],
 }
 
 _RATE_0 = ((b"dem:rate", b",0"), (b"mode:rate", b""))
@@ -219,20 +227,10 @@ MAKE_SAFE = {
     ],
     "srs_sr830": NO_EVENT,
     "krohn_hite_3988": IDENTIFY["krohn_hite_3988"],
-    "leica_nivel_220": IDENTIFY["leica_nivel_220"],
+    "leica_nivel_220": IDENTIFY["leica_nivel_220"][:1],
 }
 
 
 def said(message: bytes) -> str:
     """A message as text, without its terminator and frame."""
     return message.decode().strip(CONTROLS)
-
-
-def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:
-    """A set command that is accepted."""
-    return [(command, None), ok]
-
-
-def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
-    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
-    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]

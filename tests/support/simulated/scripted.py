@@ -64,7 +64,7 @@ class ScriptedLibrary:
 class ScriptedResource:
     """Stands for a MessageBasedResource."""
 
-    resource_name = "GPIB0::4::INSTR"
+    resource_name, encoding = "GPIB0::4::INSTR", "ascii"
     session = 7
 
     def __init__(self, pairs: Sequence[tuple[Any, Any]]) -> None:
@@ -107,7 +107,7 @@ class ScriptedResource:
             pytest.fail(f"{reply!r} is due in parts, but was read as text")
         if reply in _FAILURES:
             raise VisaIOError(_FAILURES[reply])
-        text = reply.decode("ascii")
+        text = reply.decode(self.encoding)
         if not (self.read_termination and text.endswith(self.read_termination)):
             pytest.fail(f"the script's reply {text!r} has no terminator")
         return text.removesuffix(self.read_termination)

@@ -56,18 +56,25 @@ GENERATOR = [
 ]  # fmt: skip
 NOT_BY_GENERATOR = [
     ("FREQ 1 V", -131), ("FREQ 1 qHz", -131), ("FUNC:SQU:DCYC 40 V", -138), ("SOUR2:FREQ 1", -113),
-    ("OUTP:LOAD INF;:VOLT:UNIT DBM", -221), ("VOLT 25 DBM", -222),
+    ("OUTP:LOAD INF;:VOLT:UNIT DBM", -221), ("VOLT 25 DBM", -222), ("PULS:PER 1E-3;WIDT 2E-3", -222),
+    ("FUNC DC;:BURS:STAT ON", -221), ("SWE:STAT ON;:FUNC NOIS", -221), ("FUNC SQU;FUNC:SQU:DCYC 80;:FREQ 6E7", -221),
 ]  # fmt: skip
 TEN_MHZ = "@function_generator | FUNC SQU | OUTP:LOAD INF | FREQ 1.0E+07 | VOLT 5 | OUTP ON"
 TRIPS = (("VOLT:PROT 16", "1"), ("CURR:PROT:STAT ON | CURR 0.3", "2"))
 JUNCTION = "SENS:TEMP:TRAN:TC:RJUN"
 CALIBRATOR_FAULTS = [
-    ("OUT 3 A, 0 HZ", 705), ("OUT 1.0E-02 A, 50 HZ", 704), ("OUT ten A", 703), ("OUT 1 MAOHM", 707), ("NONSENSE", 702),
+    ("OUT 3 A, 0 HZ", 705), ("OUT 1.0E-02 A, 50 HZ", 704), ("OUT ten A", 703), ("OUT 1 HZ", 707), ("NONSENSE", 702),
     ("RANGELCK MAYBE", 701), ("EXPLAIN? 9999", 703), ("LIMIT -1 A, 1 A", 704),
 ]  # fmt: skip
 ROUTED = "@switch | :CLOS (@1!1!1) | @calibrator"
 OPEN_CIRCUIT = "OUT 1.0E-02 A, 0 HZ | OPER | ISR? -> 4096 | stb&8 -> 8 | FAULT? -> 501"
 OPEN_CIRCUIT += ' | EXPLAIN? 501 -> "Compliance Voltage Exceeded" | stb&8 -> 0'
+SENT = "INBUF ON|CSB|OFORMAT ASCII|TERM 2|MFORMAT ASCII|QFORMAT NUM|SETACV SYNC|ACBAND 10,1.2e6|ACV AUTO|LFILTER ON|"
+SENT += "FUNC DCV,AUTO|OHMF 10E3|OCOMP 1|APER 0.6|NPLC 0.0005|AZERO 1|FIXEDZ OFF|DISP MSG,'A B'|DISP 0|MATH NULL|"
+SENT += "MATH 0,0|MEM OFF|SSDC 0.1|SWEEP 1E-8,500|SLOPE POS|SSRC EXT|ARANGE OFF|DELAY 0|NRDGS 1,1|LFREQ LINE|DCI 1E-6|"
+SENT += "RANGE 0.01;RES 0.00001|TRIG SYN|TARM HOLD|TRIG AUTO|END 2|RQS 0|EMASK 32767|LOCK OFF|SMATH SCALE 2|MMATH OFF"
+ASKED = "ID RANGE ARANGE NPLC APER TARM TRIG END OFORMAT MFORMAT MEM ISCALE AZERO DISP MSIZE TEMP LFREQ LINE NDIG OCOMP"
+ASKED = " | ".join(f"{word}? -> ..." for word in f"{ASKED} DELAY INBUF MATH REV OPT STB CALNUM QFORMAT".split())
 MOST_FAULTS = " | ".join([*["NONSENSE"] * 7, *["OUT x A"] * 13, *["FAULT? -> 702"] * 7, *["FAULT? -> 703"] * 8])
 
 DIALOGUES = {
@@ -76,6 +83,8 @@ DIALOGUES = {
     **{f"no header {header}": f"@supply | {header} 5 | !-113"
        for header in ("VOLTA", "VOL", "VOLT:LEVE", "SOURC:VOLT", "VOLT?:LEV")},
     "headers go on from the last node": "@counter | FREQ:GATE:SOUR TIME;TIME 2.5 | !0 | FREQ:GATE:TIME? ~ 2.5",
+    "a measurement of another channel, and back": "@counter | CONF:FREQ 10E6,1E-3,(@2) | FUNC? -> \"FREQ 2\" | "
+        "MEAS:FREQ? (@1) ~ 9.91e37 | FUNC? -> \"FREQ 1\" | MEAS:FREQ? (@9) | !-224",
     "messages are joined and events collected": "@supply | VOLT:PROT 21;*ESE 4;:VOLT 9 | !0 | "
         "VOLT:PROT?;:VOLT?;*ESE? -> 2.10000E+01;9.00000E+00;4 | *ESR? -> 128 | NONSENSE | VOLT 1e9 | *OPC | "
         "*ESR? -> 49 | *ESR? -> 0",
@@ -86,11 +95,20 @@ DIALOGUES = {
         ":CLOS:STAT? -> (@1!1!3,1!1!10,1!2!3) | :OPEN (@1!1!3) | :ROUT:CLOS:STAT? -> (@1!1!10,1!2!3) | :OPEN ALL | "
         ":CLOS:STAT? -> (@) | :CLOS (@1!1!9:1!2!1, 1!4!4) | :CLOS:STAT? -> (@1!1!9,1!1!10,1!2!1,1!4!4) | "
         ":CLOS? (@1!1!1,1!1!9) -> 0,1 | :OPEN? (@1!1!1,1!1!9) -> 1,0",
+    "what is not closed, what is and in which turn": "@switch | :FCH (@1!2!3) | :CLOS (@1!2!1:1!2!3) | !-221 | *RST | "
+        ":CONF:SLOT1:POLE 4 | :CLOS (@1!1!3) | :CLOS:STAT? -> (@1!1!3,1!3!3) | :CONF:SLOT1:CTYP C7011 | :CLOS (@1!1!4) "
+        "| !-222 | *RST | :SCAN (@1!1!1,1!2!2) | :INIT | :CLOS:STAT? -> (@1!1!1) | wait 3 | :CLOS:STAT? -> (@1!2!2)",
     **{f"bad crosspoint {points!r}": f"@switch | :CLOS (@1!1!1) | :CLOS {points} | !{number} | :CLOS:STAT? -> (@1!1!1)"
        for points, number in BAD_POINTS.items()},
     "errors of the meter": "@dmm | END ALWAYS | NONSENSE | NPLC lots | DCI 5 | stb&32 -> 32 | "
         'ERRSTR? -> 103,"SYNTAX ERROR" | ERRSTR? -> 105,"UNDEFINED PARAMETER RECEIVED" | '
         'ERRSTR? -> 106,"PARAMETER OUT OF RANGE" | ERRSTR? -> 0,"NO ERROR" | stb&32 -> 0',
+    "what public drivers of the meter send and ask": f"@dmm | END ALWAYS | {SENT.replace('|', ' | ')} | ERR? -> 0 | "
+        f"{ASKED} | FUNC? -> 6,  1.00000000E-02 | NRDGS? -> 1, 1 | TERM? -> 1 | RMATH SCALE ~ 2 | CAL? 72,1 -> ... | "
+        "NDIG 9 | ERR? -> 64 | ACAL DCV | stb&16 -> 0 | wait 165 | stb&16 -> 16",
+    "over 120 percent of its range the meter is overloaded": f"{ROUTED} | OUT 13 MA, 0 HZ | OPER | wait 10 | @dmm | "
+        "END ALWAYS;DCI 0.01;NPLC 1;TRIG HOLD | TRIG SGL ~ 1e38 | DCI 0.1 | TRIG SGL ~ 0.013 1.3e-6",
+    "on hold the meter takes no reading": "@dmm | TARM HOLD | TRIG SGL | wait 9 | stb&128 -> 0",
     **{f"generator: {command}": f"@function_generator | {command} | {query} ~ {value} | !0"
        for command, query, value in GENERATOR},
     **{f"not by the generator: {command}": f"@function_generator | {command} | !{number}"
@@ -100,11 +118,15 @@ DIALOGUES = {
     "APPLy sets a waveform and switches it on":
         "@function_generator | APPL:SQU 12345678, 2, 0 | FREQ? -> +1.2345678000000E+07 | OUTP? -> 1",
     "an amplitude is that at its load": "@function_generator | OUTP:LOAD 50 | VOLT 1 | OUTP:LOAD INF | VOLT? ~ 2.0",
-    "a trigger sets levels when it is armed": "@supply | VOLT 5 | VOLT:TRIG 7 | *TRG | VOLT? ~ 5 | INIT:NAME TRAN | "
-        "ABOR | *TRG | VOLT? ~ 5 | INIT:NAME TRAN | *TRG | VOLT? ~ 7",
+    "an armed trigger sets levels": "@supply | VOLT 5 | VOLT:TRIG 7 | *TRG | VOLT? ~ 5 | INIT:NAME TRAN | ABOR | "
+        "*TRG | VOLT? ~ 5 | INIT:NAME TRAN | *TRG | VOLT? ~ 7 | INIT:CONT:SEQ1 ON | VOLT:TRIG 8 | *TRG | VOLT? ~ 8",
+    **{f"{trip} latches until it is cleared": f"@supply | CURR 2 | {trip} | VOLT 18 | OUTP ON | wait 0.1 | "
+        f"STAT:QUES:COND? -> {condition} | CURR 2 | VOLT:PROT 20 | MEAS:VOLT? ~ 0 0.01 | OUTP:PROT:CLE | "
+        "STAT:QUES:COND? -> 0 | MEAS:VOLT? ~ 18 0.01" for trip, condition in TRIPS},
     "the selected rail is hidden, and ranges differ": "@aux_supply | INST:NSEL 2 | VOLT 15 | INST:SEL N25V | "
         "VOLT -15 | INST:NSEL 1 | VOLT 15 | !-222 | APPL P6V, 5.0, 1.0 | OUTP ON | MEAS:VOLT? P6V ~ 5 0.01 | "
-        "MEAS:VOLT? P25V ~ 15 0.01 | MEAS:VOLT? N25V ~ -15 0.01 | INST? -> P6V | MEAS:CURR? ~ 0.2 0.001",
+        "MEAS:VOLT? P25V ~ 15 0.01 | MEAS:VOLT? N25V ~ -15 0.01 | INST? -> P6V | MEAS:CURR? ~ 0.2 0.001 | "
+        "STAT:QUES:INST:ISUM1:COND? -> 2 | CURR 0.1 | STAT:QUES:INST:ISUM1:COND? -> 1",
     "the rail meter reads the first rail": "@rail_dmm | FETC? | !-230 | INIT | FETC? ~ 0 1e-3 | CONF:VOLT:DC | "
         "READ? ~ 0 1e-3 | @aux_supply | APPL P6V, 5.0, 1.0 | OUTP ON | @rail_dmm | READ? ~ 5 0.005 | CONF:VOLT:DC 1 | "
         "READ? ~ 9.9e37",
@@ -113,12 +135,20 @@ DIALOGUES = {
         "CONF:DIOD | CONF? -> \"DIOD\" | MEAS:CONT? ~ 9.9e37 | "
         "CONF:CURR 10 | !-222 | CONF:VOLT:DC | TRIG:COUN INF | SAMP:COUN 600 | TRIG:COUN 1 | INIT | !531 | "
         "SAMP:COUN 1 | TRIG:COUN INF | INIT | !531",
-    "a thermocouple with a fixed junction is wrong": f"@logger | {JUNCTION}:TYPE FIX,(@101) | {JUNCTION} 0.0,(@101) | "
-        f"CONF:TEMP TC,T,(@101:103) | {JUNCTION}:TYPE? (@101:103) -> FIX,INT,INT | {JUNCTION}? (@101) -> "
+    "a thermocouple with a fixed junction is wrong": f"@logger | {JUNCTION}:TYPE INT,(@102) | "
+        f"CONF:TEMP TC,T,(@101:103) | {JUNCTION}:TYPE? (@101:103) -> FIX,INT,FIX | {JUNCTION}? (@101) -> "
         f"+0.00000000E+00 | ROUT:SCAN (@101) | READ? ~ 0 1.0 | {JUNCTION} 30.0,(@101) | READ? ~ 30 1.0 | "
         f"{JUNCTION}:TYPE EXT,(@101) | READ? ~ 9.9e37 | {JUNCTION}:TYPE INT,(@101) | READ? ~ 23 1.0 | "
         f"{JUNCTION} 81,(@101) | !-222 | {JUNCTION}:TYPE ICE,(@101) | !-224",
-    "a plain channel reads a voltage": "@logger | ROUT:SCAN (@105) | READ? ~ 0 1e-3 | ROUT:SCAN (@121) | !-222",
+    "open leads are overload": "@rail_dmm | MEAS:FRES? 1000 ~ 9.9e37 | @logger | MEAS:FRES? 1000,(@104) ~ 9.9e37",
+    **{f"channel {channel} senses": f"@logger | CONF:FRES 100,(@{channel}) | !308 | CONF:RES 100,(@{channel}) | !0"
+       for channel in (111, 120, 320)},
+    "a channel is configured anew": "@logger | ROUT:SCAN (@121) | !-222 | MEAS:VOLT:DC? 10,(@106) ~ 0 1e-3 | "
+        "CALC:SCAL:OFFS 5;STAT ON | READ? ~ 5 1e-3 | FRES:NPLC 1 | !-221 | MEAS:TEMP? TC,T,(@106) ~ 0 1 | "
+        "UNIT:TEMP F | READ? ~ 32 2 | ROUT:CHAN:DEL 2;DEL:AUTO? -> 0 | CONF:RES (@106) | ROUT:CHAN:DEL:AUTO? -> 1",
+    "nothing is set while a scan runs": "@logger | INIT | !113 | ROUT:SCAN (@102,101) | ROUT:SCAN? -> #210(@101,102) | "
+        "TRIG:SOUR BUS | READ? | !-214 | TRIG:SOUR TIM;TIM 2;COUN 3 | INIT | CONF:RES (@101) | !261 | READ? | !261 | "
+        "TRIG:COUN? ~ 3 | ABOR | TRIG:COUN 1 | INIT | FETC? -> ... | INST:DMM OFF | CONF:VOLT:DC (@101) | !225",
     "a 3800 misses what comes in the second after an operation":
         "@chamber | MRMP1,0.5 | SETP1,-10 | wait 1 | MRMP1? -> 0.5 | SETP1? -> 23.0",
     "the calibrator at power-on": "@calibrator | ISR? -> 4096 | FAULT? -> 0 | OUT? -> 0.0000000E+00,V,0.00E+00 | "
@@ -192,23 +222,10 @@ def test_a_reading_of_100_cycles_with_autozero_takes_four_seconds(bench: Bench) 
     assert bench.clock.now_ns() - began_ns == pytest.approx(4e9, abs=1e7)
 
 
-def test_without_its_buffer_the_meter_holds_the_bus_and_on_hold_it_takes_no_reading(bench: Bench) -> None:
+def test_without_its_buffer_the_meter_holds_the_bus(bench: Bench) -> None:
     talk(bench, "@dmm | PRESET NORM | END ALWAYS | DCI 0.1 | NPLC 100 | TRIG HOLD | TRIG SGL")
     bench["dmm"].timeout = 1000
     assert timed_out(bench["dmm"].read_stb)
-    with open_bench() as other:
-        talk(other, "@dmm | END ALWAYS | TARM HOLD | TRIG SGL")
-        assert timed_out(other["dmm"].read)
-
-
-def test_over_120_percent_of_range_is_overload(bench: Bench) -> None:
-    talk(
-        bench,
-        f"{ROUTED} | OUT 1.3E-02 A, 0 HZ | OPER | wait 10 | @dmm | END ALWAYS;DCI 0.01;NPLC 1;TRIG HOLD | TRIG SGL",
-    )
-    assert float(bench["dmm"].read()) == 1e38
-    talk(bench, "@dmm | DCI 0.1 | TRIG SGL")
-    assert float(bench["dmm"].read()) == pytest.approx(0.013, rel=1e-4)
 
 
 def test_frequency_reaches_the_unit_with_an_error_within_3_ppm() -> None:
@@ -217,9 +234,8 @@ def test_frequency_reaches_the_unit_with_an_error_within_3_ppm() -> None:
         with open_bench(seed=seed) as bench:
             talk(bench, TEN_MHZ)
             errors_ppm.append((bench.unit.fg[-1][1] / 1e7 - 1) * 1e6)
-    assert max(abs(e) for e in errors_ppm) <= 3.0
-    assert max(errors_ppm) > 1.5
-    assert min(errors_ppm) < -1.5
+    assert 1.5 < max(errors_ppm) <= 3.0
+    assert -3.0 <= min(errors_ppm) < -1.5
 
 
 def test_a_frequency_reaches_the_unit_with_enough_amplitude_only(bench: Bench) -> None:
@@ -230,22 +246,15 @@ def test_a_frequency_reaches_the_unit_with_enough_amplitude_only(bench: Bench) -
         assert bench.unit.fg[-1][1] == 0.0
 
 
-def test_a_counter_reads_the_true_frequency_after_its_gate_or_no_number_late(bench: Bench) -> None:
+def test_a_counter_without_a_signal_tells_no_number_behind_its_gate(bench: Bench) -> None:
     bench["counter"].timeout = 5000
     talk(bench, "@counter | FREQ:GATE:TIME 1 | READ? ~ 9.91e37")
     assert bench.clock.now_ns() > 2e9
-    talk(bench, f'{TEN_MHZ} | @counter | ROSC:SOUR EXT | FUNC "FREQ 1" | FREQ:GATE:TIME 1')
-    began_ns = bench.clock.now_ns()
-    assert float(bench.ask("counter", "READ?")) == pytest.approx(bench.unit.fg[-1][1], rel=6e-9)
-    assert bench.clock.now_ns() - began_ns == pytest.approx(1e9, abs=1e7)
 
 
 def test_a_supply_powers_the_unit_up_to_its_20_volts(bench: Bench) -> None:
-    measured = "MEAS:VOLT? ~ 18 0.01 | MEAS:CURR? ~ 1.25 2e-3"
-    talk(
-        bench,
-        f"@supply | CURR 2 | VOLT:PROT 20 | VOLT 18 | OUTP ON | {measured} | VOLT 19 | OUTP OFF | VOLT 28 | !-222",
-    )
+    measured = "OUTP ON | MEAS:VOLT? ~ 18 0.01 | MEAS:CURR? ~ 1.25 2e-3"
+    talk(bench, f"@supply | CURR 2 | VOLT:PROT 20 | VOLT 18 | {measured} | VOLT 19 | OUTP OFF | VOLT 28 | !-222")
     assert [powered for _, *powered in bench.unit.power[-3:]] == [[True, 18.0], [True, 19.0], [False, 0.0]]
 
 
@@ -255,19 +264,11 @@ def test_unit_stays_off_without_enough_voltage_or_current(bench: Bench, commands
     assert [on for _, on, _ in bench.unit.power if on] == []
 
 
-@pytest.mark.parametrize(("trip", "condition"), TRIPS)
-def test_protection_latches_until_cleared(bench: Bench, trip: str, condition: str) -> None:
-    """It trips behind its delay."""
-    talk(bench, f"@supply | CURR 2 | {trip} | VOLT 18 | OUTP ON | wait 0.1 | STAT:QUES:COND? -> {condition}")
-    talk(bench, "@supply | CURR 2 | VOLT:PROT 20 | MEAS:VOLT? ~ 0 0.01 | OUTP:PROT:CLE | STAT:QUES:COND? -> 0")
-    assert bench.unit.power[-1][1] is True
-
-
 def test_thermocouples_hang_in_the_laboratory_the_chamber_and_on_the_unit(bench: Bench) -> None:
     thermal = bench.world.thermal
     thermal.ramp(50.0, 5.0, 0)
     bench.clock.sleep(1200.0)
-    readings = bench.ask("logger", "CONF:TEMP TC,T,(@101:103)", "UNIT:TEMP C,(@101:103)", "READ?").split(",")
+    readings = bench.ask("logger", "CONF:TEMP TC,T,(@101:103)", f"{JUNCTION}:TYPE INT,(@101:103)", "READ?").split(",")
     now_ns = bench.clock.now_ns()
     true = [float(of(now_ns)) for of in (thermal.lab_degC, thermal.air_degC, thermal.unit_degC)]
     assert [float(r) for r in readings] == pytest.approx(true, abs=1.0)

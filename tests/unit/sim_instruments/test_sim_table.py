@@ -38,7 +38,7 @@ def test_the_status_byte_is_cleared_by_reading_and_the_queue_stays(rig: TableRig
     "command",
     [
         ":dem:rate 1,400.1", ":dem:rate 1,nan", ":dem:rate 4,1", ":dem:pos 1,inf", ":lim:rate pos,1,401",
-        ":lim:acc rate,1,0", ":lim:rate synt,1,5", ":dem:rate 1", ":int:close", ":dem 1,1", "dem rate", ":",
+        ":lim:acc rate,1,0", ":lim:rate move,1,5", ":dem:rate 1", ":int:close", ":dem 1,1", "dem rate", ":",
     ],
 )  # fmt: skip
 def test_what_it_does_not_allow_is_an_error_and_does_nothing(rig: TableRig, command: str) -> None:

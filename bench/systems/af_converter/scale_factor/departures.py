@@ -142,6 +142,8 @@ def words_of(groups: Sequence[Group]) -> Words:
             return say("departs.kind", kind=kind_name(value))
         if label == "polarity":
             return say("departs.positive" if value > 0 else "departs.negative")
+        if label == "after":
+            return say("departs.behind_current" if value else "departs.behind_zero")
         shown = {"level": 1e3 * value, "range": 1e3 * value, "place": value + 1}
         return say(f"departs.{label}", value=shown.get(label, value))
 
@@ -333,6 +335,7 @@ class LevelRows:
         ]
         kinds = {name: np.concatenate([labels[name] for labels in labelled]) for name in labelled[0]}
         kinds["place"] = np.concatenate([np.arange(rows.level_A.size) for rows in self.of_visits])
+        kinds["after"] = np.sign(np.abs(self.before_A))
         full_A = np.array([self.campaign.channel(number).full_scale_A for number in self.channel.tolist()])
         warmest_degC = max(float(np.abs(self.rest_degC).max()), 1.0)
         own_ppm = _OWN * max(channel.stability_limit_ppm or np.inf for channel in self.campaign.channels)
@@ -346,7 +349,10 @@ class LevelRows:
                 "before": (1e3 * self.before_A, (1,)),
             },
             carriers={"gain": ("ppm", PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
-            scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
+            scopes=[
+                *((), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")),
+                *(("after",), ("after", "polarity")),
+            ],
             corners=[("channel", "temperature")],
             exchanged=("channel", "kind", "polarity", "gain"),
             own={("gain", "temperature"): own_ppm},
