@@ -38,7 +38,7 @@ class Fluke5720A(Rack):
         Row("EXTGUARD", "guard", "bool", False, (True,), "guard|EX GRD"),
         Row("EXTSENSE", "sense", "bool", False, (True,), "sense|EX SNS"),
         Row("WBAND", "wideband", "bool", False, (True,), "wideband"),
-        Row("PHASELCK", "phase_lock", "bool", False, (True,)),
+        Row("PHASELCK", "phase_lock", "bool", False, (True,), "phase lock"),
     )
     asks: ClassVar[Table] = {
         "*IDN": Rack.asks["*IDN"], "FAULT": lambda unit, a: unit.next_error(), "ISR": lambda unit, a: unit.status(),
@@ -232,6 +232,7 @@ class Hp6632B(Rack):
 
     def legal(self) -> None:
         self.state["inhibited"] &= self.state["ri"] != "OFF"
+        self.changed("")
         self.state["language"] = "SCPI" if self.draw.random() < 0.8 else self.state["language"]
 
     def take(self, text: str) -> None:

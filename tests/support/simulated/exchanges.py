@@ -131,6 +131,7 @@ def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
 
 
 NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
+END_ALWAYS = [(b"END ALWAYS;QFORMAT NORM\n", None)] * 2
 NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
 CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
 
@@ -153,7 +154,7 @@ IDENTIFY = {
         *after(b":INIT:CONT OFF\n"),
         *after(b":ABOR\n"),
     ],
-    "hp_3458a": [(b"END ALWAYS;QFORMAT NORM\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "hp_3458a": [*END_ALWAYS, (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
     "agilent_53230a": [
         (b"*IDN?\n", b"Agilent Technologies,53230A,MY50001234,02.05-1519\n"),
