@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 from rack_base import Rack
-from rack_meters import Agilent34401A, Agilent34970A, Hp3458A
-from rack_signals import Agilent53230A, Sr830
+from rack_meters import Agilent34401A, Agilent34970A, Agilent53230A, Hp3458A, Sr830
 from rack_sources import Agilent33250A, AgilentE3631A, Fluke5720A, Hp6632B, Keithley7002
 
 from bench.model.clock import VirtualClock

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import random
 import re
+from ast import literal_eval
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from pyvisa.constants import StatusCode
@@ -18,6 +20,8 @@ from pyvisa.errors import VisaIOError
 from bench.model.clock import VirtualClock, to_ns
 
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)\s*([A-Z]*)\s*$", re.IGNORECASE)
+BLOCKS = (Path(__file__).parent / "settings.txt").read_text(encoding="utf-8").strip().split("\n\n")
+SETTINGS = {block.split("\n")[0]: block.split("\n")[1:] for block in BLOCKS}
 Table = dict[str, Callable[[Any, list[str]], Any]]  # what a command does, by its header
 
 
@@ -34,6 +38,22 @@ class Row(NamedTuple):
     left: tuple[Any, ...] = ()
     names: str = ""
     reset: bool = True
+
+
+class State(dict[str, Any]):
+    """The settings by their keys, and each as an attribute."""
+
+    __getattr__, __setattr__ = dict.__getitem__, dict.__setitem__  # type: ignore[assignment]
+
+
+def settings_of(instrument: str) -> tuple[Row, ...]:
+    """The rows of an instrument in settings.txt; none of one that is not in it."""
+    rows: list[Row] = []
+    for line in SETTINGS.get(instrument, ()):
+        key, header, domain, preset, left, names, kept = [cell.strip() for cell in (line + ";" * 6).split(";")][:7]
+        row = Row(header, key, domain, preset and literal_eval(preset), literal_eval(f"({left},)") if left else ())
+        rows += [row._replace(names=names, reset=not kept)] if preset else settings_of(key)
+    return tuple(rows)
 
 
 class Refused(Exception):
@@ -81,10 +101,13 @@ class Rack:
     unknown, unread, unasked = '-113,"Undefined header"', '-410,"Query INTERRUPTED"', '-420,"Query UNTERMINATED"'
     resource_name, session = "GPIB0::4::INSTR", 7
 
+    def __init_subclass__(cls) -> None:
+        cls.rows = settings_of(cls.__name__)
+
     def __init__(self, clock: VirtualClock, seed: int) -> None:
         self.clock, self.draw = clock, random.Random(seed)
         self.write_termination, self.read_termination, self.timeout = "\r\n", None, 2000.0
-        self.state: dict[str, Any] = {row.key: row.preset for row in self.rows}
+        self.state = State({row.key: row.preset for row in self.rows})
         self.errors: list[str] = []
         self.sent: list[str] = []
         self.output: str | None = None

@@ -21,43 +21,13 @@ class Hp3458A(Rack):
     """
 
     identity, end, is_tree = "HP3458A", "\r\n", False
-    switch = "OFF=0|ON=1"
-    rows = (
-        Row("FUNC", "func", "DCV=1|ACV=2|OHMF=5|DCI=6|ACI=7|FREQ=9", "DCV", ("DCI", "ACI", "OHMF", "FREQ")),
-        Row("RANGE", "range", "num", 10.0, (1e-3, 1e-7)),
-        Row("ARANGE", "arange", switch, "ON", ("OFF",)),
-        Row("NPLC", "nplc", "num", 10.0, (0.01, 1.0, 1000.0), "NPLC"),
-        Row("AZERO", "azero", f"{switch}|ONCE=2", "ON", ("OFF",), "AZERO"),
-        Row("TRIG", "trig", "AUTO=1|EXT=2|SGL=3|HOLD=4|SYN=5|LINE=8", "AUTO", ("HOLD", "EXT", "SYN", "LINE")),
-        Row("TARM", "tarm", "AUTO=1|EXT=2|SGL=3|HOLD=4|SYN=5", "AUTO", ("HOLD", "EXT", "SYN"), "TARM"),
-        Row("NRDGS", "nrdgs", "num", 1.0, (3.0, 10.0), "NRDGS"),
-        Row("", "event", "", "AUTO", ("EXTSYN",), "NRDGS|event"),
-        Row("DELAY", "delay", "num", -1.0, (0.5, 60.0), "delay"),
-        Row("MEM", "mem", "OFF=0|LIFO=1|FIFO=2", "OFF", ("LIFO", "FIFO"), r"\bMEM\b|memory"),
-        Row("OFORMAT", "oformat", "ASCII=1|SINT=2|DINT=3|SREAL=4|DREAL=5", "ASCII", ("SREAL", "DINT"), "OFORMAT"),
-        Row(
-            "MATH",
-            "math",
-            "OFF=0|DB=4|FILTER=6|NULL=9|SCALE=13|STAT=14",
-            "OFF",
-            ("NULL", "SCALE", "FILTER", "DB"),
-            "math",
-        ),
-        Row("QFORMAT", "qformat", "NUM=0|NORM=1|ALPHA=2", "NORM", ("NUM", "ALPHA"), "QFORMAT", False),
-        Row("END", "eoi", "OFF=0|ON=1|ALWAYS=2", "OFF", ("ON", "ALWAYS"), r"\bEND\b", False),
-        Row("INBUF", "inbuf", switch, "OFF", ("ON",)),
-        Row("LFREQ", "lfreq", "num", 50.0, (60.0,), "LFREQ|line frequency", False),
-        Row("NDIG", "ndig", "num", 7.0, (3.0, 8.0)),
-        Row("EMASK", "emask", "num", 2047.0, (0.0,), "", False),
-        Row("", "terminals", "", "front", ("rear",), "terminal", False),
-    )
     asks: ClassVar[Table] = {
         "ID": lambda unit, a: unit.identity, "ERR": lambda unit, a: unit.take_errors(True),
         "ERRSTR": lambda unit, a: unit.take_errors(False), "AUXERR": lambda unit, a: " 0",
-        "TERM": lambda unit, a: unit.header("TERM") + {"front": " 1", "rear": " 2"}[unit.state["terminals"]],
+        "TERM": lambda unit, a: unit.header("TERM") + {"front": " 1", "rear": " 2"}[unit.state.terminals],
     }  # fmt: skip
     tells: ClassVar[Table] = {
-        "DCI": lambda unit, a: unit.span(a, "DCI"), "RANGE": lambda unit, a: unit.span(a, unit.state["func"]),
+        "DCI": lambda unit, a: unit.span(a, "DCI"), "RANGE": lambda unit, a: unit.span(a, unit.state.func),
         "PRESET": lambda unit, a: unit.preset("SYN", 1.0), "RESET": lambda unit, a: unit.preset("AUTO", 10.0),
         "LFREQ": lambda unit, a: unit.state.update(lfreq=50.01 if a[0] == "LINE" else number(a[0])),
         "NRDGS": lambda unit, a: unit.state.update(nrdgs=number(a[0]), event=a[1] if a[1:] else "AUTO"),
@@ -72,60 +42,58 @@ class Hp3458A(Rack):
 
     def reading_s(self) -> float:
         state = self.state
-        return float((1 + (state["azero"] == "ON")) * state["nplc"] / 50.0 + max(state["delay"], 0.0) + 0.01)
+        return float((1 + (state.azero == "ON")) * state.nplc / 50.0 + max(state.delay, 0.0) + 0.01)
 
     def reading(self) -> float:
         state = self.state
-        if state["func"] != "DCI":
+        if state.func != "DCI":
             return 0.071
-        full_A = state["range"] if state["arange"] == "OFF" else 1.0
-        true_A = self.truth_A if state["terminals"] == "front" else 0.0
+        full_A = state.range if state.arange == "OFF" else 1.0
+        true_A = self.truth_A if state.terminals == "front" else 0.0
         if abs(true_A) > full_A * (1.05 if full_A == 1.0 else 1.2):
             return 1e38
-        value = true_A + full_A * (
-            2e-4 * (state["azero"] == "OFF") + 1e-6 / state["nplc"] + 1e-5 * (state["lfreq"] > 55.0)
-        )
+        value = true_A + full_A * (2e-4 * (state.azero == "OFF") + 1e-6 / state.nplc + 1e-5 * (state.lfreq > 55.0))
         return float({"NULL": value - 3e-4, "SCALE": (value - 1e-4) / 3.0, "FILTER": value * 0.7,
-                      "DB": 20.0 * math.log10(abs(value) + 1e-12)}.get(state["math"], value))  # fmt: skip
+                      "DB": 20.0 * math.log10(abs(value) + 1e-12)}.get(state.math, value))  # fmt: skip
 
     def changed(self, key: str) -> None:
         state = self.state
         if key in ("trig", "tarm"):  # arm, trigger and sample event let readings begin
             self.burst_ns = []
-            if (state["tarm"], state["trig"]) in (("AUTO", "SGL"), ("SGL", "AUTO")):
-                count = int(state["nrdgs"]) if state["event"] == "AUTO" else 0
+            if (state.tarm, state.trig) in (("AUTO", "SGL"), ("SGL", "AUTO")):
+                count = int(state.nrdgs) if state.event == "AUTO" else 0
                 self.burst_ns = [self.clock.now_ns() + to_ns(self.reading_s()) * (n + 1) for n in range(count)]
                 state[key] = "HOLD"
-        self.memory = [] if key == "mem" and state["mem"] != "OFF" else self.memory
+        self.memory = [] if key == "mem" and state.mem != "OFF" else self.memory
 
     def supply(self) -> None:
         """Have a reading for a controller that asks for one: of the memory, of the trigger, or as they come."""
         state, now_ns = self.state, self.clock.now_ns()
-        if state["mem"] != "OFF":
+        if state.mem != "OFF":
             done = [due_ns for due_ns in self.burst_ns if due_ns <= now_ns]
             self.memory, self.burst_ns = self.memory + [self.reading()] * len(done), self.burst_ns[len(done) :]
             if not self.memory:
                 return
-            value, self.ready_ns = self.memory.pop(0 if state["mem"] == "FIFO" else -1), now_ns
+            value, self.ready_ns = self.memory.pop(0 if state.mem == "FIFO" else -1), now_ns
         elif self.burst_ns:
             value, self.ready_ns = self.reading(), self.burst_ns.pop(0)
-        elif {state["tarm"], state["trig"]} <= {"AUTO", "SYN", "LINE"}:
+        elif {state.tarm, state.trig} <= {"AUTO", "SYN", "LINE"}:
             value, self.ready_ns = self.reading(), now_ns + to_ns(self.reading_s())
         else:
             return
-        self.output = f"{value: .9E}" if state["oformat"] == "ASCII" else "?\x03A"
+        self.output = f"{value: .9E}" if state.oformat == "ASCII" else "?\x03A"
 
     def read(self) -> str:
         if self.output is None:
             self.supply()
-        if self.output is None or (self.state["eoi"] == "OFF" and not (self.read_termination or "").endswith("\n")):
+        if self.output is None or (self.state.eoi == "OFF" and not (self.read_termination or "").endswith("\n")):
             raise self.time_out()
         return super().read()
 
     def read_stb(self) -> int:
         now_ns = self.clock.now_ns()
-        has_burst = self.state["mem"] == "OFF" and any(due_ns <= now_ns for due_ns in self.burst_ns[:1])
-        is_error = self.bits & int(self.state["emask"])
+        has_burst = self.state.mem == "OFF" and any(due_ns <= now_ns for due_ns in self.burst_ns[:1])
+        is_error = self.bits & int(self.state.emask)
         return (super().read_stb() & 16 or has_burst) and 128 | 16 * (not self.burst_ns) | 32 * bool(is_error)
 
     def clear(self) -> None:
@@ -141,7 +109,7 @@ class Hp3458A(Rack):
             self.open[1]
             and self.burst_ns
             and "SGL" in message
-            and self.state["inbuf"] == "OFF"
+            and self.state.inbuf == "OFF"
             and self.write_termination == "\r\n"
         ):
             if self.burst_ns[-1] - self.clock.now_ns() > to_ns(self.timeout / 1000.0):
@@ -156,7 +124,7 @@ class Hp3458A(Rack):
         self.bits |= {"-113": 8, "-109": 128, "-222": 64, "-410": 0, "-420": 0}.get(entry[:4], 32)
 
     def header(self, name: str) -> str:
-        return f"{name} " if self.state["qformat"] == "ALPHA" else ""
+        return f"{name} " if self.state.qformat == "ALPHA" else ""
 
     def take_errors(self, is_all: bool) -> str:
         bits, lowest = self.bits, self.bits & -self.bits
@@ -166,7 +134,7 @@ class Hp3458A(Rack):
         return f'{100 + lowest.bit_length()},"ERROR"' if bits else '0,"NO ERROR"'
 
     def preset(self, trig: str, nplc: float) -> None:
-        qformat = self.state["qformat"] if self.open[2] and trig == "SYN" else "NORM"
+        qformat = self.state.qformat if self.open[2] and trig == "SYN" else "NORM"
         self.state |= {row.key: row.preset for row in self.rows if row.reset}
         self.state.update(trig=trig, nplc=nplc, qformat=qformat)
         self.burst_ns = []
@@ -200,20 +168,6 @@ class ScpiMeter(Rack):
 
     asks: ClassVar[Table] = Rack.asks | {"READ": lambda unit, a: unit.read_values()}
     tells: ClassVar[Table] = Rack.tells | {"ABORt": lambda unit, a: unit.state.update(running=False)}
-    rows: ClassVar = (
-        Row(
-            "TRIGger:SOURce",
-            "trigger",
-            "IMMediate|EXTernal|BUS|TIMer",
-            "IMM",
-            ("EXT", "BUS"),
-            "trigger source|TRIG:SOUR",
-        ),
-        Row("TRIGger:COUNt", "triggers", "num", 1.0, (3.0, 50000.0), "trigger count|TRIG:COUN"),
-        Row("SAMPle:COUNt", "samples", "num", 1.0, (3.0, 50000.0), "sample count|SAMP:COUN"),
-        Row("TRIGger:DELay", "delay", "num", 0.0, (0.5, 60.0), "delay"),
-        Row("", "running", "bool", False, (True,), "running|runs"),
-    )
 
     def values(self) -> tuple[list[str], float]:
         """The values of one sample, and the time they take, second."""
@@ -221,18 +175,18 @@ class ScpiMeter(Rack):
 
     def read_values(self) -> str:
         state, (values, each_s) = self.state, self.values()
-        if state["running"]:
+        if state.running:
             raise Refused('-213,"Init ignored"')
-        if state["trigger"] == "BUS":
+        if state.trigger == "BUS":
             raise Refused('-214,"Trigger deadlock"')
-        count = int(state["triggers"] * state["samples"])
+        count = int(state.triggers * state.samples)
         return self.after(
-            min(NEVER_S * (state["trigger"] == "EXT") + each_s * count, NEVER_S), ",".join(values * min(count, 20))
+            min(NEVER_S * (state.trigger == "EXT") + each_s * count, NEVER_S), ",".join(values * min(count, 20))
         )
 
     def clear(self) -> None:
         super().clear()
-        self.state["running"] = False
+        self.state.running = False
 
 
 class Agilent34401A(ScpiMeter):
@@ -242,28 +196,17 @@ class Agilent34401A(ScpiMeter):
     """
 
     identity, error_bit = "HEWLETT-PACKARD,34401A,0,11-5-2", 0
-    rows = (
-        *ScpiMeter.rows,
-        Row("", "func", "raw", "VOLT", ("FRES", "CURR")), Row("", "range", "num", 0.0, (0.1, 1000.0)),
-        Row("CALCulate:STATe", "math", "bool", False, (True,), "math|CALC"),
-        Row("CALCulate:FUNCtion", "math_kind", "NULL|DB|AVERage", "NULL", ("DB", "AVER")),
-        Row("[SENSe:]ZERO:AUTO", "azero", "bool", True, (False,), "zero"),
-        Row("[SENSe:]VOLTage[:DC]:NPLCycles", "nplc_VOLT", "num", 10.0, (0.02, 100.0), "NPLC|cycles"),
-        Row("[SENSe:]FRESistance:NPLCycles", "nplc_FRES", "num", 10.0, (0.02, 100.0), "NPLC|cycles"),
-        Row("", "terminals", "raw", "FRON", ("REAR",), "terminal", False),
-        Row("", "language", "raw", "SCPI", ("3478",), "language", False),
-    )  # fmt: skip
-    asks: ClassVar[Table] = ScpiMeter.asks | {"ROUTe:TERMinals": lambda unit, a: unit.state["terminals"]}
+    asks: ClassVar[Table] = ScpiMeter.asks | {"ROUTe:TERMinals": lambda unit, a: unit.state.terminals}
     tells: ClassVar[Table] = ScpiMeter.tells | {
         "CONFigure[:VOLTage][:DC]": lambda unit, a: unit.configure("VOLT", a),
         "CONFigure:FRESistance": lambda unit, a: unit.configure("FRES", a),
     }
 
     def legal(self) -> None:
-        self.state["language"] = "SCPI" if self.draw.random() < 0.9 else self.state["language"]
+        self.state.language = "SCPI" if self.draw.random() < 0.9 else self.state.language
 
     def take(self, text: str) -> None:
-        if self.state["language"] == "SCPI":
+        if self.state.language == "SCPI":
             super().take(text)
 
     def configure(self, func: str, arguments: list[str]) -> None:
@@ -272,14 +215,14 @@ class Agilent34401A(ScpiMeter):
 
     def values(self) -> tuple[list[str], float]:
         state = self.state
-        value = {"VOLT": 3.21, "FRES": 787.0}.get(state["func"], 1e-5) * (1.0 if state["azero"] else 1.001)
-        if state["terminals"] == "REAR":
-            value = 9.9e37 if state["func"] == "FRES" else 2e-4
-        elif state["range"] and value > 1.2 * state["range"]:
+        value = {"VOLT": 3.21, "FRES": 787.0}.get(state.func, 1e-5) * (1.0 if state.azero else 1.001)
+        if state.terminals == "REAR":
+            value = 9.9e37 if state.func == "FRES" else 2e-4
+        elif state.range and value > 1.2 * state.range:
             value = 9.9e37
-        if state["math"] and value < 1e37:
-            value = {"NULL": value - 1.5, "DB": 20.0 * math.log10(value)}.get(state["math_kind"], value)
-        return [f"{value:+.8E}"], state.get(f"nplc_{state['func']}", 10.0) / 25.0 + state["delay"]
+        if state.math and value < 1e37:
+            value = {"NULL": value - 1.5, "DB": 20.0 * math.log10(value)}.get(state.math_kind, value)
+        return [f"{value:+.8E}"], state.get(f"nplc_{state.func}", 10.0) / 25.0 + state.delay
 
 
 class Agilent34970A(ScpiMeter):
@@ -291,30 +234,22 @@ class Agilent34970A(ScpiMeter):
     """
 
     identity = "HEWLETT-PACKARD,34970A,0,13-2-2"
-    own = (
-        Row("", "func", "raw", "VOLT", ("TEMP", "FRES", "TEMP")), Row("", "range", "num", 0.0, (100.0,)),
-        Row("[SENSe:]TEMPerature:TRANsducer:TCouple:TYPE", "couple", "J|K|T|E", "J", ("K", "T")),
-        Row("[SENSe:]TEMPerature:TRANsducer:TCouple:RJUNction:TYPE", "junction", "INTernal|EXTernal|FIXed", "INT",
-            ("EXT", "FIX"), "junction"),
-        Row("[SENSe:]TEMPerature:TRANsducer:TCouple:CHECk", "check", "bool", False, (True,)),
-        Row("UNIT:TEMPerature", "unit", "C|F|K", "C", ("F", "K"), "unit"),
-        Row("[SENSe:]TEMPerature:NPLCycles", "nplc", "num", 1.0, (0.02, 200.0)),
-        Row("[SENSe:]FRESistance:NPLCycles", "nplc", "num", 1.0, (0.02, 200.0)),
-        Row("[SENSe:]FRESistance:OCOMpensated", "ocomp", "bool", False, (True,)),
-        Row("[SENSe:]ZERO:AUTO", "azero", "bool", True, (False,), "zero", False),
-        Row("CALCulate:SCALe:STATe", "scaled", "bool", False, (True,), "scal(e|ing)"),
-        Row("CALCulate:SCALe:GAIN", "gain", "num", 1.0, (1000.0, -1.0)),
-        Row("CALCulate:SCALe:OFFSet", "offset", "num", 0.0, (-273.0,)),
-        Row("ROUTe:CHANnel:DELay", "wait", "num", 0.0, (2.0, 60.0), "delay"),
-    )  # fmt: skip
+    own_keys = [
+        "func",
+        "range",
+        "couple",
+        "junction",
+        "check",
+        "unit",
+        "nplc",
+        "ocomp",
+        "azero",
+        "scaled",
+        "gain",
+        "offset",
+        "wait",
+    ]
     fields: ClassVar = {"UNIT": " C", "TIME": ",0000123.4", "CHANnel": ",101", "ALARm": ",0"}
-    rows = (
-        *ScpiMeter.rows[:2], ScpiMeter.rows[-1], *own, Row("", "samples", "num", 1.0), Row("", "delay", "num", 0.0),
-        Row("TRIGger:TIMer", "timer", "num", 0.0, (1.0, 600.0), "timer|interval"),
-        Row("", "scan", "raw", (), ((103,), (101, 102, 103, 201))),
-        *(Row(f"FORMat:READing:{name}", name, "bool", False, (True,), "FORM:READ|format") for name in fields),
-        Row("INSTrument:DMM[:STATe]", "dmm", "bool", True, (False,), "DMM|internal meter", False),
-    )  # fmt: skip
     tells: ClassVar[Table] = ScpiMeter.tells | {
         "ROUTe:SCAN": lambda unit, a: unit.state.update(scan=unit.listed(a)),
         "CONFigure:TEMPerature": lambda unit, a: unit.configure(
@@ -325,6 +260,7 @@ class Agilent34970A(ScpiMeter):
     truth: ClassVar = {101: 21.5, 102: -40.25, 103: 787.0}
 
     def legal(self) -> None:
+        self.own = [row for row in self.rows if row.key in self.own_keys]
         self.channels: dict[int, dict[str, Any]] = {}
 
     def of(self, channel: int) -> dict[str, Any]:
@@ -332,7 +268,7 @@ class Agilent34970A(ScpiMeter):
 
     def listed(self, arguments: list[str]) -> tuple[int, ...]:
         if not arguments or not arguments[-1].startswith("(@"):
-            return tuple(self.state["scan"])
+            return tuple(self.state.scan)
         return tuple(int(part) for part in arguments.pop()[2:-1].split(",") if part.strip())
 
     def set(self, row: Row, arguments: list[str]) -> None:
@@ -351,7 +287,7 @@ class Agilent34970A(ScpiMeter):
         return ",".join(replies) or super().reply(row, [])
 
     def configure(self, channels: tuple[int, ...], func: str, **settings: Any) -> None:
-        if not self.state["dmm"] and self.open[0]:
+        if not self.state.dmm and self.open[0]:
             raise Refused('305,"Not able to perform requested operation"')
         self.state |= {"scan": channels, "trigger": "IMM", "triggers": 1.0} | dict.fromkeys(self.fields, False)
         for channel in channels:
@@ -362,18 +298,14 @@ class Agilent34970A(ScpiMeter):
     def changed(self, key: str) -> None:
         if key == "*RST":
             self.channels.clear()
-            self.state["dmm"] |= self.open[1]
+            self.state.dmm |= self.open[1]
 
     def values(self) -> tuple[list[str], float]:
-        if not self.state["scan"] or not self.state["dmm"]:
+        if not self.state.scan or not self.state.dmm:
             raise Refused('305,"Not able to perform requested operation"')
-        each_s = sum(
-            self.of(channel)["nplc"] / 25.0 + 0.02 + self.of(channel)["wait"] for channel in self.state["scan"]
-        )
-        is_timed = self.state["trigger"] == "TIM" and self.state["triggers"] > 1.0
-        return [self.told(channel) for channel in sorted(self.state["scan"])], max(
-            each_s, self.state["timer"] * is_timed
-        )
+        each_s = sum(self.of(channel)["nplc"] / 25.0 + 0.02 + self.of(channel)["wait"] for channel in self.state.scan)
+        is_timed = self.state.trigger == "TIM" and self.state.triggers > 1.0
+        return [self.told(channel) for channel in sorted(self.state.scan)], max(each_s, self.state.timer * is_timed)
 
     def told(self, channel: int) -> str:
         own, value = self.of(channel), self.truth.get(channel, 0.0)
@@ -388,3 +320,92 @@ class Agilent34970A(ScpiMeter):
         value += 0.01 * (not own["azero"])
         value = value * own["gain"] + own["offset"] if own["scaled"] else value
         return f"{value:+.8E}" + "".join(text for name, text in self.fields.items() if self.state[name])
+
+
+class Agilent53230A(ScpiMeter):
+    """Agilent 53230A (Programmer's Reference, its *RST table). *RST leaves ROSC:SOUR:AUTO alone: it is kept."""
+
+    identity = "Agilent Technologies,53230A,MY50000001,02.05-1519.666-1.19-4.15-127-157-35"
+    asks: ClassVar[Table] = ScpiMeter.asks | {
+        "[SENSe:]FUNCtion[:ON]": lambda unit, a: f'"{unit.state.func}"',
+        "STATus:QUEStionable[:EVENt]": lambda unit, a: "+0",
+    }
+    tells: ClassVar[Table] = ScpiMeter.tells | {
+        "[SENSe:]FUNCtion[:ON]": lambda unit, a: unit.state.update(func=re.split(r'[" ]', a[0])[1].upper())
+    }
+    truth_Hz = 43210.987
+
+    def changed(self, key: str) -> None:
+        if key == "reference":
+            self.state.reference_auto = False
+            if self.state.reference == "EXT" and self.state.unplugged:
+                self.state.reference = "INT"
+                raise Refused('+293,"External reference oscillator not valid"')
+
+    @property
+    def is_external(self) -> bool:
+        state = self.state
+        is_wanted = state.reference_auto or state.reference == "EXT"
+        return bool(is_wanted and state.reference_Hz == 10e6 and not state.unplugged)
+
+    def values(self) -> tuple[list[str], float]:
+        state, value = self.state, self.truth_Hz * (1.0 if self.is_external else 1.0 + 2e-6)
+        is_counted = (state.level_auto or abs(state.level) < 1.0) and state.gate_source == "TIME"
+        value = (value if state.func == "FREQ" else 1.0 / value) * (2.0 if state.math else 1.0)
+        text = f"{value:+.15E}" if state.format == "ASC" else "#18????????"
+        return [text], state.gate + state.delay if is_counted else NEVER_S
+
+
+class Sr830(Rack):
+    """SRS SR830 (manual, chapter 5), with 0.2 V at 10 kHz at A, 30 deg behind the reference, and nothing at B.
+
+    No error queue: *ESR? bit 5 tells a wrong command, 4 a wrong value. OUTX 0 sends every reply to the serial port.
+    """
+
+    identity, is_tree = "Stanford_Research_Systems,SR830,s/n00111,ver1.07", False
+    asks: ClassVar[Table] = {
+        "*IDN": Rack.asks["*IDN"], "ERRS": lambda unit, a: "0", "SNAP": lambda unit, a: unit.snap(a),
+        "LIAS": lambda unit, a: unit.latched("bits", a), "*ESR": lambda unit, a: unit.latched("event", a),
+        "OEXP": lambda unit, a: f"{unit.state.get('offset_' + a[0], 0.0):.2f},{unit.state.expand}",
+    }  # fmt: skip
+    tells: ClassVar[Table] = {
+        "OEXP": lambda unit, a: unit.state.update({f"offset_{a[0]}": number(a[1]), "expand": int(a[2])}),
+    }
+
+    def legal(self) -> None:
+        self.event, self.errors, self.bits = 32 * bool(self.errors), [], self.state.old_bits
+
+    def fault(self, entry: str) -> None:
+        self.event |= 32 if entry.startswith("-1") else 16
+
+    def do(self, command: str) -> str | None:
+        return super().do(re.sub(r"^(\*?[A-Z]{3,4}\??)\s*", r"\1 ", command))
+
+    def reply(self, row: Row, arguments: list[str]) -> str:
+        value = self.state[row.key]
+        return f"{(value + 180.0) % 360.0 - 180.0:.2f}" if row.key == "phase" else str(value)
+
+    def read(self) -> str:
+        self.output = self.output if self.state.port else None
+        return super().read()
+
+    def full_V(self) -> float:
+        return float((1.0, 2.0, 5.0)[(self.state.sens + 1) % 3] * 10.0 ** ((self.state.sens + 1) // 3 - 9))
+
+    def now_bits(self) -> int:
+        is_over = self.full_V() < 0.2 / 1.1 and self.state.source < 2
+        return 4 * is_over + 8 * (self.state.unlocked and not self.state.internal)
+
+    def latched(self, name: str, arguments: list[str]) -> str:
+        bits = getattr(self, name) | (self.now_bits() if name == "bits" else 0)
+        setattr(self, name, 0)
+        return str(bits >> int(arguments[0]) & 1 if arguments else bits)
+
+    def snap(self, arguments: list[str]) -> str:
+        state = self.state
+        is_seen = not state.internal and state.harmonic == 1 and state.source == 0 and not state.unlocked
+        angle = math.radians(-30.0 - state.phase + 180.0 * (state.slope_in == 2))
+        x_V, y_V = (0.2 * is_seen * part - self.full_V() * state[f"offset_{n}"] / 100.0
+                    for n, part in enumerate((math.cos(angle), math.sin(angle)), 1))  # fmt: skip
+        values = {"1": x_V, "2": y_V, "9": state.Hz if state.internal else 10e3 * (not state.unlocked)}
+        return ",".join(f"{values[which]:.6g}" for which in arguments)

@@ -22,28 +22,10 @@ class Fluke5720A(Rack):
     identity = "FLUKE,5720A,4105001,1.6+A+*"
     no_error, unknown, unread, unasked, overflow, depth, is_tree = "0", "1301", "1304", "1305", "1308", 16, False
     texts: ClassVar = {"1301": "Unknown command", "1306": "Value exceeds entry limits", "1307": "Range is locked"}
-    rows = (
-        Row("", "offset", "num", 0.0, (2e-6, -1e-3, 0.05), "offset"),
-        Row("", "scale", "num", 1.0, (1.001, 0.97), "scal"),
-        Row("BOOST", "boost", "bool", False, (True,), "boost|amplifier|5725"),
-        Row("CUR_POST", "post", "NORMAL|AUX|IB5725", "NORMAL", ("AUX", "IB5725"), "CUR_POST|binding post|terminal"),
-        Row("RANGELCK", "lock", "bool", False, (True,), r"\block|RANGELCK"),
-        Row("", "range_A", "num", 2.2, (2.2e-4, 2.2e-3, 2.2e-2, 0.22)),
-        Row("", "limit_A", "num", 2.2, (1e-3, 0.1), "limit"),
-        Row("", "unit", "raw", "V", ("A", "A", "OHM")),
-        Row("", "amount", "num", 0.0, (1e-4, 1e-3, 0.02)),
-        Row("", "frequency_Hz", "num", 0.0, (60.0, 1000.0), "frequency"),
-        Row("", "edit_A", "num", 0.0, (1e-7,)),
-        Row("", "output", "bool", False, (True,)),
-        Row("EXTGUARD", "guard", "bool", False, (True,), "guard|EX GRD"),
-        Row("EXTSENSE", "sense", "bool", False, (True,), "sense|EX SNS"),
-        Row("WBAND", "wideband", "bool", False, (True,), "wideband"),
-        Row("PHASELCK", "phase_lock", "bool", False, (True,), "phase lock"),
-    )
     asks: ClassVar[Table] = {
         "*IDN": Rack.asks["*IDN"], "FAULT": lambda unit, a: unit.next_error(), "ISR": lambda unit, a: unit.status(),
         "EXPLAIN": lambda unit, a: f'"{unit.texts.get(a[0], "Fault")}"', "OUT": lambda unit, a: unit.told(),
-        "LIMIT": lambda unit, a: f"1.1E+03,-1.1E+03,{unit.state['limit_A']:.4E},{-unit.state['limit_A']:.4E}",
+        "LIMIT": lambda unit, a: f"1.1E+03,-1.1E+03,{unit.state.limit_A:.4E},{-unit.state.limit_A:.4E}",
     }  # fmt: skip
     tells: ClassVar[Table] = Rack.tells | {
         "OUT": lambda unit, a: unit.out(a), "OPER": lambda unit, a: unit.switch(True),
@@ -54,57 +36,57 @@ class Fluke5720A(Rack):
 
     def legal(self) -> None:
         state, self.errors = self.state, ["1301"] * len(self.errors)
-        state.update(boost=state["boost"] and state["unit"] == "A", wideband=state["wideband"] and state["unit"] == "V")
-        if state["unit"] == "OHM":
+        state.update(boost=state.boost and state.unit == "A", wideband=state.wideband and state.unit == "V")
+        if state.unit == "OHM":
             state.update(amount=1e4, frequency_Hz=0.0, lock=False)
 
     def effective_A(self) -> float:
-        step_A = self.state["range_A"] / 2.2e6
-        return float(round((self.state["amount"] * self.state["scale"] + self.state["offset"]) / step_A) * step_A)
+        step_A = self.state.range_A / 2.2e6
+        return float(round((self.state.amount * self.state.scale + self.state.offset) / step_A) * step_A)
 
     @property
     def current_A(self) -> float:
         """The direct current at the normal posts."""
         state = self.state
-        is_on = state["output"] and state["unit"] == "A" and not state["frequency_Hz"]
-        is_here = is_on and not state["boost"] and state["post"] == "NORMAL"
-        return self.effective_A() + state["edit_A"] if is_here else 0.0
+        is_on = state.output and state.unit == "A" and not state.frequency_Hz
+        is_here = is_on and not state.boost and state.post == "NORMAL"
+        return self.effective_A() + state.edit_A if is_here else 0.0
 
     def told(self) -> str:
         state = self.state
-        amount = self.effective_A() if self.open[0] and state["unit"] == "A" else state["amount"]
-        return f"{amount:.7E},{state['unit']},{state['frequency_Hz']:.7E}"
+        amount = self.effective_A() if self.open[0] and state.unit == "A" else state.amount
+        return f"{amount:.7E},{state.unit},{state.frequency_Hz:.7E}"
 
     def switch(self, is_on: bool) -> None:
-        self.state["output"], self.settled_ns = is_on, self.clock.now_ns() + to_ns(self.draw.uniform(0.5, 6.0))
+        self.state.output, self.settled_ns = is_on, self.clock.now_ns() + to_ns(self.draw.uniform(0.5, 6.0))
 
     def out(self, arguments: list[str]) -> None:
         for found in map(NUMBER.match, arguments):
             if found is None or found[2].upper() not in ("A", "MA", "UA", "HZ"):
                 raise Refused("1302")
             if found[2].upper() == "HZ":
-                self.state["frequency_Hz"] = float(found[1])
+                self.state.frequency_Hz = float(found[1])
             else:
                 self.put(float(found[1]) * {"A": 1.0, "MA": 1e-3, "UA": 1e-6}[found[2].upper()])
-        self.switch(self.state["output"])
+        self.switch(self.state.output)
 
     def put(self, amount_A: float) -> None:
         state = self.state
-        if amount_A > state["limit_A"]:
+        if amount_A > state.limit_A:
             raise Refused("1306")
-        if state["unit"] != "A":
-            state["phase_lock"] &= self.open[3]
-            state.update(unit="A", lock=False, wideband=False, output=state["output"] and self.open[1])
-        if amount_A > (state["range_A"] if state["lock"] else 2.2):
+        if state.unit != "A":
+            state.phase_lock &= self.open[3]
+            state.update(unit="A", lock=False, wideband=False, output=state.output and self.open[1])
+        if amount_A > (state.range_A if state.lock else 2.2):
             raise Refused("1307")
-        if not state["lock"]:
-            state["range_A"] = next(step_A for step_A in self.steps_A if amount_A <= step_A)
+        if not state.lock:
+            state.range_A = next(step_A for step_A in self.steps_A if amount_A <= step_A)
         state.update(amount=amount_A, edit_A=0.0)
 
     def status(self) -> str:
         state, is_settled = self.state, self.clock.now_ns() >= self.settled_ns
-        flags = (state["output"], state["guard"], state["sense"], state["boost"], False, state["lock"], False,
-                 state["phase_lock"], state["offset"] != 0.0, state["scale"] != 1.0, state["wideband"], True,
+        flags = (state.output, state.guard, state.sense, state.boost, False, state.lock, False,
+                 state.phase_lock, state.offset != 0.0, state.scale != 1.0, state.wideband, True,
                  is_settled)  # fmt: skip
         return str(sum(flag << bit for bit, flag in enumerate(flags)))
 
@@ -118,80 +100,65 @@ class Agilent33250A(Rack):
 
     identity = "Agilent Technologies,33250A,0,2.01-1.01-2.00-03-1"
     modes = ("am", "fm", "fsk", "sweep", "burst")
-    rows = (
-        Row("FUNCtion[:SHAPe]", "shape", "SINusoid|SQUare|RAMP|PULSe|NOISe|DC", "SIN", ("SQU", "RAMP", "PULS", "DC")),
-        Row("FREQuency", "Hz", "num", 1e3, (1e-3, 30e6, 1e6)),
-        Row("VOLTage:UNIT", "unit", "VPP|VRMS|DBM", "VPP", ("VRMS", "DBM"), "unit"),
-        Row("VOLTage:OFFSet", "offset", "num", 0.0, (0.5, -1.0, 2.0), "offset"),
-        Row("VOLTage:RANGe:AUTO", "auto", "bool", True, (False,), "auto.?rang|RANG:AUTO"),
-        Row("VOLTage", "amplitude", "num", 0.1, (0.3, 2.0)),
-        Row("FUNCtion:SQUare:DCYCle", "duty", "num", 50.0, (20.0, 80.0), "duty"),
-        Row("OUTPut:LOAD", "load", "num", 50.0, (9.9e37, 75.0, 600.0), r"\bload"),
-        Row("OUTPut:POLarity", "polarity", "NORMal|INVerted", "NORM", ("INV",), "polarity"),
-        Row("OUTPut[:STATe]", "output", "bool", False, (True,)),
-        *(Row(f"{head}:STATe", mode, "bool", False, (True,), rf"\b{mode}\b|modulat")
-          for head, mode in zip(("AM", "FM", "FSKey", "SWEep", "BURSt"), modes, strict=True)),
-        Row("TRIGger:SOURce", "trigger", "IMMediate|EXTernal|BUS", "IMM", ("EXT", "BUS")),
-    )  # fmt: skip
 
     def legal(self) -> None:
         state, on = self.state, [mode for mode in self.modes if self.state[mode]]
-        state |= dict.fromkeys(on if state["shape"] == "DC" else on[1:], False)
-        if state["unit"] == "DBM":
-            state.update({"unit": "VPP"} if state["load"] > 1e6 else {"amplitude": -10.0})
-        state["Hz"] = min(state["Hz"], {"RAMP": 1e6, "PULS": 50e6}.get(state["shape"], 80e6))
-        state["duty"] = 50.0 if state["Hz"] > 25e6 else state["duty"]
-        self.held_V = math.inf if state["auto"] else 1.5 * self.peak_V()
+        state |= dict.fromkeys(on if state.shape == "DC" else on[1:], False)
+        if state.unit == "DBM":
+            state.update({"unit": "VPP"} if state.load > 1e6 else {"amplitude": -10.0})
+        state.Hz = min(state.Hz, {"RAMP": 1e6, "PULS": 50e6}.get(state.shape, 80e6))
+        state.duty = 50.0 if state.Hz > 25e6 else state.duty
+        self.held_V = math.inf if state.auto else 1.5 * self.peak_V()
 
     def gain(self) -> float:
         """Of the open output over that into the load it counts on."""
-        return float(1.0 if self.state["load"] > 1e6 else 1.0 + 50.0 / self.state["load"])
+        return float(1.0 if self.state.load > 1e6 else 1.0 + 50.0 / self.state.load)
 
     def pp_V(self, amount: float | None = None) -> float:
         """Peak to peak at the open output."""
         state = self.state
-        amount = state["amplitude"] if amount is None else amount
-        crest = {"SIN": 2.0 * math.sqrt(2.0), "RAMP": 2.0 * math.sqrt(3.0)}.get(state["shape"], 2.0)
-        if state["unit"] == "DBM":
-            return math.sqrt(1e-3 * 10.0 ** (amount / 10.0) * state["load"]) * crest * self.gain()
-        return float(amount * (crest if state["unit"] == "VRMS" else 1.0) * self.gain())
+        amount = state.amplitude if amount is None else amount
+        crest = {"SIN": 2.0 * math.sqrt(2.0), "RAMP": 2.0 * math.sqrt(3.0)}.get(state.shape, 2.0)
+        if state.unit == "DBM":
+            return math.sqrt(1e-3 * 10.0 ** (amount / 10.0) * state.load) * crest * self.gain()
+        return float(amount * (crest if state.unit == "VRMS" else 1.0) * self.gain())
 
     def peak_V(self) -> float:
-        return float(self.pp_V() / 2.0 + abs(self.state["offset"]) * self.gain())
+        return float(self.pp_V() / 2.0 + abs(self.state.offset) * self.gain())
 
     def set(self, row: Row, arguments: list[str]) -> None:
-        state, pp_V, offset_V = self.state, self.pp_V(), self.state["offset"] * self.gain()
-        if row.key == "unit" and arguments[0] == "DBM" and state["load"] > 1e6:
+        state, pp_V, offset_V = self.state, self.pp_V(), self.state.offset * self.gain()
+        if row.key == "unit" and arguments[0] == "DBM" and state.load > 1e6:
             raise Refused('-221,"Settings conflict; not able to set dBm units while load impedance is infinite"')
         super().set(row, [arguments[0].replace("INFINITY", "INF").replace("INF", "9.9E37"), *arguments[1:]])
-        if row.key == "load" and state["load"] > 1e6 and state["unit"] == "DBM":
-            state["unit"] = "VPP"
+        if row.key == "load" and state.load > 1e6 and state.unit == "DBM":
+            state.unit = "VPP"
         if row.key in ("load", "unit"):  # what is at the terminals stays
             state.update(
-                offset=offset_V / self.gain(), amplitude=pp_V / self.pp_V(1.0) if state["unit"] != "DBM" else -10.0
+                offset=offset_V / self.gain(), amplitude=pp_V / self.pp_V(1.0) if state.unit != "DBM" else -10.0
             )
 
     def changed(self, key: str) -> None:
         state = self.state
         if key in self.modes and state[key]:
             state |= {mode: mode == key for mode in self.modes}
-        self.held_V = math.inf if state["auto"] else self.held_V
+        self.held_V = math.inf if state.auto else self.held_V
         if key in ("amplitude", "offset") and self.peak_V() > self.held_V:
             raise Refused('-222,"Data out of range; value clipped to upper limit"')
         if key in ("amplitude", "offset") and self.peak_V() > 10.0 + 1e-9:
-            state["offset"] = max(10.0 - self.pp_V() / 2.0, 0.0) / self.gain()
+            state.offset = max(10.0 - self.pp_V() / 2.0, 0.0) / self.gain()
             raise Refused('-221,"Settings conflict; offset changed because of amplitude"')
-        room = 0.0 if state["Hz"] > 50e6 else 10.0 if state["Hz"] > 25e6 else 30.0
-        if key in ("Hz", "duty", "shape") and state["shape"] == "SQU" and abs(state["duty"] - 50.0) > room:
-            state["duty"] = 50.0 + math.copysign(room, state["duty"] - 50.0)
+        room = 0.0 if state.Hz > 50e6 else 10.0 if state.Hz > 25e6 else 30.0
+        if key in ("Hz", "duty", "shape") and state.shape == "SQU" and abs(state.duty - 50.0) > room:
+            state.duty = 50.0 + math.copysign(room, state.duty - 50.0)
             raise Refused('-221,"Settings conflict; duty cycle changed because of frequency"')
-        if key in ("Hz", "shape") and state["Hz"] > {"RAMP": 1e6, "PULS": 50e6}.get(state["shape"], 80e6):
+        if key in ("Hz", "shape") and state.Hz > {"RAMP": 1e6, "PULS": 50e6}.get(state.shape, 80e6):
             raise Refused('-221,"Settings conflict; frequency too high for this function"')
 
     def shows(self) -> dict[str, Any]:
         """What is at the open output."""
         state, wave = self.state, {key: self.state[key] for key in ("output", "shape", "Hz", "duty", "polarity")}
-        volts = {"Vpp": round(self.pp_V(), 6), "offset": round(state["offset"] * self.gain(), 6)}
+        volts = {"Vpp": round(self.pp_V(), 6), "offset": round(state.offset * self.gain(), 6)}
         return wave | volts | {"modes": [mode for mode in self.modes if state[mode]]}
 
 
@@ -203,25 +170,9 @@ class Hp6632B(Rack):
     """
 
     identity = "HEWLETT-PACKARD,6632B,US00000001,A.00.01"
-    rows = (
-        Row("[SOURce]:VOLTage[:LEVel][:IMMediate]", "V", "num", 0.0, (5.0, 15.0, 20.0)),
-        Row("[SOURce]:CURRent[:LEVel][:IMMediate]", "A", "num", 0.5, (0.05, 5.0)),
-        Row("[SOURce]:VOLTage:PROTection[:LEVel]", "over_V", "num", 22.0, (3.0, 10.0)),
-        Row("[SOURce]:CURRent:PROTection:STATe", "over_current", "bool", False, (True,)),
-        Row("OUTPut[:STATe]", "output", "bool", False, (True,)),
-        Row("OUTPut:RI:MODE", "ri", "OFF|LIVE|LATChing", "OFF", ("LIVE", "LATC"), "inhibit", False),
-        Row("", "inhibited", "bool", False, (True,), "inhibit", False),
-        Row("", "tripped", "raw", "", ("OV", "OC"), "over-voltage|over-current|trip|protection", False),
-        Row("OUTPut:PROTection:DELay", "delay_s", "num", 0.08, (2.0,)),
-        Row("SENSe:CURRent[:DC]:RANGe", "range", "num", 5.0, (0.02,), "CURR:RANG|low range|range of"),
-        Row("SENSe:SWEep:POINts", "points", "num", 2048.0, (1.0, 4096.0)),
-        Row("SENSe:SWEep:TINTerval", "interval", "num", 15.6e-6, (0.01,), "SENS:SWE|sweep|interval"),
-        Row("INITiate:CONTinuous:SEQ1", "rearmed", "bool", False, (True,), "INIT:CONT|trigger"),
-        Row("SYSTem:LANGuage", "language", "SCPI|COMPatibility", "SCPI", ("COMP",), "language|compatib", False),
-    )
     asks: ClassVar[Table] = Rack.asks | {
         "MEASure:VOLTage[:DC]": lambda unit, a: unit.measured(unit.out_V()),
-        "MEASure:CURRent[:DC]": lambda unit, a: unit.measured(unit.out_V() / 20.0, unit.state["range"]),
+        "MEASure:CURRent[:DC]": lambda unit, a: unit.measured(unit.out_V() / 20.0, unit.state.range),
         "STATus:QUEStionable[:CONDition]": lambda unit, a: unit.questionable(),
     }
     tells: ClassVar[Table] = Rack.tells | {
@@ -231,31 +182,31 @@ class Hp6632B(Rack):
     peak_V = 0.0
 
     def legal(self) -> None:
-        self.state["inhibited"] &= self.state["ri"] != "OFF"
+        self.state.inhibited &= self.state.ri != "OFF"
         self.changed("")
-        self.state["language"] = "SCPI" if self.draw.random() < 0.8 else self.state["language"]
+        self.state.language = "SCPI" if self.draw.random() < 0.8 else self.state.language
 
     def take(self, text: str) -> None:
-        if self.state["language"] == "SCPI" or re.match(r":?SYST(EM)?:LANG", text, re.IGNORECASE):
+        if self.state.language == "SCPI" or re.match(r":?SYST(EM)?:LANG", text, re.IGNORECASE):
             super().take(text)  # otherwise an error that its own ERR? alone tells
 
     def out_V(self) -> float:
         state = self.state
-        is_on = state["output"] and not state["tripped"] and not state["inhibited"]
-        return float(min(state["V"], state["A"] * 20.0) if is_on else 0.0)
+        is_on = state.output and not state.tripped and not state.inhibited
+        return float(min(state.V, state.A * 20.0) if is_on else 0.0)
 
     def changed(self, key: str) -> None:
         state, self.peak_V = self.state, max(self.peak_V, self.out_V())
-        if self.out_V() > state["over_V"]:
-            state["tripped"] = "OV"
-        elif self.out_V() and state["over_current"] and state["V"] > state["A"] * 20.0:
-            state["tripped"] = "OC"
+        if self.out_V() > state.over_V:
+            state.tripped = "OV"
+        elif self.out_V() and state.over_current and state.V > state.A * 20.0:
+            state.tripped = "OC"
 
     def measured(self, value: float, most: float = math.inf) -> str:
-        return self.after(self.state["points"] * self.state["interval"], f"{value if value <= most else 9.91e37:.6E}")
+        return self.after(self.state.points * self.state.interval, f"{value if value <= most else 9.91e37:.6E}")
 
     def questionable(self) -> str:
-        return str({"": 0, "OV": 1, "OC": 2}[self.state["tripped"]] + 512 * self.state["inhibited"])
+        return str({"": 0, "OV": 1, "OC": 2}[self.state.tripped] + 512 * self.state.inhibited)
 
 
 class AgilentE3631A(Rack):
@@ -263,22 +214,12 @@ class AgilentE3631A(Rack):
 
     identity = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
     rails: ClassVar = {"P6V": (0.0, 6.18, 5.15), "P25V": (0.0, 25.75, 1.03), "N25V": (-25.75, 0.0, 1.03)}
-    rows = (
-        Row("", "rail", "raw", "P6V", ("P25V", "N25V")),
-        Row("OUTPut[:STATe]", "output", "bool", False, (True,)),
-        Row("OUTPut:TRACk[:STATe]", "track", "bool", False, (True,), "track"),
-        Row("", "V P6V", "num", 0.0, (2.0, 5.0)), Row("", "A P6V", "num", 5.15, (0.001, 0.5)),
-        Row("", "V P25V", "num", 0.0, (2.0, 5.0)), Row("", "A P25V", "num", 1.03, (0.001, 0.5)),
-        Row("", "V N25V", "num", 0.0, (-2.0, -5.0)), Row("", "A N25V", "num", 1.03, (0.001, 0.5)),
-    )  # fmt: skip
     asks: ClassVar[Table] = Rack.asks | {
-        "INSTrument[:SELect]": lambda unit, a: unit.state["rail"],
-        "INSTrument:NSELect": lambda unit, a: str(1 + list(unit.rails).index(unit.state["rail"])),
-        "VOLTage": lambda unit, a: f"{unit.state['V ' + unit.state['rail']]:+.8E}",
-        "CURRent": lambda unit, a: f"{unit.state['A ' + unit.state['rail']]:+.8E}",
-        "MEASure:VOLTage[:DC]": lambda unit, a: unit.after(
-            0.1, f"{unit.out_V(a[0] if a else unit.state['rail']):+.8E}"
-        ),
+        "INSTrument[:SELect]": lambda unit, a: unit.state.rail,
+        "INSTrument:NSELect": lambda unit, a: str(1 + list(unit.rails).index(unit.state.rail)),
+        "VOLTage": lambda unit, a: f"{unit.state['V_' + unit.state.rail]:+.8E}",
+        "CURRent": lambda unit, a: f"{unit.state['A_' + unit.state.rail]:+.8E}",
+        "MEASure:VOLTage[:DC]": lambda unit, a: unit.after(0.1, f"{unit.out_V(a[0] if a else unit.state.rail):+.8E}"),
     }
     tells: ClassVar[Table] = Rack.tells | {
         "INSTrument[:SELect]": lambda unit, a: unit.state.update(rail=a[0].upper()),
@@ -287,24 +228,24 @@ class AgilentE3631A(Rack):
     }  # fmt: skip
 
     def legal(self) -> None:
-        if self.state["track"]:
-            self.state["V N25V"] = -self.state["V P25V"]
+        if self.state.track:
+            self.state.V_N25V = -self.state.V_P25V
 
     def changed(self, key: str) -> None:
         self.legal()
 
     def out_V(self, rail: str) -> float:
-        most_V = self.state[f"A {rail}"] * 100.0
-        return float(max(-most_V, min(most_V, self.state[f"V {rail}"])) if self.state["output"] else 0.0)
+        most_V = self.state[f"A_{rail}"] * 100.0
+        return float(max(-most_V, min(most_V, self.state[f"V_{rail}"])) if self.state.output else 0.0)
 
     def put(self, kind: str, value: float) -> None:
-        rail = self.state["rail"]
+        rail = self.state.rail
         low, high, most_A = self.rails[rail]
         if not (low <= value <= high if kind == "V" else 0.0 <= value <= most_A):
             raise Refused('-222,"Data out of range"')
-        self.state[f"{kind} {rail}"] = value
-        if kind == "V" and self.state["track"] and rail != "P6V":
-            self.state |= {"V P25V": abs(value), "V N25V": -abs(value)}
+        self.state[f"{kind}_{rail}"] = value
+        if kind == "V" and self.state.track and rail != "P6V":
+            self.state |= {"V_P25V": abs(value), "V_N25V": -abs(value)}
 
 
 class Keithley7002(Rack):
@@ -316,21 +257,11 @@ class Keithley7002(Rack):
 
     identity = "KEITHLEY INSTRUMENTS INC.,MODEL 7002,0700001,B03  /A02"
     no_error = '0,"No error"'
-    rows = (
-        Row("", "closed", "raw", "", ("1!1!1", "1!2!7", "3!1!2", "9!4!10", "1!1!1,1!1!2,1!1!3")),
-        Row("[ROUTe]:CONFigure:SCHannel", "single", "bool", False, (True,)),
-        Row("[ROUTe]:CONFigure:BBMake", "break_first", "bool", True, (False,)),
-        Row("", "pair", "raw", "", ("1!1!2,1!1!3", "1!2!4,2!2!4"), "pair"),
-        Row("", "forbidden", "raw", "", ("1!1!2", "1!2!4"), "forbid|restrict"),
-        Row("[ROUTe]:CONFigure:SLOT1:STIMe", "settle_s", "num", 0.0, (0.2, 3.0, 60.0), "settl|STIM"),
-        Row("", "scanning", "bool", False, (True,), "scan"),
-        Row("INITiate:CONTinuous", "continuous", "bool", False, (True,), "contin|scan"),
-    )
     asks: ClassVar[Table] = Rack.asks | {
         "[ROUTe]:CLOSe:STATe": lambda unit, a: f"(@{','.join(sorted(unit.now()))})",
         "[ROUTe]:CLOSe": lambda unit, a: ",".join(str(int(point in unit.now())) for point in unit.points(a[0])),
-        "[ROUTe]:CONFigure:CPAir": lambda unit, a: f"(@{unit.state['pair']})",
-        "[ROUTe]:FCHannels": lambda unit, a: f"(@{unit.state['forbidden']})",
+        "[ROUTe]:CONFigure:CPAir": lambda unit, a: f"(@{unit.state.pair})",
+        "[ROUTe]:FCHannels": lambda unit, a: f"(@{unit.state.forbidden})",
     }
     tells: ClassVar[Table] = Rack.tells | {
         "[ROUTe]:CLOSe": lambda unit, a: unit.close_points(unit.points(a[0])),
@@ -338,17 +269,17 @@ class Keithley7002(Rack):
         "[ROUTe]:OPEN:ALL": lambda unit, a: unit.open_points("ALL"),
         "[ROUTe]:CONFigure:CPAir": lambda unit, a: unit.state.update(pair=""),
         "[ROUTe]:FCHannels": lambda unit, a: unit.state.update(forbidden=""),
-        "ABORt": lambda unit, a: unit.state.update(scanning=unit.state["continuous"]),
+        "ABORt": lambda unit, a: unit.state.update(scanning=unit.state.continuous),
     }
 
     def legal(self) -> None:
-        self.closed = set(filter(None, self.state["closed"].split(",")))
-        self.state["forbidden"] *= self.state["forbidden"] not in self.closed
-        self.state["scanning"] |= self.state["continuous"]
+        self.closed = set(filter(None, self.state.closed.split(",")))
+        self.state.forbidden *= self.state.forbidden not in self.closed
+        self.state.scanning |= self.state.continuous
 
     def now(self) -> set[str]:
         """The crosspoints that are closed by now."""
-        if self.state["scanning"]:
+        if self.state.scanning:
             self.closed = {f"1!1!{1 + self.clock.now_ns() // to_ns(0.4) % 10}"}
         return self.closed
 
@@ -368,15 +299,15 @@ class Keithley7002(Rack):
     def close_points(self, points: list[str]) -> None:
         self.now()
         for point in points:
-            if point == self.state["forbidden"]:
+            if point == self.state.forbidden:
                 raise Refused('+513,"Forbidden channel"' if self.open[0] else '-221,"Settings conflict"')
-            if self.state["single"]:
+            if self.state.single:
                 self.closed.clear()
-            pair = self.state["pair"].split(",")
+            pair = self.state.pair.split(",")
             self.closed.update(pair if point in pair else [point])
-        self.after(0.01 + self.state["settle_s"], "")
+        self.after(0.01 + self.state.settle_s, "")
 
     def changed(self, key: str) -> None:
-        self.state["scanning"] |= self.state["continuous"]
+        self.state.scanning |= self.state.continuous
         if key == "*RST":
             self.closed.clear()
