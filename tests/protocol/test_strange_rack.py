@@ -19,8 +19,6 @@ from bench.model.clock import VirtualClock
 from bench.model.drivers import driver_class
 from bench.model.errors import InstrumentError
 
-SHORT, FULL = 30, 1000
-
 
 def calibrator(driver: Any, rack: Any, draw: random.Random) -> None:
     for _ in range(3):
@@ -152,17 +150,8 @@ def judge(name: str, seed: int) -> str:
     return fault and f"{name}, start {seed}: {fault}\n  left: {rack.left}\n  " + "\n  ".join(rack.sent[-25:])
 
 
-def judge_all(name: str, count: int) -> None:
+@pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize("name", RACK)
+def test_a_dirty_start_ends_right_or_is_told(name: str, count: int) -> None:
     faults = [fault for seed in range(count) if (fault := judge(name, seed))]
     assert not faults, f"{len(faults)} of {count} starts\n" + "\n".join(faults[:3])
-
-
-@pytest.mark.parametrize("name", RACK)
-def test_a_dirty_start_ends_right_or_is_told(name: str) -> None:
-    judge_all(name, SHORT)
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("name", RACK)
-def test_a_thousand_dirty_starts_end_right_or_are_told(name: str) -> None:
-    judge_all(name, FULL)

@@ -12,6 +12,7 @@ from ast import literal_eval
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any, ClassVar, NamedTuple
 
 from pyvisa.constants import StatusCode
@@ -62,7 +63,7 @@ class Refused(Exception):
 
 def word(name: str) -> str:
     """The pattern of a SCPI word: its capitals alone, or all of it."""
-    stem = name.rstrip("abcdefghijklmnopqrstuvwxyz")
+    stem = name.rstrip(ascii_lowercase)
     return re.escape(stem) + (f"(?:{name[len(stem) :].upper()})?" if len(stem) < len(name) else "")
 
 
@@ -129,6 +130,7 @@ class Rack:
 
     def legal(self) -> None:
         """Undo combinations that the instrument does not take."""
+        self.changed("")
 
     def is_named(self, text: str) -> bool:
         """Whether a refusal names a setting that was wrong."""
@@ -151,6 +153,8 @@ class Rack:
 
     def take(self, text: str) -> None:
         path, replies = "", []
+        if self.state.get("language", "SCPI") != "SCPI" and not re.match(r":?SYST(EM)?:LANG", text, re.IGNORECASE):
+            return  # an error that the other language alone tells
         for command in filter(None, map(str.strip, text.split(";"))):
             whole = path + command if self.is_tree and command[0] not in ":*" else command
             if command[0] != "*":
@@ -189,13 +193,13 @@ class Rack:
             return {"num": number, "int": lambda text: int(number(text)), "raw": str}[row.domain](text)
         for choice in row.domain.replace("bool", "ON|1|OFF|0").split("|"):
             if re.fullmatch(word(choice), text.upper()):
-                return (
-                    text.upper() in ("ON", "1") if row.domain == "bool" else choice.rstrip("abcdefghijklmnopqrstuvwxyz")
-                )
+                return text.upper() in ("ON", "1") if row.domain == "bool" else choice.rstrip(ascii_lowercase)
         raise Refused('-224,"Illegal parameter value"')
 
     def reply(self, row: Row, arguments: list[str]) -> str:
-        value = self.state[row.key]
+        return self.shown(row, self.state[row.key])
+
+    def shown(self, row: Row, value: Any) -> str:
         return f"{value:+.10E}" if row.domain == "num" else str(int(value) if row.domain == "bool" else value)
 
     def changed(self, key: str) -> None:

@@ -6,7 +6,7 @@ import math
 import re
 from typing import Any, ClassVar
 
-from rack_base import Rack, Refused, Row, Table, number
+from rack_base import Rack, Refused, Row, State, Table, number
 
 from bench.model.clock import to_ns
 
@@ -105,13 +105,8 @@ class Hp3458A(Rack):
         length = super().write(message)
         if kept is not None and self.output is None:
             self.output, self.ready_ns = kept
-        if (
-            self.open[1]
-            and self.burst_ns
-            and "SGL" in message
-            and self.state.inbuf == "OFF"
-            and self.write_termination == "\r\n"
-        ):
+        is_held = self.open[1] and self.state.inbuf == "OFF" and self.write_termination == "\r\n"
+        if is_held and self.burst_ns and "SGL" in message:
             if self.burst_ns[-1] - self.clock.now_ns() > to_ns(self.timeout / 1000.0):
                 raise self.time_out()
             self.clock.sleep_until_ns(self.burst_ns[-1])
@@ -129,9 +124,8 @@ class Hp3458A(Rack):
     def take_errors(self, is_all: bool) -> str:
         bits, lowest = self.bits, self.bits & -self.bits
         self.bits = 0 if is_all else bits & ~lowest
-        if is_all:
-            return f"{self.header('ERR')} {bits}"
-        return f'{100 + lowest.bit_length()},"ERROR"' if bits else '0,"NO ERROR"'
+        one = f'{100 + lowest.bit_length()},"ERROR"' if bits else '0,"NO ERROR"'
+        return f"{self.header('ERR')} {bits}" if is_all else one
 
     def preset(self, trig: str, nplc: float) -> None:
         qformat = self.state.qformat if self.open[2] and trig == "SYN" else "NORM"
@@ -141,26 +135,26 @@ class Hp3458A(Rack):
 
     def span(self, arguments: list[str], func: str) -> None:
         """The lowest range that holds a highest input; without one, automatic."""
-        steps, most = (
-            [10.0**n for n in range(-7, 1)],
-            number(arguments[0]) if arguments and arguments[0] != "AUTO" else -1.0,
-        )
-        if most > steps[-1] * 1.2 or (func != "DCI" and most > 0.0):
+        most = number(arguments[0]) if arguments and arguments[0] != "AUTO" else -1.0
+        if most > 1.2 or (func != "DCI" and most > 0.0):
             raise Refused('-222,"Parameter out of range"')
-        step = next(step for step in steps if most <= step * 1.2 * (1.0 + 1e-9))
+        step = next(10.0**n for n in range(-7, 1) if most <= 10.0**n * 1.2 * (1.0 + 1e-9))
         self.state.update(func=func, arange="ON" if most < 0.0 else "OFF", range=step)
 
+    def words(self, row: Row) -> dict[str, str]:
+        return dict(pair.split("=") for pair in row.domain.split("|") if "=" in pair)
+
     def value(self, row: Row, text: str) -> Any:
-        words = dict(pair.split("=") for pair in row.domain.split("|") if "=" in pair)
+        words = self.words(row)
         if row.domain != "num" and text not in words and text not in words.values():
             raise Refused('-224,"Undefined parameter"')
         return number(text) if row.domain == "num" else next((name for name in words if text == words[name]), text)
 
     def reply(self, row: Row, arguments: list[str]) -> str:
         value = self.state[row.key]
-        if row.domain != "num":
-            value = value if self.header("") else f" {dict(pair.split('=') for pair in row.domain.split('|'))[value]}"
-        return self.header(row.header) + (f"{value: .9E}" if row.domain == "num" else value)
+        if row.domain == "num":
+            return self.header(row.header) + f"{value: .9E}"
+        return self.header(row.header) + (value if self.header("") else f" {self.words(row)[value]}")
 
 
 class ScpiMeter(Rack):
@@ -180,9 +174,8 @@ class ScpiMeter(Rack):
         if state.trigger == "BUS":
             raise Refused('-214,"Trigger deadlock"')
         count = int(state.triggers * state.samples)
-        return self.after(
-            min(NEVER_S * (state.trigger == "EXT") + each_s * count, NEVER_S), ",".join(values * min(count, 20))
-        )
+        wait_s = NEVER_S if state.trigger == "EXT" else min(each_s * count, NEVER_S)
+        return self.after(wait_s, ",".join(values * min(count, 20)))
 
     def clear(self) -> None:
         super().clear()
@@ -204,10 +197,6 @@ class Agilent34401A(ScpiMeter):
 
     def legal(self) -> None:
         self.state.language = "SCPI" if self.draw.random() < 0.9 else self.state.language
-
-    def take(self, text: str) -> None:
-        if self.state.language == "SCPI":
-            super().take(text)
 
     def configure(self, func: str, arguments: list[str]) -> None:
         self.state.update(trigger="IMM", triggers=1.0, samples=1.0, delay=0.0, math=False, azero=True, running=False)
@@ -234,37 +223,21 @@ class Agilent34970A(ScpiMeter):
     """
 
     identity = "HEWLETT-PACKARD,34970A,0,13-2-2"
-    own_keys = [
-        "func",
-        "range",
-        "couple",
-        "junction",
-        "check",
-        "unit",
-        "nplc",
-        "ocomp",
-        "azero",
-        "scaled",
-        "gain",
-        "offset",
-        "wait",
-    ]
     fields: ClassVar = {"UNIT": " C", "TIME": ",0000123.4", "CHANnel": ",101", "ALARm": ",0"}
     tells: ClassVar[Table] = ScpiMeter.tells | {
         "ROUTe:SCAN": lambda unit, a: unit.state.update(scan=unit.listed(a)),
-        "CONFigure:TEMPerature": lambda unit, a: unit.configure(
-            unit.listed(a), "TEMP", couple=a[1].upper() if a[1:] else "J"
-        ),
+        "CONFigure:TEMPerature": lambda unit, a: unit.configure(unit.listed(a), "TEMP", couple=a[1].upper()),
         "CONFigure:FRESistance": lambda unit, a: unit.configure(unit.listed(a), "FRES", range=number(a[0])),
     }
     truth: ClassVar = {101: 21.5, 102: -40.25, 103: 787.0}
 
     def legal(self) -> None:
-        self.own = [row for row in self.rows if row.key in self.own_keys]
-        self.channels: dict[int, dict[str, Any]] = {}
+        keys = [row.key for row in self.rows]
+        self.own = self.rows[keys.index("func") : keys.index("wait") + 1]
+        self.channels: dict[int, State] = {}
 
-    def of(self, channel: int) -> dict[str, Any]:
-        return self.channels.setdefault(channel, {row.key: self.state[row.key] for row in self.own})
+    def of(self, channel: int) -> State:
+        return self.channels.setdefault(channel, State({row.key: self.state[row.key] for row in self.own}))
 
     def listed(self, arguments: list[str]) -> tuple[int, ...]:
         if not arguments or not arguments[-1].startswith("(@"):
@@ -279,21 +252,17 @@ class Agilent34970A(ScpiMeter):
             super().set(row, arguments)
 
     def reply(self, row: Row, arguments: list[str]) -> str:
-        kept, replies = self.state[row.key], []
-        for channel in self.listed(arguments) if row in self.own else ():
-            self.state[row.key] = self.of(channel)[row.key]
-            replies.append(super().reply(row, []))
-        self.state[row.key] = kept
-        return ",".join(replies) or super().reply(row, [])
+        states = [self.of(channel) for channel in (self.listed(arguments) if row in self.own else ())]
+        return ",".join(self.shown(row, state[row.key]) for state in states or [self.state])
 
     def configure(self, channels: tuple[int, ...], func: str, **settings: Any) -> None:
         if not self.state.dmm and self.open[0]:
             raise Refused('305,"Not able to perform requested operation"')
         self.state |= {"scan": channels, "trigger": "IMM", "triggers": 1.0} | dict.fromkeys(self.fields, False)
         for channel in channels:
-            kept = {"azero": self.of(channel)["azero"] or func == "FRES" or self.open[2]}
-            kept |= {"unit": "C" if self.open[3] else self.of(channel)["unit"]}
-            self.channels[channel] = {row.key: row.preset for row in self.own} | kept | {"func": func} | settings
+            azero, unit = self.of(channel).azero or func == "FRES" or self.open[2], self.of(channel).unit
+            settings |= {"func": func, "azero": azero, "unit": "C" if self.open[3] else unit}
+            self.channels[channel] = State({row.key: row.preset for row in self.own} | settings)
 
     def changed(self, key: str) -> None:
         if key == "*RST":
@@ -303,22 +272,22 @@ class Agilent34970A(ScpiMeter):
     def values(self) -> tuple[list[str], float]:
         if not self.state.scan or not self.state.dmm:
             raise Refused('305,"Not able to perform requested operation"')
-        each_s = sum(self.of(channel)["nplc"] / 25.0 + 0.02 + self.of(channel)["wait"] for channel in self.state.scan)
+        each_s = sum(self.of(channel).nplc / 25.0 + 0.02 + self.of(channel).wait for channel in self.state.scan)
         is_timed = self.state.trigger == "TIM" and self.state.triggers > 1.0
         return [self.told(channel) for channel in sorted(self.state.scan)], max(each_s, self.state.timer * is_timed)
 
     def told(self, channel: int) -> str:
         own, value = self.of(channel), self.truth.get(channel, 0.0)
-        if own["func"] == "TEMP":
-            value += {"INT": 0.0, "EXT": -5.0, "FIX": -23.0}[own["junction"]]
-            value += {"T": 0.0, "J": -9.0, "K": 4.0, "E": -14.0}[own["couple"]]
-            value = {"C": value, "F": value * 1.8 + 32.0, "K": value + 273.15}[own["unit"]]
-        elif own["func"] != "FRES":
+        if own.func == "TEMP":
+            value += {"INT": 0.0, "EXT": -5.0, "FIX": -23.0}[own.junction]
+            value += {"T": 0.0, "J": -9.0, "K": 4.0, "E": -14.0}[own.couple]
+            value = {"C": value, "F": value * 1.8 + 32.0, "K": value + 273.15}[own.unit]
+        elif own.func != "FRES":
             value = 1e-3
-        elif own["range"] and value > 1.2 * own["range"]:
+        elif own.range and value > 1.2 * own.range:
             value = 9.9e37
-        value += 0.01 * (not own["azero"])
-        value = value * own["gain"] + own["offset"] if own["scaled"] else value
+        value += 0.01 * (not own.azero)
+        value = value * own.gain + own.offset if own.scaled else value
         return f"{value:+.8E}" + "".join(text for name, text in self.fields.items() if self.state[name])
 
 

@@ -134,25 +134,25 @@ class Agilent33250A(Rack):
         if row.key == "load" and state.load > 1e6 and state.unit == "DBM":
             state.unit = "VPP"
         if row.key in ("load", "unit"):  # what is at the terminals stays
-            state.update(
-                offset=offset_V / self.gain(), amplitude=pp_V / self.pp_V(1.0) if state.unit != "DBM" else -10.0
-            )
+            amplitude = -10.0 if state.unit == "DBM" else pp_V / self.pp_V(1.0)
+            state.update(offset=offset_V / self.gain(), amplitude=amplitude)
 
     def changed(self, key: str) -> None:
         state = self.state
         if key in self.modes and state[key]:
             state |= {mode: mode == key for mode in self.modes}
         self.held_V = math.inf if state.auto else self.held_V
-        if key in ("amplitude", "offset") and self.peak_V() > self.held_V:
+        is_level, top_Hz = key in ("amplitude", "offset"), {"RAMP": 1e6, "PULS": 50e6}.get(state.shape, 80e6)
+        if is_level and self.peak_V() > self.held_V:
             raise Refused('-222,"Data out of range; value clipped to upper limit"')
-        if key in ("amplitude", "offset") and self.peak_V() > 10.0 + 1e-9:
+        if is_level and self.peak_V() > 10.0 + 1e-9:
             state.offset = max(10.0 - self.pp_V() / 2.0, 0.0) / self.gain()
             raise Refused('-221,"Settings conflict; offset changed because of amplitude"')
         room = 0.0 if state.Hz > 50e6 else 10.0 if state.Hz > 25e6 else 30.0
         if key in ("Hz", "duty", "shape") and state.shape == "SQU" and abs(state.duty - 50.0) > room:
             state.duty = 50.0 + math.copysign(room, state.duty - 50.0)
             raise Refused('-221,"Settings conflict; duty cycle changed because of frequency"')
-        if key in ("Hz", "shape") and state.Hz > {"RAMP": 1e6, "PULS": 50e6}.get(state.shape, 80e6):
+        if key in ("Hz", "shape") and state.Hz > top_Hz:
             raise Refused('-221,"Settings conflict; frequency too high for this function"')
 
     def shows(self) -> dict[str, Any]:
@@ -183,12 +183,8 @@ class Hp6632B(Rack):
 
     def legal(self) -> None:
         self.state.inhibited &= self.state.ri != "OFF"
-        self.changed("")
+        super().legal()
         self.state.language = "SCPI" if self.draw.random() < 0.8 else self.state.language
-
-    def take(self, text: str) -> None:
-        if self.state.language == "SCPI" or re.match(r":?SYST(EM)?:LANG", text, re.IGNORECASE):
-            super().take(text)  # otherwise an error that its own ERR? alone tells
 
     def out_V(self) -> float:
         state = self.state
@@ -227,12 +223,9 @@ class AgilentE3631A(Rack):
         "VOLTage": lambda unit, a: unit.put("V", number(a[0])), "CURRent": lambda unit, a: unit.put("A", number(a[0])),
     }  # fmt: skip
 
-    def legal(self) -> None:
+    def changed(self, key: str) -> None:
         if self.state.track:
             self.state.V_N25V = -self.state.V_P25V
-
-    def changed(self, key: str) -> None:
-        self.legal()
 
     def out_V(self, rail: str) -> float:
         most_V = self.state[f"A_{rail}"] * 100.0
@@ -275,7 +268,7 @@ class Keithley7002(Rack):
     def legal(self) -> None:
         self.closed = set(filter(None, self.state.closed.split(",")))
         self.state.forbidden *= self.state.forbidden not in self.closed
-        self.state.scanning |= self.state.continuous
+        super().legal()
 
     def now(self) -> set[str]:
         """The crosspoints that are closed by now."""
