@@ -88,15 +88,12 @@ class Rack:
     identity = ""
     rows: ClassVar[tuple[Row, ...]] = ()
     asks: ClassVar[Table] = {
-        "*IDN": lambda unit, a: unit.identity,
-        "*OPC": lambda unit, a: "1",
+        "*IDN": lambda unit, a: unit.identity, "*OPC": lambda unit, a: "1",
         "SYSTem:ERRor": lambda unit, a: unit.next_error(),
-    }
+    }  # fmt: skip
     tells: ClassVar[Table] = {
-        "*CLS": lambda unit, a: unit.errors.clear(),
-        "*RST": lambda unit, a: unit.reset(),
-        "*WAI": lambda unit, a: None,
-    }
+        "*CLS": lambda unit, a: unit.errors.clear(), "*RST": lambda unit, a: unit.reset(), "*WAI": lambda unit, a: None,
+    }  # fmt: skip
     end, depth, error_bit, is_tree = "\n", 20, 4, True
     no_error, overflow = '+0,"No error"', '-350,"Queue overflow"'
     unknown, unread, unasked = '-113,"Undefined header"', '-410,"Query INTERRUPTED"', '-420,"Query UNTERMINATED"'
@@ -109,8 +106,7 @@ class Rack:
         self.clock, self.draw = clock, random.Random(seed)
         self.write_termination, self.read_termination, self.timeout = "\r\n", None, 2000.0
         self.state = State({row.key: row.preset for row in self.rows})
-        self.errors: list[str] = []
-        self.sent: list[str] = []
+        self.errors, self.sent = list[str](), list[str]()
         self.output: str | None = None
         self.partial, self.ready_ns = "", 0
         self.open = [self.draw.random() < 0.5 for _ in range(4)]  # what no manual says: both ways by seed
@@ -221,13 +217,13 @@ class Rack:
         return output
 
     def time_out(self) -> VisaIOError:
+        if self.output is None:
+            self.fault(self.unasked)
         self.clock.sleep(self.timeout / 1000.0)
         self.sent.append("< time-out")
         return VisaIOError(StatusCode.error_timeout)
 
     def read(self) -> str:
-        if self.output is None:
-            self.fault(self.unasked)
         if self.output is None or self.ready_ns > self.clock.now_ns() + to_ns(self.timeout / 1000.0):
             raise self.time_out()
         self.clock.sleep_until_ns(self.ready_ns)
