@@ -21,6 +21,7 @@ class Agilent34401A(ScpiInstrument):
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),34401A"
     safe_state = "nothing to do: the meter drives nothing"
     remote = "SYST:REM"
+    language = "SCPI in its interface menu"
 
     @action(bus_s=2.0, returns="V")
     def measure_voltage(self) -> float:

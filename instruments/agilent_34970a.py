@@ -1,8 +1,8 @@
 """Agilent 34970A data acquisition unit: thermocouples (laboratory ambient first, then the chamber's), resistances.
 
-Each measurement begins with ``CONFigure``, which resets all else of its channels (unit, scaling, delay, integration),
-the trigger and the form of readings, and makes the channels the scan list; what it leaves alone stands in the state
-table. The list is scanned in ascending order, whatever the order in which it was given.
+Each measurement begins with ``CONFigure``, which resets all else of its channels (scaling, delay, integration), the
+trigger and the form of readings, and makes the channels the scan list; what it leaves alone, or may (unit, autozero),
+stands in the state table. The list is scanned in ascending order, whatever the order in which it was given.
 
 Resistance is measured with four wires through a 34901A: channel n carries the current, channel n+10 is its pair and
 senses, so that only channels 1 to 10 of a slot can be named. The reference junction is the terminal block's own sensor.

@@ -1,7 +1,7 @@
 """HP/Agilent 3458A digital multimeter, dc current.
 
-Not SCPI. The GPIB END line is off at power-on, so ``END ALWAYS`` is the first thing sent, before the identity question,
-and with it ``QFORMAT NORM``, which no preset brings back.
+Not SCPI. The GPIB END line is off at power-on, so ``END ALWAYS`` is the first thing sent, twice, before the identity
+question, and with it ``QFORMAT NORM``, which no preset brings back.
 A reading is triggered, then awaited by serial poll (bit 7, reading available), so no bus call blocks for the seconds a
 reading at 100 power-line cycles with autozero takes.
 
@@ -106,7 +106,8 @@ class Hp3458A(BaseInstrument):
         self.keep(Setting("RANGE?", nominal_A, 1e-6 * nominal_A, "A"))
 
     def _ask_identity(self) -> Identity:
-        self.bus.write("END ALWAYS;QFORMAT NORM", self.timeout_s)
+        for _ in range(2):  # half a command that somebody left would swallow one, and nothing tells it
+            self.bus.write("END ALWAYS;QFORMAT NORM", self.timeout_s)
         return super()._ask_identity()
 
     def _identity_of(self, reply: str) -> Identity:

@@ -28,6 +28,7 @@ class Hp6632B(ScpiSupply):
     """Control of the supply with current limit, over-current and over-voltage protection."""
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),6632B"
+    language = "SCPI (SYST:LANG SCPI by hand)"
     tells = Tells(
         {"OUTP?": is_one},
         {"MEAS:VOLT?": Figure("voltage", "V", read_number), "MEAS:CURR?": Figure("current", "A", read_number)},

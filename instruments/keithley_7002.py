@@ -24,6 +24,11 @@ from instruments.scpi import ScpiInstrument
 _RELAYS_S = 0.25
 _DIRECT_ROW, _REVERSED_ROW = 1, 2
 _SLOTS = 10
+_NOT_CLOSED = ("B-INST-005", "B-INST-011")  # it is refused, or something else is closed
+_LOOK_AT_CARD = (  # what no question is confirmed for stands here
+    "look in its menu of cards for a card pair, four poles, another card type or a forbidden channel, "
+    "then check the card, its slot and its wiring"
+)
 
 
 def read_closed(reply: str) -> tuple[str, ...]:
@@ -74,13 +79,18 @@ class Keithley7002(ScpiInstrument):
         self.open_all()
         crosspoint = f"{card}!{_DIRECT_ROW if polarity == 1 else _REVERSED_ROW}!{channel}"
         self.routed = None
-        self.set(f":CLOS (@{crosspoint})", ReadBack(self.closed, (crosspoint,).__eq__, ().__eq__))
+        try:
+            self.set(f":CLOS (@{crosspoint})", ReadBack(self.closed, (crosspoint,).__eq__, ().__eq__))
+        except InstrumentError as error:
+            if error.code in _NOT_CLOSED:
+                error.next_step = _LOOK_AT_CARD
+            raise
         self.clock.sleep(_RELAYS_S)
         if (closed := self.closed()) != (crosspoint,):
             with suppress(InstrumentError):
                 self.bus.write(":OPEN ALL", self.timeout_s)
             message = f"closed are {', '.join(closed) or 'none'} instead of {crosspoint} alone"
-            raise self.error("B-INST-015", message, "check the card, its slot and its wiring")
+            raise self.error("B-INST-015", message, _LOOK_AT_CARD)
         self.routed = closed
 
     @action(effect=Effect.ROUTES_OPEN, bus_s=0.5)

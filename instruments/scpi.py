@@ -6,8 +6,10 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, TypeVar
 
-from bench.model.ports import Effect, action
+from bench.model.errors import InstrumentError
+from bench.model.ports import Effect, Identity, action
 from instruments.base import BaseInstrument
+from instruments.bus import TIMED_OUT
 from instruments.values import read_integer, read_number
 
 RANGES_OHM = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)  # of the 34401A and the 34970A
@@ -33,7 +35,12 @@ def is_range(configuration: str, range_ohm: float) -> bool:
 
 
 class ScpiInstrument(BaseInstrument):
-    """A driver of an instrument that answers ``*IDN?`` and ``SYST:ERR?``."""
+    """A driver of an instrument that answers ``*IDN?`` and ``SYST:ERR?``.
+
+    ``language``: what to choose on one that may be left in a language in which it answers neither.
+    """
+
+    language: ClassVar[str] = ""
 
     def measured(self, parse: Callable[[str], T], patience_s: float) -> T:
         """Measure by ``READ?``, which may take ``patience_s`` (second), and read the error queue empty."""
@@ -60,6 +67,14 @@ class ScpiInstrument(BaseInstrument):
         """Set the output on and confirm it. Raises: InstrumentError B-INST-011."""
         self.set("OUTP ON", self.switch("OUTP?", 1))
         self.confirm("OUTP?", 1, 0, "")
+
+    def _ask_identity(self) -> Identity:
+        try:
+            return super()._ask_identity()
+        except InstrumentError as error:
+            if self.language and error.code == TIMED_OUT:
+                error.next_step += f"; choose {self.language} if it was left in another language"
+            raise
 
     def _next_error(self) -> str | None:
         return self.bus.query("SYST:ERR?", read_scpi_error, self.timeout_s, repeatable=False)

@@ -35,7 +35,7 @@ SHARED = {"acutrol_axis", "base", "bus", "commands", "ladder", "scpi", "transpor
 TOP = Path(__file__).parents[2]
 VERBS = ("Set", "Get", "Control", "Measure")
 QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS;QFORMAT NORM", "ID?", "OUTX 1;*IDN?", "V", "N1C1 RB D")  # who is there
-LATER = ("hp_3458a",)  # its question is the second thing that is sent
+LATER = ("hp_3458a",)  # its question is the third thing that is sent
 
 
 def driver_class(name: str) -> Any:
@@ -172,7 +172,7 @@ def test_every_action_identifies_first(name: str) -> None:
 
 @pytest.mark.parametrize("name", DRIVERS)
 def test_a_mute_instrument_times_out(name: str) -> None:
-    question = IDENTIFY[name][1 if name in LATER else 0][0]
+    question = IDENTIFY[name][2 if name in LATER else 0][0]
     driver = make(name, [])
     resource = driver.test_resource
     resource.write = lambda command: resource.events.append(("read", TIMEOUT))

@@ -16,7 +16,7 @@ NOTHING_WRONG = {
     "acutrol_3000": "*STB? -> 0",
     "srs_sr830": "*ESR? -> 0 | ERRS? -> 0",
 }
-TWO_FIRST = ("hp_3458a",)  # END comes before who it is
+BEFORE = {"hp_3458a": 2}  # commands that come before who it is
 FRAMES = {"leica_nivel_220": "\x16\x02N1C1 {}\x03\r\n"}
 ENDS = {"leica_nivel_220": "", "hp_3458a": "\r\n"}
 
@@ -50,7 +50,7 @@ def _marked(name: str, mark: str, rest: str) -> list[tuple[Any, Any]]:
     word, _, number = mark.replace(":", " ").partition(" ")
     pairs: dict[str, list[tuple[Any, Any]]] = {
         "start": IDENTIFY[name][: int(number) if number else None], "safe": MAKE_SAFE[name], "silent": SILENT,
-        "who": IDENTIFY[name][: 2 if name in TWO_FIRST else 1],
+        "who": IDENTIFY[name][: 1 + BEFORE.get(name, 0)],
         "clear": [(CLEAR, None)], "timeout": [(TIMEOUT, None)], "poll": [(POLL, int(number or 0))],
         "read": [(READ, _reply(name, rest.removeprefix(" ")))],
     }  # fmt: skip
@@ -133,6 +133,7 @@ def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
 
 
 NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
+END_ALWAYS = [(b"END ALWAYS;QFORMAT NORM\n", None)] * 2
 NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
 CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
 
@@ -155,7 +156,7 @@ IDENTIFY = {
         *after(b":INIT:CONT OFF\n"),
         *after(b":ABOR\n"),
     ],
-    "hp_3458a": [(b"END ALWAYS;QFORMAT NORM\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "hp_3458a": [*END_ALWAYS, (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
     "agilent_53230a": [
         (b"*IDN?\n", b"Agilent Technologies,53230A,MY50001234,02.05-1519\n"),
