@@ -71,11 +71,9 @@ class Agilent34970A(ScpiInstrument):
         Raises: InstrumentError B-INST-008 (also for a channel that has a thermocouple), B-INST-007 on overload (above
         120 % of the range) and with open leads.
         """
-        given = {"channel": channel, "range": range, "cycles": cycles}
-        channel, range_ohm, cycles = self.checked("measure_resistance", **given)
         if taken := {channel, channel + _PAIRED} & set(self.options["channels"]):
             raise self.error("B-INST-008", f"channel {taken.pop()} has a thermocouple; nothing was sent")
-        self._configure(f"FRES {exponent_form(range_ohm)}", str(channel), lambda reply: is_range(reply, range_ohm))
+        self._configure(f"FRES {exponent_form(range)}", str(channel), lambda reply: is_range(reply, range))
         self.set(f"FRES:NPLC {cycles},(@{channel})", self.number(f"FRES:NPLC? (@{channel})", cycles, 0.0))
         return self.measured(read_number, _SCAN_LIMIT_S)
 

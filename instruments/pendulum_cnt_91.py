@@ -68,11 +68,9 @@ class PendulumCnt91(ScpiInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-005 (a counter without the stream commands), B-INST-011.
         """
-        clock, threshold = self.checked("configure", clock=clock, threshold=threshold)
         if clock not in CLOCKS_HZ:
             known = ", ".join(f"{clock_Hz / 1e6:g}" for clock_Hz in CLOCKS_HZ)
-            message = f"configure: clock {clock!r} Hz is none of {known} MHz; nothing was sent"
-            raise self.error("B-INST-008", message, "correct the sequence")
+            raise self.refusal(f"configure: clock {clock!r} Hz is none of {known} MHz")
         self.stop()
         self.kept = ()
         self.bring("configure")

@@ -198,7 +198,7 @@ class _Adapter:
 
 
 class AdapterServer(TcpServer):
-    """Serves all instruments behind one adapter, at the GPIB addresses 1, 2, ... in their order, one client at a time."""
+    """Serves all instruments behind one adapter, at GPIB addresses 1, 2, ... in their order; one client at a time."""
 
     def __init__(self, instruments: Sequence[ServedInstrument], host: str, port: int) -> None:
         self._exchanges = {str(number): Exchange(instrument) for number, instrument in enumerate(instruments, start=1)}
