@@ -52,7 +52,7 @@ class Agilent34970A(ScpiInstrument):
         the unit has none.
         """
         if not self.options["channels"]:
-            raise self.error("B-INST-008", "scan: the station gives the unit no thermocouples; nothing was sent")
+            raise self.refusal("scan: the station gives the unit no thermocouples")
         channels, kind = self.station_words.values()
         self._configure(f"TEMP TC,{kind}", channels, lambda reply: reply.startswith(f'"TEMP TC,{kind},'))
         self.bring("scan")
@@ -72,7 +72,7 @@ class Agilent34970A(ScpiInstrument):
         120 % of the range) and with open leads.
         """
         if taken := {channel, channel + _PAIRED} & set(self.options["channels"]):
-            raise self.error("B-INST-008", f"channel {taken.pop()} has a thermocouple; nothing was sent")
+            raise self.refusal(f"channel {taken.pop()} has a thermocouple")
         self._configure(f"FRES {exponent_form(range)}", str(channel), lambda reply: is_range(reply, range))
         self.set(f"FRES:NPLC {cycles},(@{channel})", self.number(f"FRES:NPLC? (@{channel})", cycles, 0.0))
         return self.measured(read_number, _SCAN_LIMIT_S)

@@ -47,7 +47,7 @@ class AgilentE3631A(ScpiSupply):
         low_V, high_V, high_A = _RAILS[rail]
         if not (low_V <= voltage <= high_V and current_limit <= high_A):
             message = f"configure: rail {rail} takes {low_V} to {high_V} V and up to {high_A} A, not {voltage!r} V, "
-            raise self.error("B-INST-008", f"{message}{current_limit!r} A; nothing was sent")
+            raise self.refusal(f"{message}{current_limit!r} A")
         with self.bus.lock:
             self._forget_rail(rail)
             self._select(rail)

@@ -46,8 +46,7 @@ class Hp6632B(ScpiSupply):
         Raises: InstrumentError B-INST-008 (also when the trip is not above the voltage), B-INST-005, B-INST-011.
         """
         if over_voltage <= voltage:
-            message = f"configure: over_voltage {over_voltage!r} V is not above voltage {voltage!r} V; nothing was sent"
-            raise self.error("B-INST-008", message)
+            raise self.refusal(f"configure: over_voltage {over_voltage!r} V is not above voltage {voltage!r} V")
         self.kept = ()
         of_current = self.put(Setting("CURR?", current_limit, _CURRENT_STEP_A, "A"))
         self.bring("configure")  # behind the limit: with that of another user the over-current protection might trip

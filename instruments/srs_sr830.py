@@ -33,7 +33,6 @@ SLOPES_DB = (6, 12, 18, 24)
 WIRING: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"reference": ("index_a", "index_b"), "input": ("fog", "filter"), "demodulation": ("sine", "square")}
 )
-_LARGEST_DIVIDER = 1000.0
 _OVERLOADS, _UNLOCKED = 0b111, 1 << 3  # input or reserve, filter, output; reference
 _PHASE_STEP_DEG = 0.0101  # the instrument rounds to 0.01 deg
 _LOOK_S = 0.5
@@ -66,6 +65,10 @@ class SrsSr830(BaseInstrument):
     default_options: ClassVar[dict[str, Any]] = {
         "reference": "index_a", "input": "fog", "demodulation": "sine", "divider": 1.0,
     }  # fmt: skip
+    option_limits = (
+        *(Parameter(name, choices=words) for name, words in WIRING.items()),
+        Parameter("divider", low=1.0, high=1000.0),
+    )
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -165,17 +168,6 @@ class SrsSr830(BaseInstrument):
             message = f"configure: {name} {value!r} {unit} is none of its settings; the nearest is {known[nearest]:g}"
             raise self.refusal(f"{message} {unit}")
         return nearest
-
-    @classmethod
-    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
-        for name, words in WIRING.items():
-            if options[name] not in words:
-                return name, f"{name} {options[name]!r} is none of {', '.join(words)}"
-        ratio = options["divider"]
-        number = isinstance(ratio, (int, float)) and not isinstance(ratio, bool)
-        if not (number and 1.0 <= ratio <= _LARGEST_DIVIDER):
-            return "divider", f"divider {ratio!r} is no number from 1 to {_LARGEST_DIVIDER:g}"
-        return None
 
     def _go_safe(self) -> None:
         self.drain_errors()

@@ -118,8 +118,9 @@ def check_argument(parameter: Parameter, value: object) -> float | int | str:
         raise ValueError(f"{parameter.name} {value!r} is none of {', '.join(map(str, parameter.choices))}")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise ValueError(f"{parameter.name} {value!r} is not a finite number")
+    shown = f"{parameter.name} {value!r} {parameter.dimension}".rstrip()
     if parameter.low is not None and value < parameter.low:
-        raise ValueError(f"{parameter.name} {value!r} {parameter.dimension} is below {parameter.low!r}")
+        raise ValueError(f"{shown} is below {parameter.low!r}")
     if parameter.high is not None and value > parameter.high:
-        raise ValueError(f"{parameter.name} {value!r} {parameter.dimension} is above {parameter.high!r}")
+        raise ValueError(f"{shown} is above {parameter.high!r}")
     return float(value)

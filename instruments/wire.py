@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from typing import Any, Generic, TypeVar, cast
 
@@ -192,17 +192,13 @@ class Wire:
                 self._opening = None
         self.adopt(resource)
 
-    @contextmanager
-    def hurry(self, limit_s: float) -> Iterator[None]:
+    def hurry(self, limit_s: float) -> AbstractContextManager[None]:
         """No call waits longer than ``limit_s`` (second); what fails is told at once and recovered later."""
-        with self._changed(cap_s=limit_s, hurried=True):
-            yield
+        return self._changed(cap_s=limit_s, hurried=True)
 
-    @contextmanager
-    def persistent(self) -> Iterator[None]:
+    def persistent(self) -> AbstractContextManager[None]:
         """Let the address be opened again however long nobody has been there, and what is lost hold nothing up."""
-        with self._changed(patient=True):
-            yield
+        return self._changed(patient=True)
 
     @contextmanager
     def _changed(self, **mode: float) -> Iterator[None]:

@@ -14,6 +14,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from sim_instruments.bus.live import LiveDevice, Reply
@@ -97,13 +98,13 @@ class HislipLocks:
             return self._exclusive is not None, len(self._sharing | alone)
 
 
+@dataclass
 class ServedInstrument:
     """One instrument of a world, with the locks its clients take."""
 
-    def __init__(self, world: World, device: LiveDevice) -> None:
-        self.world = world
-        self.device = device
-        self.locks = HislipLocks()
+    world: World
+    device: LiveDevice
+    locks: HislipLocks = field(default_factory=HislipLocks)
 
     @property
     def hung(self) -> bool:

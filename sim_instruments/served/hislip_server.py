@@ -79,13 +79,14 @@ class HislipSession:
         }
 
     def run(self) -> None:
-        """Serve the client; returns when it is gone, with its locks given back and both connections closed."""
+        """Serve the client until it is gone; then its locks are given back and both connections closed.
+
+        Raises: OSError if it goes while something is sent.
+        """
         threading.current_thread().name = f"hislip session {self._instrument.device.role}"
         try:
             while self._serve() and not self._closing.is_set():
                 pass
-        except OSError:
-            pass
         except FatalProtocolError as error:
             say_fatal(self._sync, error)
             say_fatal(self._async, error)

@@ -94,17 +94,16 @@ class OutputWatch:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._last = {role: device.outputs() for role, device in world.instruments.items()}
-        self._changed_ns = dict.fromkeys(self._last, world.clock.now_ns())
+        now_ns = world.clock.now_ns()
+        self._since = {role: (device.outputs(), now_ns) for role, device in world.instruments.items()}
 
     def look(self) -> None:
         """Compare all outputs with what they were."""
         with self._world.lock:
             now_ns = self._world.clock.now_ns()
             for role, device in self._world.instruments.items():
-                outputs = device.outputs()
-                if outputs != self._last[role]:
-                    self._last[role], self._changed_ns[role] = outputs, now_ns
+                if (outputs := device.outputs()) != self._since[role][0]:
+                    self._since[role] = outputs, now_ns
 
     def state(self) -> dict[str, Any]:
         """Return what the bench does at this moment, as plain values: no readback, the simulated truth itself.
@@ -119,7 +118,7 @@ class OutputWatch:
                 role: {
                     "model": type(device).__name__,
                     **device.outputs(),
-                    "unchanged_s": (now_ns - self._changed_ns[role]) / NS,
+                    "unchanged_s": (now_ns - self._since[role][1]) / NS,
                 }
                 for role, device in world.instruments.items()
             }
@@ -315,10 +314,10 @@ class ControlSocket(LoopbackServer):
         try:
             return self._answer([str(word) for word in json.loads(line)["words"]])
         except BenchError as error:
-            fields = {"code": error.code, "message": error.message, "where": error.where, "next_step": error.next_step}
-            return {"error": fields}
+            wrong = error
         except (ValueError, KeyError, TypeError) as error:
-            return {"error": {"code": "B-SIM-014", "message": f"not understood: {error}", "where": "", "next_step": ""}}
+            wrong = InputError("B-SIM-014", f"not understood: {error}")
+        return {"error": {name: getattr(wrong, name) for name in ("code", "message", "where", "next_step")}}
 
 
 PUMP_S = 0.004  # real time between two looks at the line
