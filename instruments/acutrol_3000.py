@@ -16,6 +16,7 @@ how :CONF:SCAL? answers. An emergency stop within reach and the table's own limi
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from typing import Any
 
@@ -25,7 +26,7 @@ from bench.model.ports import Effect, Parameter, action
 from instruments import acutrol_axis as table
 from instruments.acutrol_axis import CLOSED, AxisRange, LongTurn, is_mode, read_absolute, read_interlock, read_scaling
 from instruments.base import BaseInstrument
-from instruments.commands import ReadBack, either
+from instruments.commands import either
 from instruments.values import plain_form, read_integer, read_number
 
 _AXES = (1, 2, 3)
@@ -71,16 +72,13 @@ class Acutrol3000(BaseInstrument):
         Raises: InstrumentError B-INST-004 (not in deg), B-INST-008 (also above the table's own limits), B-INST-017,
                 B-INST-005, B-INST-011.
         """
-        axis, rate, acceleration = self.checked("set_limits", axis=axis, rate=rate, acceleration=acceleration)
         if self._interlock(axis) == CLOSED:
             message = f"set_limits: the interlock of axis {axis} is closed; nothing was set"
             raise self.error("B-INST-017", message, "set the limits before close_interlock")
         width, middle = self.ask(f":conf:scal? {axis}", read_scaling)
         most_rate, most_acceleration, _, low, high = self.ask(f":lim:abs? {axis}", read_absolute)[:5]
-        for name, value, most in (("rate", rate, most_rate), ("acceleration", acceleration, most_acceleration)):
-            if value > most:
-                message = f"set_limits: {name} {value!r} is above {most!r}, the table's own limit of axis {axis}"
-                raise self.error("B-INST-008", f"{message}; nothing was set", "correct the sequence")
+        most = most_rate, most_acceleration
+        self._check_most("set_limits", (rate, acceleration), most, f"the table's own limit of axis {axis}")
         self.limits.pop(axis, None)
         for mode in ("pos", "rate"):
             self._limit("rate", mode, axis, rate)
@@ -126,7 +124,6 @@ class Acutrol3000(BaseInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-010 (no limits), B-INST-017 (interlock open), B-INST-005, B-INST-011.
         """
-        axis, angle, rate = self.checked("move", axis=axis, angle=angle, rate=rate)
         acceleration = self._limits_of("move", axis, rate)[1]
         here = self._here("move", axis)
         way = self.ranges[axis].shorter_way(here, angle)
@@ -143,9 +140,6 @@ class Acutrol3000(BaseInstrument):
                 (interlock open, or an axis that turns with no position demand), B-INST-005, B-INST-011 (also for an
                 axis that is not where it should be on the way, or a hand-over that is late: it is stopped).
         """
-        axis, angle, rate, acceleration = self.checked(
-            "turn", axis=axis, angle=angle, rate=rate, acceleration=acceleration
-        )
         self._limits_of("turn", axis, rate, acceleration)
         here = self._here("turn", axis)
         if self.ranges[axis].at_once(angle):
@@ -159,7 +153,6 @@ class Acutrol3000(BaseInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-010 (no limits), B-INST-017 (interlock open), B-INST-005, B-INST-011.
         """
-        axis, rate = self.checked("spin", axis=axis, rate=rate)
         self._limits_of("spin", axis, rate)
         self._must_be_closed("spin", axis)
         self._turn_at(axis, rate)
@@ -167,19 +160,16 @@ class Acutrol3000(BaseInstrument):
     @action(_AXIS, bus_s=1.5)
     def stop(self, axis: int) -> None:
         """Set the rate of an axis to 0, whatever it does. Raises: InstrumentError B-INST-005, B-INST-011."""
-        (axis,) = self.checked("stop", axis=axis)
         self._turn_at(axis, 0.0)
 
     @action(_AXIS, bus_s=0.5, returns="deg")
     def measure_position(self, axis: int) -> float:
         """Measure the angle of an axis, deg, within its range: one turn, as delivered."""
-        (axis,) = self.checked("measure_position", axis=axis)
         return self.ask(f":read:pos? {axis}", read_number)
 
     @action(_AXIS, bus_s=0.5, returns="deg/s")
     def measure_rate(self, axis: int) -> float:
         """Measure the rate of an axis, deg/s."""
-        (axis,) = self.checked("measure_rate", axis=axis)
         return self.ask(f":read:rate? {axis}", read_number)
 
     @action(bus_s=2.0)
@@ -212,11 +202,14 @@ class Acutrol3000(BaseInstrument):
             message = f"{name} refused: no limits were set by this run for axis {axis}; nothing was sent"
             raise self.error("B-INST-010", message, "call set_limits, then close_interlock before it")
         limits = self.limits[axis]
-        for what, value, limit in (("rate", abs(rate), limits[0]), ("acceleration", acceleration, limits[1])):
-            if value > limit:
-                message = f"{name}: {what} {value!r} is above {limit!r}, the limit set for axis {axis}"
-                raise self.error("B-INST-008", f"{message}; nothing was sent", "correct the sequence")
+        self._check_most(name, (abs(rate), acceleration), limits, f"the limit set for axis {axis}")
         return limits
+
+    def _check_most(self, name: str, wanted: tuple[float, float], most: tuple[float, float], whose: str) -> None:
+        """Raise InstrumentError B-INST-008 if a rate or an acceleration is above a limit."""
+        for what, value, limit in zip(("rate", "acceleration"), wanted, most, strict=True):
+            if value > limit:
+                raise self.refusal(f"{name}: {what} {value!r} is above {limit!r}, {whose}")
 
     def _must_be_closed(self, name: str, axis: int) -> None:
         if (state := self._interlock(axis)) != CLOSED:
@@ -241,7 +234,7 @@ class Acutrol3000(BaseInstrument):
         known = self.ranges[axis]
         if not known.holds(target):
             message = f"{name}: {target!r} deg is outside {known.low!r} to {known.high!r} deg of axis {axis}"
-            raise self.error("B-INST-008", f"{message}; nothing was moved", "correct the sequence")
+            raise self.refusal(message, "nothing was moved")
         self._limit("rate", "pos", axis, rate)
         self._limit("acc", "pos", axis, acceleration)
         self.wanted.pop(axis, None)
@@ -302,24 +295,14 @@ class Acutrol3000(BaseInstrument):
     def _limit(self, what: str, mode: str, axis: int, value: float) -> None:
         self._load(f":lim:{what}", f"{mode},{axis}", value, "deg/s" if what == "rate" else "deg/s2")
 
-    def _load(self, header: str, place: str, value: float, unit: str) -> None:
+    def _load(self, header: str, place: str, value: float, unit: str, turn: float = math.inf) -> None:
         query = f"{header}? {place}"
-        self.set(f"{header} {place},{plain_form(value)}", self.number(query, value, _STEP))
-        self.confirm(query, value, _STEP, unit)
+        self.set(f"{header} {place},{plain_form(value)}", self.number(query, value, _STEP, turn))
+        self.confirm(query, value, _STEP, unit, turn)
 
     def _demand_position(self, axis: int, value: float) -> None:
         """Load a position; it may read back a whole range apart, which is the same place."""
-        query, known, before = f":dem:pos? {axis}", self.ranges[axis], self.seen.get(f":dem:pos? {axis}")
-
-        def reading() -> float:
-            return value + known.apart(self.ask(query, read_number), value)
-
-        def as_before(found: float) -> bool:
-            return isinstance(before, float) and abs(known.apart(found, before)) <= _STEP
-
-        read_back = ReadBack(reading, lambda found: abs(found - value) <= _STEP, as_before)
-        self.set(f":dem:pos {axis},{plain_form(value)}", read_back)
-        self.agree(query, reading(), value, _STEP, "deg")
+        self._load(":dem:pos", str(axis), value, "deg", self.ranges[axis].turn)
 
     def _mode(self, mode: str, word: str, axis: int) -> None:
         query = f":mode? {axis}"

@@ -48,9 +48,14 @@ class AxisRange:
         """Return an angle as the controller counts it."""
         return angle if self.limited else self.middle + math.remainder(angle - self.middle, self.width)
 
+    @property
+    def turn(self) -> float:
+        """What may lie between two numbers that are the same place."""
+        return math.inf if self.limited else self.width
+
     def apart(self, one: float, other: float) -> float:
         """Return how far an angle is from another, signed."""
-        return one - other if self.limited else math.remainder(one - other, self.width)
+        return math.remainder(one - other, self.turn)
 
     def shorter_way(self, here: float, angle: float) -> float:
         """Return how far to go from here to an angle, whole turns not counted, where the stops let it."""

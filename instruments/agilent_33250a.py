@@ -36,7 +36,6 @@ class Agilent33250A(ScpiInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
-        frequency, amplitude = self.checked("square", frequency=frequency, amplitude=amplitude)
         self.kept = ()
         self.bring("square")
         of_frequency = self.put(Setting("FREQ?", frequency, _FREQUENCY_STEP_HZ, "Hz"))

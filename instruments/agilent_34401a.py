@@ -41,10 +41,9 @@ class Agilent34401A(ScpiInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-007 on overload (above 120 % of the range) and with open leads.
         """
-        range_ohm, cycles = self.checked("measure_resistance", range=range, cycles=cycles)
         self.bring("measure_resistance")
-        configured = either(lambda: is_range(self.ask("CONF?", read_text), range_ohm), True)
-        self.set(f"CONF:FRES {exponent_form(range_ohm)}", configured)
+        configured = either(lambda: is_range(self.ask("CONF?", read_text), range), True)
+        self.set(f"CONF:FRES {exponent_form(range)}", configured)
         self.set(f"FRES:NPLC {cycles}", self.number("FRES:NPLC?", cycles, 0.0))
         return self.measured(read_number, _READING_LIMIT_S)
 

@@ -52,7 +52,7 @@ class Agilent34970A(ScpiInstrument):
         the unit has none.
         """
         if not self.options["channels"]:
-            raise self.error("B-INST-008", "scan: the station gives the unit no thermocouples; nothing was sent")
+            raise self.refusal("scan: the station gives the unit no thermocouples")
         channels, kind = self.station_words.values()
         self._configure(f"TEMP TC,{kind}", channels, lambda reply: reply.startswith(f'"TEMP TC,{kind},'))
         self.bring("scan")
@@ -71,11 +71,9 @@ class Agilent34970A(ScpiInstrument):
         Raises: InstrumentError B-INST-008 (also for a channel that has a thermocouple), B-INST-007 on overload (above
         120 % of the range) and with open leads.
         """
-        given = {"channel": channel, "range": range, "cycles": cycles}
-        channel, range_ohm, cycles = self.checked("measure_resistance", **given)
         if taken := {channel, channel + _PAIRED} & set(self.options["channels"]):
-            raise self.error("B-INST-008", f"channel {taken.pop()} has a thermocouple; nothing was sent")
-        self._configure(f"FRES {exponent_form(range_ohm)}", str(channel), lambda reply: is_range(reply, range_ohm))
+            raise self.refusal(f"channel {taken.pop()} has a thermocouple")
+        self._configure(f"FRES {exponent_form(range)}", str(channel), lambda reply: is_range(reply, range))
         self.set(f"FRES:NPLC {cycles},(@{channel})", self.number(f"FRES:NPLC? (@{channel})", cycles, 0.0))
         return self.measured(read_number, _SCAN_LIMIT_S)
 

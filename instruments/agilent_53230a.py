@@ -32,7 +32,6 @@ class Agilent53230A(ScpiInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-007 (no signal), B-INST-001 (gate plus 2 s are over).
         """
-        (gate,) = self.checked("measure_frequency", gate=gate)
         self.bring("measure_frequency")
         has_gate = either(lambda: abs(self.ask("FREQ:GATE:TIME?", read_number) - gate) <= _GATE_STEP_S, True)
         self.set(f"FREQ:GATE:TIME {exponent_form(gate)}", has_gate)

@@ -44,15 +44,17 @@ class AgilentE3631A(ScpiSupply):
 
         Raises: InstrumentError B-INST-008 (limits of the rail), B-INST-005, B-INST-011.
         """
-        rail, voltage, limit = self.checked("configure", rail=rail, voltage=voltage, current_limit=current_limit)
         low_V, high_V, high_A = _RAILS[rail]
-        if not (low_V <= voltage <= high_V and limit <= high_A):
+        if not (low_V <= voltage <= high_V and current_limit <= high_A):
             message = f"configure: rail {rail} takes {low_V} to {high_V} V and up to {high_A} A, not {voltage!r} V, "
-            raise self.error("B-INST-008", f"{message}{limit!r} A; nothing was sent")
+            raise self.refusal(f"{message}{current_limit!r} A")
         with self.bus.lock:
             self._forget_rail(rail)
             self._select(rail)
-            wanted = Setting("CURR?", limit, _CURRENT_STEP_A, "A"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V")
+            wanted = (
+                Setting("CURR?", current_limit, _CURRENT_STEP_A, "A"),
+                Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"),
+            )
             self.keep(*map(self.put, wanted))
         self.configured = {**self.configured, rail: self.kept}
 
@@ -79,7 +81,6 @@ class AgilentE3631A(ScpiSupply):
     @action(_RAIL, bus_s=0.5, returns="V")
     def measure_voltage(self, rail: int) -> float:
         """Measure the voltage of one rail, volt (negative on rail 3)."""
-        (rail,) = self.checked("measure_voltage", rail=rail)
         with self.bus.lock:
             self._select(rail)
             return self.ask("MEAS:VOLT?", read_number)

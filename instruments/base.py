@@ -6,8 +6,8 @@ A driver adds its commands as small methods, declared with ``@action``; its limi
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
 from typing import Any, ClassVar
 
 from pyvisa.resources import MessageBasedResource
@@ -15,12 +15,12 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import NS, Clock
 from bench.model.drivers import manual_of
 from bench.model.errors import InputError, InstrumentError
-from bench.model.ports import Identity, Tells, Transcript, actions_of
+from bench.model.ports import Identity, Parameter, Tells, Transcript, actions_of
 from instruments.bus import BUS_FAILED, TIMED_OUT, BusSession
 from instruments.commands import Commands
 from instruments.ladder import Ladder
 from instruments.transport import Need, lacking
-from instruments.values import read_text
+from instruments.values import check_argument, read_text
 
 WRONG_MODEL, EXCHANGED = "B-INST-002", "B-INST-016"
 STRANGER = (WRONG_MODEL, EXCHANGED)
@@ -30,12 +30,13 @@ class BaseInstrument(Commands):
     """Base of all drivers.
 
     Class members: ``identity_pattern`` matches "manufacturer,model"; ``safe_state`` says in words what ``make_safe``
-    leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
-    ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards;
-    ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``reply_end`` is the last character
-    of a reply (what comes behind it is dropped, or stands before the next); ``tells`` says which replies show whether
-    it is on, None for a model that holds no energy; ``needs`` is what its address must give besides messages;
-    ``remote`` is what takes it out of local on a serial line, also behind a gateway, where no line of a bus does.
+    leaves behind; ``default_options`` are the options a station may give, ``option_limits`` what each may be; a source
+    of current names its ranges in ``ranges_A`` (ampere, lowest first), which the static check holds against the
+    register of standards; ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``reply_end``
+    is the last character of a reply (what comes behind it is dropped, or stands before the next); ``tells`` says which
+    replies show whether it is on, None for a model that holds no energy; ``needs`` is what its address must give
+    besides messages; ``remote`` is what takes it out of local on a serial line, also behind a gateway, where no line of
+    a bus does.
 
     Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
@@ -45,6 +46,7 @@ class BaseInstrument(Commands):
     safe_state: ClassVar[str]
     longest_error_queue: ClassVar[int] = 32
     default_options: ClassVar[Mapping[str, Any]] = {}
+    option_limits: ClassVar[tuple[Parameter, ...]] = ()
     ranges_A: ClassVar[tuple[float, ...]] = ()
     spacing_s: ClassVar[float] = 0.0
     reply_end: ClassVar[str] = "\n"
@@ -153,15 +155,13 @@ class BaseInstrument(Commands):
         """Return how long ago it answered last, second."""
         return (self.clock.now_ns() - self.bus.heard_ns) / NS
 
-    @contextmanager
-    def quick(self, limit_s: float) -> Iterator[None]:
+    def quick(self, limit_s: float) -> AbstractContextManager[None]:
         """For a first pass over the whole bench in an emergency: the first question without an answer ends a method.
 
         No call waits longer than ``limit_s`` (second), nothing is asked again, cleared or reopened; so an instrument
         that is mute costs ``make_safe`` that time once. Afterwards the session gets back into step by itself.
         """
-        with self.bus.hurry(limit_s):
-            yield
+        return self.bus.hurry(limit_s)
 
     def drain_errors(self) -> list[str]:
         """Get all queued errors, oldest first. Raises: InstrumentError B-INST-006 if the queue does not end."""
@@ -196,6 +196,11 @@ class BaseInstrument(Commands):
 
         Args: options: all of ``default_options``, with the values of the station.
         """
+        for limits in cls.option_limits:
+            try:
+                check_argument(limits, options[limits.name])
+            except ValueError as error:
+                return limits.name, str(error)
         return None
 
     @classmethod

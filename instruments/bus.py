@@ -6,15 +6,13 @@ No call blocks longer than 1.5 s. What takes longer is triggered, then polled fo
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cached_property, partial
 from typing import Protocol, TypeVar
 
-from pyvisa.resources import MessageBasedResource
-
-from bench.model.clock import NS, Clock, to_ns
+from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
-from bench.model.ports import Transcript
 from instruments.values import CutOffError, OverloadReadingError, block_content
 from instruments.wire import MESSAGE_AVAILABLE, SLICE_S, BusError, Wire
 
@@ -48,55 +46,24 @@ def bus_lock(resource_name: str) -> threading.RLock:
         return _locks.setdefault(bus.upper(), threading.RLock())
 
 
-class Conversation:
-    """Holds the lock of the bus while one session talks; ``depth``: how many are under way, one inside the other.
-
-    ``live`` is called each half second while somebody else talks on it.
-    """
-
-    def __init__(self, lock: threading.RLock, live: Callable[[], None]) -> None:
-        self._lock, self._live = lock, live
-        self.depth = 0
-
-    def __enter__(self) -> None:
-        while not self._lock.acquire(timeout=SLICE_S):
-            self._live()
-        self.depth += 1
-
-    def __exit__(self, *_: object) -> None:
-        self.depth -= 1
-        self._lock.release()
-
-
 class BusSession(Wire):
     """Sends commands to one resource and reads replies.
 
-    Args: resource: open PyVISA resource; its terminators are set to line feed.   role: name in the station file.
-    spacing_s: time between two commands, second, for an instrument that loses what comes sooner; half of it in a hurry,
-    where what is lost is found by read-back and done again without one.
+    ``where`` names it for errors; ``lock`` is that of its bus; ``climb`` is asked when a question fails.
     """
 
-    def __init__(
-        self,
-        resource: MessageBasedResource,
-        role: str,
-        clock: Clock,
-        transcript: Transcript,
-        spacing_s: float = 0.0,
-        reply_end: str = "\n",
-    ) -> None:
-        super().__init__(resource, role, clock, transcript, reply_end)
-        self._spacing_ns = to_ns(spacing_s)
-        self._spoke_ns = clock.now_ns()  # another session may have spoken just before this one was opened
-        self.where = f"{role} ({resource.resource_name})"
-        self.lock = bus_lock(resource.resource_name)
-        self.climb: Climb | None = None
-        self._conversation = Conversation(self.lock, lambda: self.note("tx", "<bus busy>"))
+    climb: Climb | None = None
+    _depth = 0  # conversations under way, one inside the other
+
+    @cached_property
+    def lock(self) -> threading.RLock:
+        """Lock of the bus."""
+        return bus_lock(self._resource.resource_name)
 
     def write(self, command: str, timeout_s: float) -> None:
         """Send one command, once. Raises: InstrumentError B-INST-001 (time-out), B-INST-003 (bus)."""
         self._keep_apart()
-        with self._conversation:
+        with self._conversation():
             self.note("tx", command)
             try:
                 self.call(timeout_s, partial(self._resource.write, command))
@@ -110,7 +77,7 @@ class BusSession(Wire):
 
         Raises: InstrumentError B-INST-001, B-INST-003, B-INST-004 (not understood), B-INST-007 (overload).
         """
-        with self._conversation:
+        with self._conversation():
             return self._understood(parse, command, self._receive(command, timeout_s))
 
     def query(
@@ -134,7 +101,7 @@ class BusSession(Wire):
             return self.read(parse, command, timeout_s)
 
         self._keep_apart()  # before the lock: the other instruments of the bus need not wait
-        with self._conversation:
+        with self._conversation():
             try:
                 return ask()
             except InstrumentError as error:
@@ -153,9 +120,9 @@ class BusSession(Wire):
         if not self.lock.acquire(blocking=False):
             return None
         try:
-            if self._conversation.depth:
+            if self._depth:
                 return None
-            with self._conversation, self.hurry(timeout_s):
+            with self._conversation(), self.hurry(timeout_s):
                 if not self.in_step:
                     self.in_step = self._device_cleared()
                     self._require_step(question)
@@ -167,7 +134,7 @@ class BusSession(Wire):
 
     def status_byte(self, timeout_s: float) -> int:
         """Serial poll. Raises: InstrumentError B-INST-001, B-INST-003."""
-        with self._conversation:
+        with self._conversation():
             try:
                 return self.poll_status(timeout_s)
             except BusError as error:
@@ -176,6 +143,18 @@ class BusSession(Wire):
     def close(self) -> None:
         """Release the session; one that is gone holds nobody up."""
         self.release(CLOSE_S)
+
+    @contextmanager
+    def _conversation(self) -> Iterator[None]:
+        """Hold the bus while this session talks; a sign of life each half second while somebody else does."""
+        while not self.lock.acquire(timeout=SLICE_S):
+            self.note("tx", "<bus busy>")
+        self._depth += 1
+        try:
+            yield
+        finally:
+            self._depth -= 1
+            self.lock.release()
 
     def _keep_apart(self) -> None:
         if self._spacing_ns:

@@ -6,15 +6,17 @@ the driver goes on; as before, the command is sent once more and read back again
 
 from __future__ import annotations
 
+import inspect
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, wraps
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from bench.model.clock import Clock, to_ns
 from bench.model.drivers import Condition
 from bench.model.errors import InstrumentError
-from bench.model.ports import Action, StateRow
+from bench.model.ports import Action, StateRow, actions_of
 from instruments.bus import DOUBTFUL, BusSession
 from instruments.values import check_argument, exponent_form, read_integer, read_number, read_text
 
@@ -41,12 +43,16 @@ def either(see: Callable[[], Any], wanted: object) -> ReadBack:
 
 
 class Setting(NamedTuple):
-    """A number that was set: its question, its value, within what it must read back, in which unit."""
+    """A number that was set: its question, its value, within what it must read back, in which unit.
+
+    ``turn``: what may lie between two numbers that are the same place, such as 360 deg.
+    """
 
     query: str
     wanted: float
     tolerance: float
     unit: str
+    turn: float = math.inf
 
 
 class Commands:
@@ -66,6 +72,13 @@ class Commands:
     kept: tuple[Setting, ...]
     states: Mapping[str, Condition] = {}
     mended: dict[str, str]
+
+    def __init_subclass__(cls, **named: Any) -> None:
+        """Let each action of a driver refuse what its declaration does not allow, before anything is sent."""
+        super().__init_subclass__(**named)
+        for name, declared in actions_of(cls).items():
+            if declared.parameters and name in vars(cls):
+                setattr(cls, name, _within_limits(vars(cls)[name]))
 
     @property
     def station_words(self) -> Mapping[str, str]:
@@ -116,19 +129,19 @@ class Commands:
         self._ready()
         return self.bus.query(query, parse, self.timeout_s, patience_s=patience_s)
 
-    def number(self, query: str, wanted: float, tolerance: float) -> ReadBack:
-        """Return the read-back of a number."""
+    def number(self, query: str, wanted: float, tolerance: float, turn: float = math.inf) -> ReadBack:
+        """Return the read-back of a number, whole turns aside."""
         before = self.seen.get(query)
         return ReadBack(
             lambda: self.ask(query, read_number),
-            lambda value: abs(value - wanted) <= tolerance,
-            lambda value: isinstance(before, float) and abs(value - before) <= tolerance,
+            lambda value: _are_alike(value, wanted, tolerance, turn),
+            lambda value: isinstance(before, float) and _are_alike(value, before, tolerance, turn),
         )
 
-    def put(self, setting: Setting) -> Setting:
+    def put(self, setting: Setting, form: Callable[[float], str] = exponent_form) -> Setting:
         """Set a number by the command of its question, and return it. Raises: InstrumentError as ``set``."""
-        read_back = self.number(setting.query, setting.wanted, setting.tolerance)
-        self.set(f"{setting.query.removesuffix('?')} {exponent_form(setting.wanted)}", read_back)
+        read_back = self.number(setting.query, setting.wanted, setting.tolerance, setting.turn)
+        self.set(f"{setting.query.removesuffix('?')} {form(setting.wanted)}", read_back)
         return setting
 
     def word(self, query: str, wanted: str) -> ReadBack:
@@ -204,9 +217,9 @@ class Commands:
         """Return the read-back of something that is on (1) or off (0)."""
         return either(lambda: self.ask(query, read_integer), wanted)
 
-    def confirm(self, query: str, wanted: float, tolerance: float, unit: str) -> None:
+    def confirm(self, query: str, wanted: float, tolerance: float, unit: str, turn: float = math.inf) -> None:
         """Raise InstrumentError B-INST-011 unless the setting read back is ``wanted`` within ``tolerance``."""
-        self.agree(query, self.ask(query, read_number), wanted, tolerance, unit)
+        self.agree(query, self.ask(query, read_number), wanted, tolerance, unit, turn)
 
     def keep(self, *settings: Setting) -> None:
         """Confirm each of these settings, then rely on them. Raises: InstrumentError B-INST-011."""
@@ -225,22 +238,18 @@ class Commands:
         if not self.kept:
             raise self.error("B-INST-010", f"{action} refused: no {missing} set by this run", next_step)
 
-    def agree(self, query: str, value: float, wanted: float, tolerance: float, unit: str) -> None:
-        """Raise InstrumentError B-INST-011 unless ``found`` is ``wanted`` within ``tolerance``."""
+    def agree(
+        self, query: str, value: float, wanted: float, tolerance: float, unit: str, turn: float = math.inf
+    ) -> None:
+        """Raise InstrumentError B-INST-011 unless ``value`` is ``wanted`` within ``tolerance``, whole turns aside."""
         self.seen[query] = value
-        if not abs(value - wanted) <= tolerance:
+        if not _are_alike(value, wanted, tolerance, turn):
             message = f"{query!r} reads back {value!r} {unit}, but {wanted!r} {unit} was set"
             raise self.error("B-INST-011", message, "look for another controller or a front panel in use")
 
-    def checked(self, action: str, **arguments: object) -> list[Any]:
-        """Return the arguments of an action after its declared limits. Raises: InstrumentError B-INST-008."""
-        accepted = []
-        for parameter in self.actions[action].parameters:
-            try:
-                accepted.append(check_argument(parameter, arguments[parameter.name]))
-            except ValueError as error:
-                raise self.error("B-INST-008", f"{action}: {error}; nothing was sent", "correct the sequence") from None
-        return accepted
+    def refusal(self, message: str, undone: str = "nothing was sent") -> InstrumentError:
+        """Return the error of an action that asks for what cannot be."""
+        return self.error("B-INST-008", f"{message}; {undone}", "correct the sequence")
 
     def poll(self, done: Callable[[], bool], limit_s: float, period_s: float) -> bool:
         """Call ``done`` each ``period_s`` on the bench clock until it is true (True) or ``limit_s`` is over (False)."""
@@ -303,3 +312,25 @@ class Commands:
 
     def _ready(self) -> None:
         raise NotImplementedError
+
+
+def _are_alike(one: float, other: float, tolerance: float, turn: float) -> bool:
+    return abs(math.remainder(one - other, turn)) <= tolerance
+
+
+def _within_limits(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return an action that is begun only with arguments within its declared limits; what is left out is not judged."""
+    signature = inspect.signature(method)
+
+    @wraps(method)
+    def limited(self: Commands, *arguments: Any, **named: Any) -> Any:
+        given = signature.bind(self, *arguments, **named).arguments
+        for parameter in self.actions[method.__name__].parameters:
+            if parameter.name in given:
+                try:
+                    given[parameter.name] = check_argument(parameter, given[parameter.name])
+                except ValueError as error:
+                    raise self.refusal(f"{method.__name__}: {error}") from None
+        return method(**given)
+
+    return limited

@@ -85,7 +85,6 @@ class Fluke5720A(BaseInstrument):
         ``range`` "locked" keeps the present range (a zero on the range of its point), else the calibrator takes the
         lowest range that holds the value. Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
-        current, range = self.checked("output", current=current, range=range)  # noqa: A001
         self.programmed_A = None
         lock = "ON" if range == "locked" else "OFF"
         self.set(f"RANGELCK {lock}", either(lambda: bool(self._status() & _LOCKED), range == "locked"))

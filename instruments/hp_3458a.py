@@ -72,8 +72,7 @@ class Hp3458A(BaseInstrument):
         Returns the range the meter says it is in, ampere: the readings that follow belong to it.
         Raises: InstrumentError B-INST-008, B-INST-019 (rear terminals), B-INST-005, B-INST-011.
         """
-        (largest_A,) = self.checked("configure_current", range=range)
-        nominal_A = next(nominal for nominal, limit in _RANGES_A if largest_A <= limit)
+        nominal_A = next(nominal for nominal, limit in _RANGES_A if range <= limit)
         self.kept = ()
         try:
             self._set_up(nominal_A)

@@ -46,18 +46,17 @@ class Hp6632B(ScpiSupply):
 
         Raises: InstrumentError B-INST-008 (also when the trip is not above the voltage), B-INST-005, B-INST-011.
         """
-        voltage, limit, trip = self.checked(
-            "configure", voltage=voltage, current_limit=current_limit, over_voltage=over_voltage
-        )
-        if trip <= voltage:
-            message = f"configure: over_voltage {trip!r} V is not above voltage {voltage!r} V; nothing was sent"
-            raise self.error("B-INST-008", message)
+        if over_voltage <= voltage:
+            raise self.refusal(f"configure: over_voltage {over_voltage!r} V is not above voltage {voltage!r} V")
         self.kept = ()
-        of_current = self.put(Setting("CURR?", limit, _CURRENT_STEP_A, "A"))
+        of_current = self.put(Setting("CURR?", current_limit, _CURRENT_STEP_A, "A"))
         self.bring("configure")  # behind the limit: with that of another user the over-current protection might trip
         self.set(f"OUTP:PROT:DEL {_DELAY_s:g}", self.number("OUTP:PROT:DEL?", _DELAY_s, _DELAY_STEP_s))
-        settings = [Setting("VOLT:PROT?", trip, _TRIP_STEP_V, "V"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V")]
-        if self.ask("VOLT?", read_number) > trip:
+        settings = [
+            Setting("VOLT:PROT?", over_voltage, _TRIP_STEP_V, "V"),
+            Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"),
+        ]
+        if self.ask("VOLT?", read_number) > over_voltage:
             settings.reverse()  # an output that another user left on would trip
         self.keep(of_current, *map(self.put, settings))
 

@@ -72,10 +72,10 @@ class Keithley7002(ScpiInstrument):
                 meant (all are opened then).
         """
         cards = cards_of(self.options)
-        only = cards[0] if card is None and len(cards) == 1 else card
-        channel, polarity, card = self.checked("route", channel=channel, polarity=polarity, card=only)
+        if card is None and len(cards) == 1:
+            card = cards[0]
         if card not in cards:
-            raise self.error("B-INST-008", f"route: card {card} is none of {cards}; nothing was sent")
+            raise self.refusal(f"route: card {card} is none of {cards}")
         self.open_all()
         crosspoint = f"{card}!{_DIRECT_ROW if polarity == 1 else _REVERSED_ROW}!{channel}"
         self.routed = None

@@ -66,7 +66,6 @@ class KrohnHite3988(BaseInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-011, B-INST-019 (what is set for one channel is set for both).
         """
-        (centre,) = self.checked("configure", centre=centre)
         self.bring("configure")
         self._set_both(centre / _HALF_BAND, centre * _HALF_BAND)
 

@@ -14,6 +14,7 @@ What an error queue says on the way, such as that the question is unknown, stand
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
@@ -31,6 +32,7 @@ CLIMB_S = 1.5
 T = TypeVar("T")
 
 
+@dataclass
 class Ladder:
     """The rungs of one instrument.
 
@@ -38,21 +40,13 @@ class Ladder:
     is the same instrument as before, set as before.   reopen, interface_clear: None where the bus has no such rung.
     """
 
-    def __init__(
-        self,
-        bus: BusSession,
-        drain: Callable[[], list[str]],
-        readmit: Callable[[], None],
-        reopen: Callable[[], MessageBasedResource] | None,
-        interface_clear: Callable[[], None] | None,
-    ) -> None:
-        self._bus = bus
-        self._drain = drain
-        self._readmit = readmit
-        self._reopen = reopen
-        self._interface_clear = interface_clear
-        self._climbing = False
-        self._given_up = False  # the session as it is
+    bus: BusSession
+    drain: Callable[[], list[str]]
+    readmit: Callable[[], None]
+    reopen: Callable[[], MessageBasedResource] | None
+    interface_clear: Callable[[], None] | None
+    _climbing = False
+    _given_up = False  # the session as it is
 
     def climb(self, error: InstrumentError, ask: Callable[[], T]) -> T:
         """Ask again after each rung that was of use. A question asked on a rung does not climb itself.
@@ -76,10 +70,10 @@ class Ladder:
     def _climb(self, error: InstrumentError, ask: Callable[[], T]) -> T:
         rungs: list[Callable[[InstrumentError], bool]] = [self._drained] * (READ_ATTEMPTS - 1)
         # who comes again and again needs one opening each time: the pauses lie between
-        pauses_s = (0.0,) if self._bus.patient else PAUSES_S
+        pauses_s = (0.0,) if self.bus.patient else PAUSES_S
         rungs += [partial(self._reopened, pause_s) for pause_s in pauses_s]
         for rung in (*rungs, self._interface_cleared):
-            if self._bus.silence_s() >= CLIMB_S and not self._bus.patient:
+            if self.bus.silence_s() >= CLIMB_S and not self.bus.patient:
                 break
             if not rung(error):
                 continue
@@ -93,26 +87,26 @@ class Ladder:
 
     def _drained(self, error: InstrumentError) -> bool:
         """Return whether the session as it is can be asked; an instrument whose queue is dead is not asked."""
-        if self._given_up or self._bus.lost or not self._bus.in_step:
+        if self._given_up or self.bus.lost or not self.bus.in_step:
             return False
         try:
-            self._faults |= dict.fromkeys(self._drain())
+            self._faults |= dict.fromkeys(self.drain())
         except InstrumentError:
             self._given_up = True
         return not self._given_up
 
     def _reopened(self, pause_s: float, error: InstrumentError) -> bool:
-        if self._reopen is None or error.code == NOT_UNDERSTOOD:
+        if self.reopen is None or error.code == NOT_UNDERSTOOD:
             return False
-        self._bus.release()
-        self._bus.pause(pause_s)
+        self.bus.release()
+        self.bus.pause(pause_s)
         try:
-            self._bus.open_again(self._reopen)
+            self.bus.open_again(self.reopen)
         except (BusError, InstrumentError) as problem:
-            self._bus.note("rx", f"<it does not open: {problem}>")
+            self.bus.note("rx", f"<it does not open: {problem}>")
             return False
         try:
-            self._readmit()
+            self.readmit()
         except InstrumentError as problem:
             if problem.code not in DOUBTFUL:
                 raise
@@ -120,13 +114,13 @@ class Ladder:
         return True
 
     def _interface_cleared(self, error: InstrumentError) -> bool:
-        if self._interface_clear is None or error.code == NOT_UNDERSTOOD:
+        if self.interface_clear is None or error.code == NOT_UNDERSTOOD:
             return False
-        self._bus.note("tx", "<interface clear>")
+        self.bus.note("tx", "<interface clear>")
         try:
-            self._bus.call(OPEN_S, self._interface_clear)
+            self.bus.call(OPEN_S, self.interface_clear)
         except BusError as problem:
-            self._bus.note("rx", f"<interface clear failed: {problem}>")
+            self.bus.note("rx", f"<interface clear failed: {problem}>")
             return False
-        self._bus.in_step = False  # an interface clear does not empty the instrument
-        return self._reopen is None or self._reopened(0.0, error)
+        self.bus.in_step = False  # an interface clear does not empty the instrument
+        return self.reopen is None or self._reopened(0.0, error)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, ClassVar, TypeVar
 
 from bench.model.errors import InstrumentError
-from bench.model.ports import Effect, Identity, action
+from bench.model.ports import Effect, Identity, Parameter, action
 from instruments.base import BaseInstrument
 from instruments.bus import TIMED_OUT
 from instruments.values import read_integer, read_number
@@ -85,16 +85,12 @@ class ScpiSupply(ScpiInstrument):
 
     safe_state = "output off (OUTP OFF), confirmed by OUTP?; with option safe_state keep as it is"
     default_options: ClassVar[dict[str, Any]] = {"safe_state": "off"}
+    option_limits = (Parameter("safe_state", choices=("off", "keep")),)
 
     @action(effect=Effect.POWER, bus_s=0.3)
     def output_off(self) -> None:
         """Set the output off, of all rails if there are more, and confirm it. Raises: InstrumentError B-INST-009."""
         self.switch_output_off()
-
-    @classmethod
-    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
-        state = options["safe_state"]
-        return None if state in ("off", "keep") else ("safe_state", f"safe_state {state!r} is neither off nor keep")
 
     def _safe_command(self) -> str:
         return "OUTP OFF" if self.options["safe_state"] == "off" else ""

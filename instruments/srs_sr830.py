@@ -24,7 +24,7 @@ from bench.model.errors import InstrumentError
 from bench.model.ports import Parameter, action
 from instruments.base import BaseInstrument
 from instruments.bus import DOUBTFUL
-from instruments.commands import ReadBack, Setting
+from instruments.commands import Setting
 from instruments.values import plain_form, read_integer, read_number
 
 TIME_CONSTANTS_S = tuple(float(f"{digit}e{power}") for power in range(-5, 5) for digit in (1, 3))
@@ -33,7 +33,6 @@ SLOPES_DB = (6, 12, 18, 24)
 WIRING: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"reference": ("index_a", "index_b"), "input": ("fog", "filter"), "demodulation": ("sine", "square")}
 )
-_LARGEST_DIVIDER = 1000.0
 _OVERLOADS, _UNLOCKED = 0b111, 1 << 3  # input or reserve, filter, output; reference
 _PHASE_STEP_DEG = 0.0101  # the instrument rounds to 0.01 deg
 _LOOK_S = 0.5
@@ -66,10 +65,13 @@ class SrsSr830(BaseInstrument):
     default_options: ClassVar[dict[str, Any]] = {
         "reference": "index_a", "input": "fog", "demodulation": "sine", "divider": 1.0,
     }  # fmt: skip
+    option_limits = (
+        *(Parameter(name, choices=words) for name, words in WIRING.items()),
+        Parameter("divider", low=1.0, high=1000.0),
+    )
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self.phase_deg: float | None = None
         self.identity_question = f"OUTX {int('(ASRL' not in self.bus.where.upper())};*IDN?"
 
     @action(
@@ -84,8 +86,6 @@ class SrsSr830(BaseInstrument):
 
         Raises: InstrumentError B-INST-008 (also what is not in its lists, with the nearest), B-INST-005, B-INST-011.
         """
-        given = {"time_constant": time_constant, "slope": slope, "sensitivity": sensitivity, "synchronous": synchronous}
-        time_constant, slope, sensitivity, synchronous = self.checked("configure", **given)
         ranges_V = tuple(sensitivity_V * self.divider for sensitivity_V in SENSITIVITIES_V)
         chosen = {
             "SENS": self._place("sensitivity", sensitivity, ranges_V, "V"),
@@ -94,13 +94,13 @@ class SrsSr830(BaseInstrument):
             "SYNC": int(synchronous == "on"),
         }
         self._ready()
-        self.kept = ()
+        self.kept = phase = tuple(setting for setting in self.kept if setting.query == "PHAS?")
         self.bring("configure")
         for name, value in chosen.items():
             self.set(f"{name} {value}", self.number(f"{name}?", value, 0.0))
         self.keep(*(Setting(f"{name}?", float(value), 0.0, "") for name, value in chosen.items()))
         rows = (row for row in self.states.values() if row.right.isdigit())
-        self.kept += tuple(Setting(row.ask, float(row.right), 0.0, "") for row in rows)  # has just read back
+        self.kept += (*(Setting(row.ask, float(row.right), 0.0, "") for row in rows), *phase)  # have read back
         self._status()
 
     @action(Parameter("phase", "deg", -360.0, 729.99), bus_s=0.5)
@@ -109,18 +109,11 @@ class SrsSr830(BaseInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
-        (phase,) = self.checked("set_phase", phase=phase)
         self._ready()
-        before = self.seen.get("PHAS?")
-        self.phase_deg = None
-        back = ReadBack(
-            lambda: self.ask("PHAS?", read_number),
-            lambda value: abs(_part_of_turn(value - phase)) <= _PHASE_STEP_DEG,
-            lambda value: value == before,
-        )
-        self.set(f"PHAS {plain_form(phase)}", back)
-        self._confirm_phase(phase)
-        self.phase_deg = phase
+        self.kept = tuple(setting for setting in self.kept if setting.query != "PHAS?")
+        setting = self.put(Setting("PHAS?", phase, _PHASE_STEP_DEG, "deg", _TURN_DEG), plain_form)
+        self.confirm(*setting)
+        self.kept += (setting,)
         self._status()
 
     @action(bus_s=0.3, returns="V")
@@ -173,40 +166,11 @@ class SrsSr830(BaseInstrument):
         nearest = min(range(len(known)), key=lambda place: max(known[place] / value, value / known[place]))
         if abs(known[nearest] - value) > _ALIKE * value:
             message = f"configure: {name} {value!r} {unit} is none of its settings; the nearest is {known[nearest]:g}"
-            raise self.error("B-INST-008", f"{message} {unit}; nothing was sent", "correct the sequence")
+            raise self.refusal(f"{message} {unit}")
         return nearest
-
-    def _confirm_phase(self, phase_deg: float) -> None:
-        value = self.ask("PHAS?", read_number)
-        self.agree("PHAS?", phase_deg + _part_of_turn(value - phase_deg), phase_deg, _PHASE_STEP_DEG, "deg")
-        self.seen["PHAS?"] = value
-
-    def _recheck(self) -> None:
-        super()._recheck()
-        if self.phase_deg is not None:
-            self._confirm_phase(self.phase_deg)
-
-    def _forget(self) -> None:
-        super()._forget()
-        self.phase_deg = None
-
-    @classmethod
-    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
-        for name, words in WIRING.items():
-            if options[name] not in words:
-                return name, f"{name} {options[name]!r} is none of {', '.join(words)}"
-        ratio = options["divider"]
-        number = isinstance(ratio, (int, float)) and not isinstance(ratio, bool)
-        if not (number and 1.0 <= ratio <= _LARGEST_DIVIDER):
-            return "divider", f"divider {ratio!r} is no number from 1 to {_LARGEST_DIVIDER:g}"
-        return None
 
     def _go_safe(self) -> None:
         self.drain_errors()
-
-
-def _part_of_turn(angle_deg: float) -> float:
-    return (angle_deg + _TURN_DEG / 2) % _TURN_DEG - _TURN_DEG / 2
 
 
 DRIVER = SrsSr830

@@ -74,7 +74,6 @@ class Thermotron3800(BaseInstrument):
 
         Raises: InstrumentError B-INST-008, B-INST-019 (state table), B-INST-005 (refused or process alarm), B-INST-011.
         """
-        temperature, ramp = self.checked("set_temperature", temperature=temperature, ramp=ramp)
         self.kept = ()
         self.bring("set_temperature")
         self.set(f"MRMP1,{plain_form(ramp)}", self.number("MRMP1?", ramp, _STEP))

@@ -9,7 +9,7 @@ from bench.model.ports import Parameter
 
 # SCPI-99 vol. 1, 7.2.1.4 and 7.2.1.5: 9.9E37 is infinity, 9.91E37 not a number; the 3458A sends 1E+38 on overload.
 OVERLOAD_FROM = 9.9e37
-_LONGEST_HEADER = 11  # of a block: "#9" and nine digits
+_DIGITS = b"0123456789"
 
 
 class OverloadReadingError(ValueError):
@@ -86,27 +86,22 @@ def block_content(reply: bytes | bytearray) -> bytes:
 
     Raises: CutOffError if it is shorter than it says; ValueError if it is no such block.
     """
-    if not reply:
-        raise CutOffError(b"", 0)
-    if reply[:1] != b"#":
+    if not b"#".startswith(reply[:1]):
         raise ValueError("a block is due, and it begins with '#'")
-    header = bytes(reply[:_LONGEST_HEADER])
-    digits = header[1:2]
-    if digits == b"":
-        raise CutOffError(b"", 0)
-    if digits not in b"123456789":
+    digits = bytes(reply[1:2])
+    if digits not in _DIGITS[1:]:
         raise ValueError("a block of definite length is due")
-    begin = 2 + int(digits)
-    text = header[2:begin]
-    if text and not text.isdigit():
+    begin = 2 + int(digits or b"9")
+    text = bytes(reply[2:begin])
+    if text.strip(_DIGITS):
         raise ValueError("the length of the block is no number")
-    if len(text) < int(digits):
+    if len(reply) < begin:
         raise CutOffError(b"", 0)
     length = int(text)
-    content = bytes(reply[begin : begin + length])
+    content, rest = bytes(reply[begin : begin + length]), bytes(reply[begin + length :])
     if len(content) < length:
         raise CutOffError(content, length)
-    if len(reply) > begin + length and bytes(reply[begin + length :]).strip(b"\r\n"):
+    if rest.strip(b"\r\n"):
         raise ValueError("more than one block has come")
     return content
 
@@ -123,8 +118,9 @@ def check_argument(parameter: Parameter, value: object) -> float | int | str:
         raise ValueError(f"{parameter.name} {value!r} is none of {', '.join(map(str, parameter.choices))}")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise ValueError(f"{parameter.name} {value!r} is not a finite number")
+    shown = f"{parameter.name} {value!r} {parameter.dimension}".rstrip()
     if parameter.low is not None and value < parameter.low:
-        raise ValueError(f"{parameter.name} {value!r} {parameter.dimension} is below {parameter.low!r}")
+        raise ValueError(f"{shown} is below {parameter.low!r}")
     if parameter.high is not None and value > parameter.high:
-        raise ValueError(f"{parameter.name} {value!r} {parameter.dimension} is above {parameter.high!r}")
+        raise ValueError(f"{shown} is above {parameter.high!r}")
     return float(value)

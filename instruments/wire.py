@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from typing import Any, Generic, TypeVar, cast
 
@@ -121,14 +121,21 @@ class Wire:
     earlier question may still come. ``alive`` is what the last serial poll said, None when there is none on this bus.
     ``stream``: nothing but bytes reaches the instrument.
     ``reply_end``: the last character of a reply; what comes behind another than a line feed may be any bytes.
+    ``spacing_s``: time between two commands, second, for an instrument that loses what comes sooner; half of it in a
+    hurry, where what is lost is found by read-back and done again without one.
+    ``where``: role and address.
     ``lost``: the code of the error after which nobody is there, "" while somebody is; only opening the address again
     helps.   ``heard_ns``: time of the last reply; ``silent_since_ns``: of the first question since then that got none.
     """
 
     def __init__(
-        self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript, reply_end: str = "\n"
-    ) -> None:
+        self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript,
+        spacing_s: float = 0.0, reply_end: str = "\n",
+    ) -> None:  # fmt: skip
         self._role, self._reply_end = role, reply_end
+        self.where = f"{role} ({resource.resource_name})"
+        self._spacing_ns = to_ns(spacing_s)
+        self._spoke_ns = clock.now_ns()  # another session may have spoken just before this one was opened
         self._clock = clock
         self._transcript = transcript
         self._mode = _Mode()
@@ -185,26 +192,22 @@ class Wire:
                 self._opening = None
         self.adopt(resource)
 
-    @contextmanager
-    def hurry(self, limit_s: float) -> Iterator[None]:
+    def hurry(self, limit_s: float) -> AbstractContextManager[None]:
         """No call waits longer than ``limit_s`` (second); what fails is told at once and recovered later."""
-        mode = self._mode
-        before = mode.cap_s, mode.hurried
-        mode.cap_s, mode.hurried = limit_s, True
-        try:
-            yield
-        finally:
-            mode.cap_s, mode.hurried = before
+        return self._changed(cap_s=limit_s, hurried=True)
+
+    def persistent(self) -> AbstractContextManager[None]:
+        """Let the address be opened again however long nobody has been there, and what is lost hold nothing up."""
+        return self._changed(patient=True)
 
     @contextmanager
-    def persistent(self) -> Iterator[None]:
-        """Let the address be opened again however long nobody has been there, and what is lost hold nothing up."""
-        mode = self._mode
-        before, mode.patient = mode.patient, True
+    def _changed(self, **mode: float) -> Iterator[None]:
+        before = {name: getattr(self._mode, name) for name in mode}
+        vars(self._mode).update(mode)
         try:
             yield
         finally:
-            mode.patient = before
+            vars(self._mode).update(before)
 
     @property
     def hurried(self) -> bool:

@@ -72,7 +72,7 @@ def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[st
         today = datetime.fromtimestamp(WallClock().utc_ns() / NS, UTC).date()
         path = folder / process.STATION
         control = folder / process.CONTROL
-        write_file(path, served_station(station, bench.resources, bench.urls, control, today))
+        write_file(path, served_station(station, bench.servers.resources(), bench.urls, control, today))
         _announce(station, bench, path)
         bench.wait()
     finally:
@@ -102,10 +102,10 @@ def _announce(station: Station, bench: Any, path: Path) -> None:
     for name, port in bench.moved.items():
         text = f"{name}: port {port} is taken, another one is used; a session begun on it cannot be resumed here"
         typer.echo(text, err=True)
-    resources, sockets = bench.resources, bench.sockets
+    resources, sockets = bench.servers.resources(), bench.servers.sockets()
     for number, (role, entry) in enumerate(station.instruments.items(), start=1):
         typer.echo(f"{role}: {entry.driver} at {resources[role]}, raw socket {sockets[role]}, GPIB0::{number}::INSTR")
-    typer.echo(f"GPIB0: adapter {bench.adapter}")
+    typer.echo(f"GPIB0: adapter {bench.servers.adapter}")
     for name, link in station.links.items():
         port = f"{link.baud} baud, at {bench.urls[name]}" if link.instrument is None else f"read from {link.instrument}"
         typer.echo(f"{name}: {link.frame}, {port}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -290,14 +290,16 @@ class Station:
     def guard_limits_degC(self) -> dict[str, float]:
         """Hard limits by name of the quantity, degC; without a chamber only those that are written down."""
         written, highest_degC = self.file.guard.limits, _highest_degC(self.instruments)
-        limits = {"chamber_air_degC": written.chamber_air, "unit_degC": written.unit}
-        if highest_degC is not None:
-            derived = {
-                "chamber_air_degC": highest_degC + CHAMBER_MARGIN_DEGC,
-                "unit_degC": highest_degC + UNIT_MARGIN_DEGC,
-            }
-            limits = {name: derived[name] if limit is None else limit for name, limit in limits.items()}
-        return {name: limit for name, limit in limits.items() if limit is not None}
+        limits = {}
+        for name, limit, margin_degC in (
+            ("chamber_air_degC", written.chamber_air, CHAMBER_MARGIN_DEGC),
+            ("unit_degC", written.unit, UNIT_MARGIN_DEGC),
+        ):
+            if limit is not None:
+                limits[name] = limit
+            elif highest_degC is not None:
+                limits[name] = highest_degC + margin_degC
+        return limits
 
     @cached_property
     def boards(self) -> Mapping[str, str]:
@@ -353,8 +355,8 @@ class Station:
         known = self.file.world.options if self.file.world is not None else {}
         findings = Findings()
         for name, text in overrides.items():
-            for code, message in option_mistakes(name, text, known):
-                findings.add(code, f"--set world.{name}", message)
+            if mistake := option_mistake(name, text, known):
+                findings.add(mistake[0], f"--set world.{name}", mistake[1])
         if findings:
             raise InputErrors(findings.sorted())
         return replace(self, world_options={**self.world_options, **overrides})
@@ -386,12 +388,12 @@ def load_station(path: Path) -> Station:
     return Station(document, options, path)
 
 
-def option_mistakes(name: str, value: Scalar | None, known: Collection[str]) -> Iterator[tuple[str, str]]:
-    """Yield code and message of what is wrong with an option of a world that knows some: B-PLAN-004, -015."""
+def option_mistake(name: str, value: Scalar | None, known: Collection[str]) -> tuple[str, str] | None:
+    """Return code and message of what is wrong with an option of a world that knows some: B-PLAN-004, -015; or None."""
     if name not in known:
-        yield "B-PLAN-004", f"the world has no option {name!r}{suggestion(name, known)}"
-    elif value is not None and (due := _wrong_option(name, option_text(value))):
-        yield "B-PLAN-015", f"world option {name} is {value!r}; {due}"
+        return "B-PLAN-004", f"the world has no option {name!r}{suggestion(name, known)}"
+    due = "" if value is None else _wrong_option(name, option_text(value))
+    return ("B-PLAN-015", f"world option {name} is {value!r}; {due}") if due else None
 
 
 def _wrong_option(name: str, text: str) -> str:

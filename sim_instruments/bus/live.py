@@ -26,14 +26,20 @@ _NONSENSE = "NONSENSE"
 _EOM_CLASSES = ("GPIB INSTR", "ASRL INSTR", "TCPIP INSTR", "TCPIP SOCKET", "USB INSTR")
 
 
-@dataclass
+@dataclass(eq=False)
 class Reply:
-    """One reply waiting in the instrument's output: bytes, when they are there, and whether END closes them."""
+    """One reply waiting in the instrument's output: bytes, when they are there, and whether END closes them.
+
+    A server notes the number of the message that asked, when the reply is due at its client, and whether it was sent.
+    """
 
     payload: bytes
     ready_ns: int
     end: bool = True
     late: bool = False  # held back by a fault: survives the next command, as a stale reply
+    message_id: int = 0
+    due_ns: int = 0
+    sent: bool = False
 
 
 class LiveDevice(Device):

@@ -10,14 +10,19 @@ Source: IVI-6.1, 6.5 (lock transaction) and 2.6.1 (traffic of a client without t
 from __future__ import annotations
 
 import contextlib
+import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from sim_instruments.bus.live import LiveDevice, Reply
+from sim_instruments.served.hislip_wire import is_ready
 from sim_instruments.worlds.common.world import World
+
+WAIT_MS = 5  # while a reply is not due yet, or a lock of another client is waited for
+_NEAR_NS = 5_000_000  # a reply due sooner is slept for on the bench's clock
 
 
 class LockAnswer(IntEnum):
@@ -93,13 +98,13 @@ class HislipLocks:
             return self._exclusive is not None, len(self._sharing | alone)
 
 
+@dataclass
 class ServedInstrument:
     """One instrument of a world, with the locks its clients take."""
 
-    def __init__(self, world: World, device: LiveDevice) -> None:
-        self.world = world
-        self.device = device
-        self.locks = HislipLocks()
+    world: World
+    device: LiveDevice
+    locks: HislipLocks = field(default_factory=HislipLocks)
 
     @property
     def hung(self) -> bool:
@@ -107,21 +112,13 @@ class ServedInstrument:
         return self.device.faults.hang
 
 
-@dataclass
-class _Outgoing:
-    reply: Reply
-    message_id: int
-    due_ns: int
-    sent: bool = False
-
-
 class Exchange:
     """One client's dialogue with an instrument; used by the thread of that client only."""
 
     def __init__(self, instrument: ServedInstrument) -> None:
+        self._instrument = instrument
         self._world, self._device = instrument.world, instrument.device
         self._output: deque[Reply] = deque()
-        self._outgoing: list[_Outgoing] = []
 
     def command(self, message: bytes, message_id: int) -> bool:
         """Carry out one whole message; return whether it came before the reply to the one before could be sent."""
@@ -140,44 +137,44 @@ class Exchange:
         """Clear the device: unread replies of this client are dropped, sent or not."""
         with self._plugged_in():
             self._device.clear()
-        self._outgoing.clear()
+        self._output.clear()
 
     def confirm(self) -> None:
         """Take note that the client has read everything that was sent."""
-        read = [outgoing.reply for outgoing in self._outgoing if outgoing.sent]
-        self._drop(lambda reply: any(reply is sent for sent in read))
+        self._output = deque(reply for reply in self._output if not reply.sent)
 
     def due_ns(self) -> int | None:
         """Return the bench time at which the next reply is to be sent, None without one."""
-        return next((outgoing.due_ns for outgoing in self._outgoing if not outgoing.sent), None)
+        return next((reply.due_ns for reply in self._output if not reply.sent), None)
 
-    def take_due(self) -> tuple[Reply, int] | None:
-        """Return the next reply that is due, with the number of the message that asked; None if none is."""
-        for outgoing in self._outgoing:
-            if not outgoing.sent:
-                if outgoing.due_ns > self._world.clock.now_ns():
-                    return None
-                outgoing.sent = True
-                return outgoing.reply, outgoing.message_id
-        return None
+    def take_due(self) -> Reply | None:
+        """Return the next reply that is due, None if none is."""
+        reply = next((reply for reply in self._output if not reply.sent), None)
+        if reply is None or reply.due_ns > self._world.clock.now_ns():
+            return None
+        reply.sent = True
+        return reply
+
+    def wait(self, *socks: socket.socket, idle: bool) -> None:
+        """Wait for a message of the client, the next reply or, unless it is ``idle``, the next look at the locks."""
+        due_ns, hung, clock = self.due_ns(), self._instrument.hung, self._world.clock
+        if due_ns is not None and not hung and due_ns - clock.now_ns() <= _NEAR_NS:
+            if not is_ready(*socks, limit_ms=0):
+                clock.sleep_until_ns(due_ns)
+        else:
+            is_ready(*socks, limit_ms=None if idle and due_ns is None and not hung else WAIT_MS)
 
     def _act(self, operation: Callable[[], None], message_id: int) -> bool:
-        overtaken = any(not outgoing.sent for outgoing in self._outgoing)
+        overtaken = self.due_ns() is not None
         with self._plugged_in():
-            asked_before = list(self._output)
+            before = list(self._output)
             operation()
         # a late reply would stay in the instrument as a stale one; here its message is known, so it goes
-        self._drop(lambda reply: any(reply is before for before in asked_before))
+        self._output = deque(reply for reply in self._output if reply not in before)
         now_ns = self._world.clock.now_ns()
         for reply in self._output:
-            due_ns = max(reply.ready_ns, now_ns + self._device.latency_ns)
-            self._outgoing.append(_Outgoing(reply, message_id, due_ns))
+            reply.message_id, reply.due_ns = message_id, max(reply.ready_ns, now_ns + self._device.latency_ns)
         return overtaken
-
-    def _drop(self, unwanted: Callable[[Reply], bool]) -> None:
-        self._output = deque(reply for reply in self._output if not unwanted(reply))
-        kept = list(self._output)
-        self._outgoing = [out for out in self._outgoing if any(out.reply is reply for reply in kept)]
 
     @contextlib.contextmanager
     def _plugged_in(self) -> Iterator[None]:

@@ -1,7 +1,7 @@
-"""HiSLIP on one port of the loopback interface: takes connections, pairs the two channels of each session.
+"""HiSLIP on one port of the loopback interface: pairs the two channels of each session.
 
-The sub-address hislip0, hislip1, ... picks the instrument. Each session then has a thread of its own, so that no
-instrument waits for another.
+The sub-address hislip0, hislip1, ... picks the instrument. Each session has a thread of its own, so that no instrument
+waits for another.
 
 Source: IVI-6.1, 6.1 (initialization transaction).
 
@@ -18,16 +18,15 @@ Source: IVI-6.1: 3.1.1 (responses, interrupted), 6.5 locks, 6.11 interrupted, 6.
 from __future__ import annotations
 
 import contextlib
-import select
-import selectors
+import itertools
 import socket
 import struct
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from bench.model.clock import NS, Clock
-from sim_instruments.served.hislip_exchange import Exchange, LockAnswer, ServedInstrument
+from sim_instruments.served.hislip_exchange import WAIT_MS, Exchange, LockAnswer, ServedInstrument
 from sim_instruments.served.hislip_wire import (
     FIRST_VENDOR_TYPE,
     HEADER,
@@ -40,26 +39,27 @@ from sim_instruments.served.hislip_wire import (
     Mistake,
     RefusedMessage,
     Type,
+    is_ready,
     receive_now,
     say,
     say_fatal,
     shut,
 )
-from sim_instruments.served.socket_server import LoopbackServer
+from sim_instruments.served.socket_server import TcpServer
 
-WAIT_MS = 5  # while a reply is not due yet, or a lock of another client is waited for
 LAST_MS = 5000  # for commands of a client that is gone; on a busy machine two connections do not keep the order
-_NEAR_NS = 5_000_000  # a reply due sooner is slept for on the bench's clock
 _LOCAL_CONTROLS = range(7)
 
 
 class HislipSession:
-    """Serves one client until it goes, breaks the protocol, or ``stop`` is called.
+    """Serves one client until it goes, breaks the protocol, or ``closing`` is set.
 
     Args: instrument: what it talks to.   sync, asynchronous: its two connections; the session closes them.
     """
 
-    def __init__(self, instrument: ServedInstrument, sync: socket.socket, asynchronous: socket.socket) -> None:
+    def __init__(
+        self, instrument: ServedInstrument, sync: socket.socket, asynchronous: socket.socket, closing: threading.Event
+    ) -> None:
         self._instrument = instrument
         self._sync, self._async = sync, asynchronous
         self._exchange = Exchange(instrument)
@@ -68,7 +68,7 @@ class HislipSession:
         self._clearing = False
         self._wanted_lock: tuple[str, int] | None = None
         self._largest_payload = MAX_MESSAGE_BYTES - HEADER.size
-        self._stopping = threading.Event()
+        self._closing = closing
         self._handlers: dict[int, Callable[[Message], None]] = {
             Type.ASYNC_LOCK: self._lock,
             Type.ASYNC_REMOTE_LOCAL_CONTROL: self._remote_local,
@@ -79,12 +79,14 @@ class HislipSession:
         }
 
     def run(self) -> None:
-        """Serve the client; returns when it is gone, with its locks given back and both connections closed."""
+        """Serve the client until it is gone; then its locks are given back and both connections closed.
+
+        Raises: OSError if it goes while something is sent.
+        """
+        threading.current_thread().name = f"hislip session {self._instrument.device.role}"
         try:
-            while self._serve():
+            while self._serve() and not self._closing.is_set():
                 pass
-        except OSError:
-            pass
         except FatalProtocolError as error:
             say_fatal(self._sync, error)
             say_fatal(self._async, error)
@@ -93,16 +95,13 @@ class HislipSession:
             for sock in (self._sync, self._async):
                 sock.close()
 
-    def stop(self) -> None:
-        """End the session, from any thread."""
-        self._stopping.set()
-        for sock in (self._sync, self._async):
-            shut(sock)
-
     # --- the loop ----------------------------------------------------------------------------------------------
 
     def _serve(self) -> bool:
-        self._wait()
+        """Do what there is to do next; False if the client is gone."""
+        shut_out = self._shut_out
+        idle = not shut_out and self._wanted_lock is None
+        self._exchange.wait(self._async, *[self._sync] * (not shut_out), idle=idle)
         asked = receive_now(self._async)  # taken first, handled last: what was sent before it has arrived by now
         alive = self._take_commands()
         if alive and asked:
@@ -114,30 +113,12 @@ class HislipSession:
             self._send_due()
             if self._wanted_lock is not None:
                 self._try_lock(*self._wanted_lock)
-        return alive and not self._stopping.is_set()
+        return alive
 
     @property
     def _shut_out(self) -> bool:
         """Commands stay in the connection while another client has the lock; the end of a device clear does not."""
         return not self._clearing and self._instrument.locks.shut_out(self)
-
-    def _wait(self) -> None:
-        """Until a client's message, the next reply, or the next look at the locks."""
-        awaited = select.poll()
-        awaited.register(self._async, select.POLLIN)
-        shut_out = self._shut_out
-        if not shut_out:
-            awaited.register(self._sync, select.POLLIN)
-        due_ns = self._exchange.due_ns()
-        if self._instrument.hung:
-            awaited.poll(WAIT_MS)
-        elif due_ns is not None and due_ns - self._clock.now_ns() <= _NEAR_NS:
-            if not awaited.poll(0):
-                self._clock.sleep_until_ns(due_ns)
-        elif due_ns is not None or shut_out or self._wanted_lock is not None:
-            awaited.poll(WAIT_MS)
-        else:
-            awaited.poll()
 
     @property
     def _clock(self) -> Clock:
@@ -152,9 +133,7 @@ class HislipSession:
 
     def _take_last_commands(self) -> None:
         """The asynchronous channel is closed: what was sent on the other one before may still be on its way."""
-        coming = select.poll()
-        coming.register(self._sync, select.POLLIN)
-        while not self._shut_out and coming.poll(LAST_MS) and self._take_commands():
+        while not self._shut_out and is_ready(self._sync, limit_ms=LAST_MS) and self._take_commands():
             pass
 
     def _handle(self, sock: socket.socket, chunk: bytes) -> bool:
@@ -174,13 +153,12 @@ class HislipSession:
         return True
 
     def _send_due(self) -> None:
-        while not self._clearing and (due := self._exchange.take_due()) is not None:
-            reply, message_id = due
+        while not self._clearing and (reply := self._exchange.take_due()) is not None:
             size = self._largest_payload
             pieces = [reply.payload[at : at + size] for at in range(0, len(reply.payload), size)]
             for number, piece in enumerate(pieces, 1):
                 kind = Type.TEXT_END if reply.end and number == len(pieces) else Type.TEXT
-                say(self._sync, kind, 0, message_id, piece)
+                say(self._sync, kind, 0, reply.message_id, piece)
 
     # --- synchronous channel -----------------------------------------------------------------------------------
 
@@ -294,120 +272,83 @@ _VERSION = 0x0100  # 1.0: what both sides of every version understand
 _VENDOR = int.from_bytes(b"IB", "big")
 
 
-@dataclass(eq=False)
-class _Caller:
-    """A connection that is not part of a session yet; with an instrument, its synchronous half waits for the other."""
+@dataclass
+class _Call:
+    """A session, or what becomes one with its second channel."""
 
-    sock: socket.socket
-    inbox: Inbox = field(default_factory=Inbox)
-    instrument: ServedInstrument | None = None
-    session_id: int = 0
+    instrument: ServedInstrument
+    second: socket.socket | None = None
 
 
-class HislipServer(LoopbackServer):
+class HislipServer(TcpServer):
     """Serves the instruments until ``close``.
 
     Args: instruments: number n is reached as hislip<n>.   host: a loopback address.   port: 0 takes a free one.
     Raises: OSError if the port is taken.
     """
 
+    most_connections = MOST_SESSIONS + 2 * MOST_WAITING  # further ones are told so, or give way
+
     def __init__(self, instruments: Sequence[ServedInstrument], host: str, port: int) -> None:
         self._instruments = {f"hislip{number}": instrument for number, instrument in enumerate(instruments)}
-        self._listener = socket.create_server((host, port), backlog=64)
-        self._listener.setblocking(False)
-        self.port: int = self._listener.getsockname()[1]
-        self._waiting: dict[socket.socket, _Caller] = {}
-        self._last_id = 0
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._listener, selectors.EVENT_READ)
-        super().__init__("hislip server", [self._listener])
+        self._ids = itertools.cycle(range(1, 1 << 16))
+        self._waiting: list[socket.socket] = []  # the oldest first
+        self._calls: dict[int, _Call] = {}
+        super().__init__("hislip", host, port)
 
-    # --- connections -------------------------------------------------------------------------------------------
-
-    def _run(self) -> None:
+    def serve(self, sock: socket.socket) -> None:
+        """Serve a session on the thread of its first channel; that of the second one ends at once."""
+        self._waiting.append(sock)
+        if len(self._waiting) > MOST_WAITING:
+            shut(self._waiting.pop(0))
+        number = next(self._ids)
         try:
-            while not self._closing:
-                for key, _ in self._selector.select():
-                    if key.fileobj is self._listener:
-                        self._accept()
-                    elif isinstance(key.fileobj, socket.socket) and key.fileobj in self._waiting:
-                        self._listen_to(self._waiting[key.fileobj])
-        finally:
-            for caller in list(self._waiting.values()):
-                self._hang_up(caller)
-            self._selector.close()
-            self._listener.close()
-
-    def _accept(self) -> None:
-        try:
-            sock, _ = self._listener.accept()
-        except OSError:  # the caller is gone again, or the server is being closed
-            return
-        sock.setblocking(False)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        while len(self._waiting) >= MOST_WAITING:
-            self._hang_up(next(iter(self._waiting.values())))
-        self._waiting[sock] = _Caller(sock)
-        self._selector.register(sock, selectors.EVENT_READ)
-
-    def _listen_to(self, caller: _Caller) -> None:
-        try:
-            chunk = receive_now(caller.sock)
-            if chunk is None:
-                return
-            if not chunk:
-                self._hang_up(caller)
-                return
-            for message in caller.inbox.feed(chunk):
-                self._on_first(caller, message)
+            session = self._opened(number, sock)
+            if session is not None:
+                session.run()
         except FatalProtocolError as error:
-            say_fatal(caller.sock, error)
-            self._hang_up(caller)
-        except OSError:
-            self._hang_up(caller)
+            say_fatal(sock, error)
+        finally:
+            self._calls.pop(number, None)
 
-    def _hang_up(self, caller: _Caller) -> None:
-        self._release(caller)
-        caller.sock.close()
+    def _opened(self, number: int, sock: socket.socket) -> HislipSession | None:
+        """Return the session that a connection begins; None if it goes, or is the second channel of another one."""
+        inbox, call = Inbox(), None
+        try:
+            while call is None or call.second is None:
+                # the second channel is brought by the thread that took it
+                if not is_ready(sock, limit_ms=WAIT_MS if call else None) or (call and call.second):
+                    continue
+                if not (chunk := receive_now(sock)):
+                    return None
+                for message in inbox.feed(chunk):
+                    if call is not None:
+                        raise FatalProtocolError(Fatal.ONE_CHANNEL_ONLY, "the asynchronous channel is not open yet")
+                    if message.type == Type.ASYNC_INITIALIZE:
+                        self._join(message.parameter, sock)
+                        return None
+                    call = self._calls[number] = _Call(self._instrument_at(message))
+                    say(sock, Type.INITIALIZE_RESPONSE, 0, min(_VERSION, message.parameter >> 16) << 16 | number)
+        finally:
+            with contextlib.suppress(ValueError):  # it had to give way
+                self._waiting.remove(sock)
+        return HislipSession(call.instrument, sock, call.second, self.closing)
 
-    def _release(self, caller: _Caller) -> None:
-        if self._waiting.pop(caller.sock, None) is not None:
-            with contextlib.suppress(KeyError):
-                self._selector.unregister(caller.sock)
-
-    # --- initialization ----------------------------------------------------------------------------------------
-
-    def _on_first(self, caller: _Caller, message: Message) -> None:
-        if caller.instrument is not None:
-            raise FatalProtocolError(Fatal.ONE_CHANNEL_ONLY, "the asynchronous channel is not open yet")
-        if message.type == Type.INITIALIZE:
-            self._initialize(caller, message)
-        elif message.type == Type.ASYNC_INITIALIZE:
-            self._pair(caller, message.parameter)
-        else:
+    def _instrument_at(self, message: Message) -> ServedInstrument:
+        if message.type != Type.INITIALIZE:
             raise FatalProtocolError(Fatal.BAD_INITIALIZATION, "a connection begins with an initialization")
-
-    def _initialize(self, caller: _Caller, message: Message) -> None:
         name = message.payload.decode("latin-1")
-        instrument = self._instruments.get(name)
-        if instrument is None:
+        if name not in self._instruments:
             known = f"hislip0 to hislip{len(self._instruments) - 1}"
             raise FatalProtocolError(Fatal.BAD_INITIALIZATION, f"no instrument at {name[:40]!r}; there are {known}")
-        if self._alive() >= MOST_SESSIONS:
+        if sum(call.second is not None for call in list(self._calls.values())) >= MOST_SESSIONS:
             raise FatalProtocolError(Fatal.TOO_MANY_CLIENTS, f"{MOST_SESSIONS} sessions are open")
-        self._last_id = self._last_id % 0xFFFF + 1
-        caller.instrument, caller.session_id = instrument, self._last_id
-        version = min(_VERSION, message.parameter >> 16)
-        say(caller.sock, Type.INITIALIZE_RESPONSE, 0, version << 16 | self._last_id)
+        return self._instruments[name]
 
-    def _pair(self, caller: _Caller, session_id: int) -> None:
-        waiting = self._waiting.values()
-        halves = (half for half in waiting if half.instrument is not None and half.session_id == session_id)
-        first = next(halves, None)
-        if first is None or first.instrument is None:
-            raise FatalProtocolError(Fatal.BAD_INITIALIZATION, f"no session {session_id} waits for its second channel")
-        say(caller.sock, Type.ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR)
-        self._release(first)
-        self._release(caller)
-        session = HislipSession(first.instrument, first.sock, caller.sock)
-        self._serve(session, f"hislip session {first.instrument.device.role}")
+    def _join(self, number: int, sock: socket.socket) -> None:
+        """Hand a connection to the session that waits for it."""
+        call = self._calls.get(number)
+        if call is None or call.second is not None:
+            raise FatalProtocolError(Fatal.BAD_INITIALIZATION, f"no session {number} waits for its second channel")
+        call.second = socket.socket(fileno=sock.detach())  # before the answer: then its client may send commands
+        say(call.second, Type.ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR)

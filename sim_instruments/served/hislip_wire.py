@@ -140,6 +140,14 @@ def receive_now(sock: socket.socket) -> bytes | None:
         return b""
 
 
+def is_ready(*socks: socket.socket, limit_ms: float | None, event: int = select.POLLIN) -> bool:
+    """Wait until one of the sockets can be read, None: however long. Args: event: POLLOUT: until it can be written."""
+    awaited = select.poll()
+    for sock in socks:
+        awaited.register(sock, event)
+    return bool(awaited.poll(limit_ms))
+
+
 def send_all(sock: socket.socket, payload: bytes) -> None:
     """Send over a non-blocking socket. Raises: OSError if the other side is gone, or takes nothing for 5 s."""
     view = memoryview(payload)
@@ -147,9 +155,7 @@ def send_all(sock: socket.socket, payload: bytes) -> None:
         try:
             view = view[sock.send(view) :]
         except BlockingIOError:
-            writable = select.poll()
-            writable.register(sock, select.POLLOUT)
-            if not writable.poll(SEND_LIMIT_MS):
+            if not is_ready(sock, limit_ms=SEND_LIMIT_MS, event=select.POLLOUT):
                 raise TimeoutError("the client does not read") from None
 
 

@@ -10,6 +10,7 @@ import select
 import signal
 import socket
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from bench.model.posix import ALONE, lock_file, make_raw, unix_socket
 from sim_instruments.faults.named import listing
 from sim_instruments.served.hislip_exchange import ServedInstrument
 from sim_instruments.served.hislip_server import HislipServer
-from sim_instruments.served.socket_server import AdapterServer, SocketServer
+from sim_instruments.served.socket_server import AdapterServer, LoopbackServer, SocketServer
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world, possible_faults
 
@@ -46,48 +47,46 @@ class InstrumentServers:
         if world.clock.virtual:
             raise ValueError("instruments are served in real time; this world has a virtual clock")
         self._host = host
-        self._roles = tuple(world.instruments)
         served = [ServedInstrument(world, device) for device in world.instruments.values()]
-        ports = ports or {}
-        self._hislip = HislipServer(served, host, ports.get(HISLIP, 0))
-        self._sockets = SocketServer(served, host, ports)
-        self._adapter = AdapterServer(served, host, ports.get(ADAPTER, 0))
+        wanted = defaultdict(int, ports or {})
+        with contextlib.ExitStack() as opened:
+            begin = opened.enter_context
+            self._hislip = begin(contextlib.closing(HislipServer(served, host, wanted[HISLIP])))
+            self._adapter = begin(contextlib.closing(AdapterServer(served, host, wanted[ADAPTER])))
+            self._sockets = {
+                role: begin(contextlib.closing(SocketServer(instrument, host, wanted[role])))
+                for role, instrument in zip(world.instruments, served, strict=True)
+            }
+            self.close = opened.pop_all().close  # ends all sessions and frees the ports; idempotent
+
+    @property
+    def ports(self) -> dict[str, int]:
+        """Every port that is listened at: of "hislip", of the adapter, and of the raw socket of each role."""
+        return {
+            name: server.port
+            for name, server in {HISLIP: self._hislip, ADAPTER: self._adapter, **self._sockets}.items()
+        }
 
     @property
     def hislip_port(self) -> int:
         """The one port of all HiSLIP instruments."""
         return self._hislip.port
 
-    @property
-    def ports(self) -> dict[str, int]:
-        """Every port that is listened at: of "hislip", and of the raw socket of each role."""
-        others = {HISLIP: self.hislip_port, ADAPTER: self._adapter.port}
-        return {**others, **dict(zip(self._roles, self._sockets.ports, strict=True))}
-
     def resources(self) -> dict[str, str]:
         """Return the VISA address of each role over HiSLIP; the sub-address counts the roles in their order."""
         return {
             role: f"TCPIP0::{self._host}::hislip{number},{self.hislip_port}::INSTR"
-            for number, role in enumerate(self._roles)
+            for number, role in enumerate(self._sockets)
         }
 
     def sockets(self) -> dict[str, str]:
         """Return the VISA address of each role's raw socket; both terminators are line feeds."""
-        return {
-            role: f"TCPIP0::{self._host}::{port}::SOCKET"
-            for role, port in zip(self._roles, self._sockets.ports, strict=True)
-        }
+        return {role: f"TCPIP0::{self._host}::{server.port}::SOCKET" for role, server in self._sockets.items()}
 
     @property
     def adapter(self) -> str:
         """Address of the GPIB adapter, behind which the roles stand at 1, 2, ... in their order."""
         return f"PRLGX-TCPIP0::{self._host}::{self._adapter.port}::INTFC"
-
-    def close(self) -> None:
-        """End all sessions and free the ports; idempotent."""
-        self._adapter.close()
-        self._hislip.close()
-        self._sockets.close()
 
 
 class OutputWatch:
@@ -95,17 +94,16 @@ class OutputWatch:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._last = {role: device.outputs() for role, device in world.instruments.items()}
-        self._changed_ns = dict.fromkeys(self._last, world.clock.now_ns())
+        now_ns = world.clock.now_ns()
+        self._since = {role: (device.outputs(), now_ns) for role, device in world.instruments.items()}
 
     def look(self) -> None:
         """Compare all outputs with what they were."""
         with self._world.lock:
             now_ns = self._world.clock.now_ns()
             for role, device in self._world.instruments.items():
-                outputs = device.outputs()
-                if outputs != self._last[role]:
-                    self._last[role], self._changed_ns[role] = outputs, now_ns
+                if (outputs := device.outputs()) != self._since[role][0]:
+                    self._since[role] = outputs, now_ns
 
     def state(self) -> dict[str, Any]:
         """Return what the bench does at this moment, as plain values: no readback, the simulated truth itself.
@@ -120,7 +118,7 @@ class OutputWatch:
                 role: {
                     "model": type(device).__name__,
                     **device.outputs(),
-                    "unchanged_s": (now_ns - self._changed_ns[role]) / NS,
+                    "unchanged_s": (now_ns - self._since[role][1]) / NS,
                 }
                 for role, device in world.instruments.items()
             }
@@ -169,9 +167,9 @@ class ServedBench:
             before = _ports_before(folder / PORTS)
             ports = {name: port for name, port in before.items() if _is_free(port)}
             self.moved = {name: port for name, port in before.items() if name not in ports}
-            self._servers = InstrumentServers(self._world, ports=ports)
-            opened.callback(self._servers.close)
-            (folder / PORTS).write_text(json.dumps(self._servers.ports), encoding="utf-8")
+            self.servers = InstrumentServers(self._world, ports=ports)
+            opened.callback(self.servers.close)
+            (folder / PORTS).write_text(json.dumps(self.servers.ports), encoding="utf-8")
             self.links = self._open_links(wiring["links"], rate, opened)
             self._watch = OutputWatch(self._world)
             opened.callback(self.clock.every(WATCH_S * rate, self._watch.look).cancel)
@@ -188,21 +186,6 @@ class ServedBench:
             opened.callback(link.close)
             opened.callback(self.clock.every(PUMP_S * rate, link.pump).cancel)
         return links
-
-    @property
-    def resources(self) -> dict[str, str]:
-        """VISA address of each role over HiSLIP."""
-        return self._servers.resources()
-
-    @property
-    def sockets(self) -> dict[str, str]:
-        """VISA address of each role's raw socket."""
-        return self._servers.sockets()
-
-    @property
-    def adapter(self) -> str:
-        """Address of the GPIB adapter in front of all roles."""
-        return self._servers.adapter
 
     @property
     def urls(self) -> dict[str, str]:
@@ -290,8 +273,8 @@ PATIENCE_S = 5.0  # for a client that connects and says nothing
 Answer = Callable[[Sequence[str]], dict[str, Any]]
 
 
-class ControlSocket:
-    """Answers requests on a thread of its own until it is closed.
+class ControlSocket(LoopbackServer):
+    """Answers one request after the other until it is closed.
 
     Args: path: of the socket.   answer: from the words of a request to the reply; its BenchErrors become error replies.
     Raises: InputError B-SIM-014 if the socket cannot be made.
@@ -299,41 +282,31 @@ class ControlSocket:
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path, self._answer = path, answer
-        self._socket = unix_socket()
+        self._turn = threading.Lock()
+        listener = unix_socket()
         before = os.umask(0o177)
         try:
             path.unlink(missing_ok=True)
-            self._socket.bind(str(path))
+            listener.bind(str(path))
         except OSError as error:
-            self._socket.close()
+            listener.close()
             message = f"the control socket cannot be made: {error}"
             raise InputError("B-SIM-014", message, where=str(path), next_step="give a shorter --dir") from error
         finally:
             os.umask(before)
-        self._socket.listen()
-        self._thread = threading.Thread(target=self._serve, name="control socket", daemon=True)
-        self._thread.start()
+        listener.listen()
+        super().__init__("control socket", listener)
 
     def close(self) -> None:
         """Answer nothing more and remove the socket; idempotent."""
-        if self._socket.fileno() >= 0:
-            self._socket.shutdown(socket.SHUT_RDWR)
-            self._thread.join()
-            self._socket.close()
-            self._path.unlink(missing_ok=True)
+        super().close()
+        self._path.unlink(missing_ok=True)
 
-    def _serve(self) -> None:
-        while True:
-            try:
-                client, _ = self._socket.accept()
-            except OSError:  # closed
-                return
-            with client:
-                client.settimeout(PATIENCE_S)
-                try:
-                    client.sendall(json.dumps(self._reply(client)).encode() + b"\n")
-                except OSError:  # it went away, or says nothing
-                    continue
+    def serve(self, sock: socket.socket) -> None:
+        """Answer one client; one that says nothing is not waited for."""
+        with self._turn:
+            sock.settimeout(PATIENCE_S)
+            sock.sendall(json.dumps(self._reply(sock)).encode() + b"\n")
 
     def _reply(self, client: socket.socket) -> dict[str, Any]:
         with client.makefile("rb") as stream:
@@ -341,10 +314,10 @@ class ControlSocket:
         try:
             return self._answer([str(word) for word in json.loads(line)["words"]])
         except BenchError as error:
-            fields = {"code": error.code, "message": error.message, "where": error.where, "next_step": error.next_step}
-            return {"error": fields}
+            wrong = error
         except (ValueError, KeyError, TypeError) as error:
-            return {"error": {"code": "B-SIM-014", "message": f"not understood: {error}", "where": "", "next_step": ""}}
+            wrong = InputError("B-SIM-014", f"not understood: {error}")
+        return {"error": {name: getattr(wrong, name) for name in ("code", "message", "where", "next_step")}}
 
 
 PUMP_S = 0.004  # real time between two looks at the line
@@ -369,7 +342,7 @@ class PtyLink:
     def pump(self) -> None:
         """Move bytes both ways, and follow the fault switches of the port."""
         if self._faults.unplugged != (self._master is None):
-            self._unplug() if self._faults.unplugged else self._plug()
+            self.close() if self._faults.unplugged else self._plug()
         arrived = self._unit.read(self._port, READ_BYTES)
         if self._master is None:
             self.lost_bytes += len(arrived)
@@ -378,10 +351,6 @@ class PtyLink:
             self._send(self._master, arrived)
         with contextlib.suppress(OSError):  # nothing written, or nobody there
             self._unit.write(self._port, os.read(self._master, READ_BYTES))
-
-    def close(self) -> None:
-        """Take the terminal and its name away; idempotent."""
-        self._unplug()
 
     def _send(self, master: int, arrived: bytes) -> None:
         sent = 0
@@ -409,7 +378,8 @@ class PtyLink:
         new.symlink_to(target)
         new.replace(self.path)
 
-    def _unplug(self) -> None:
+    def close(self) -> None:
+        """Take the terminal and its name away; idempotent."""
         if self._master is not None:
             self.path.unlink(missing_ok=True)
             os.close(self._master)

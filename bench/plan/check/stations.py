@@ -34,7 +34,7 @@ from bench.plan.station import (
     boards_of,
     driver_actions,
     driver_ladder_A,
-    option_mistakes,
+    option_mistake,
     option_text,
 )
 
@@ -93,11 +93,9 @@ def _addresses(draft: Draft[StationFile]) -> None:
         elif address.endswith("::INTFC"):
             message = f"{role}: {entry.resource!r} is an interface, not an instrument"
             draft.fail("B-PLAN-012", path, message, "name it under 'adapters', and the instrument GPIB0::22::INSTR")
-        elif address in taken:
+        elif taken.setdefault(address, role) != role:
             message = f"{role} and {taken[address]} both stand at {address}"
             draft.fail("B-PLAN-013", path, message, "give each its own address")
-        else:
-            taken[address] = role
 
 
 def _links(draft: Draft[StationFile]) -> None:
@@ -106,11 +104,9 @@ def _links(draft: Draft[StationFile]) -> None:
         path = ("links", name)
         if name in draft.model.instruments:
             draft.fail("B-PLAN-013", path, f"{name!r} is a link and an instrument", "give each its own name")
-        if link.url is not None and link.url in taken:
+        if link.url is not None and taken.setdefault(link.url, name) != name:
             message = f"the links {name} and {taken[link.url]} both use {link.url}"
             draft.fail("B-PLAN-013", path, message, "give each its own port")
-        if link.url is not None:
-            taken.setdefault(link.url, name)
 
 
 def _graphs(draft: Draft[StationFile]) -> None:
@@ -202,11 +198,11 @@ def _world(draft: Draft[StationFile], world: World) -> None:
         return
     try_foreign(offer.package, world_parts(offer))
     options = simulation.kind_options(world.name)
-    before = len(draft.findings.all())
-    for name, value in world.options.items():
-        for code, message in option_mistakes(name, value, options):
-            draft.fail(code, ("world", "options", name), message)
-    if len(draft.findings.all()) == before:
+    mistakes = {name: option_mistake(name, value, options) for name, value in world.options.items()}
+    for name, mistake in mistakes.items():
+        if mistake is not None:
+            draft.fail(mistake[0], ("world", "options", name), mistake[1])
+    if not any(mistakes.values()):
         given = {name: option_text(value) for name, value in world.options.items() if value is not None}
         try:
             simulation.checked_options(world.name, given)

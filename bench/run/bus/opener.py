@@ -115,7 +115,7 @@ def open_bench(
             where="--clock",
             next_step="use --clock wall, or a station with a simulated world",
         )
-    world = _open_world(station, clock, seed) if station.file.world is not None else None
+    world = _open_world(station, clock, seed)
     if world is None and (missing := missing_buses(station)):
         raise next(iter(missing.values()))
     library = world.visa_library if world is not None else station.file.visa
@@ -126,8 +126,7 @@ def open_bench(
             if not roles or role in roles:
                 bench.instruments[role] = open_instrument(visa, role, entry, clock, transcript, used=world is None)
         if links:
-            wanted = [name for name in station.links if isinstance(links, bool) or name in links]
-            bench.links.update(_open_links(station, wanted, world, bench.instruments))
+            _open_links(bench, [name for name in station.links if isinstance(links, bool) or name in links])
     except Exception:
         bench.close()
         raise
@@ -218,11 +217,11 @@ def missing_buses(station: Station) -> dict[str, InstrumentError]:
     """
     addresses = {role: entry.resource for role, entry in station.instruments.items()}
     resources = {role: station.boards.get(bus_of(address), address) for role, address in addresses.items()}
-    library = station.file.visa
+    library, where = station.file.visa, station.document.where(("visa",))
     try:
         open_visa(library).close()
     except InstrumentError as error:
-        error.where = station.document.where(("visa",))
+        error.where = where
         return dict.fromkeys(resources, error)
     kinds: dict[str, list[str]] = {}
     for role, resource in resources.items():
@@ -230,11 +229,9 @@ def missing_buses(station: Station) -> dict[str, InstrumentError]:
     missing: dict[str, InstrumentError] = {}
     for why, roles in kinds.items():
         if why:
-            others = len(roles) - 1
-            of_all = f"{resources[roles[0]]}{f' and {others} more' if others else ''}"
-            message = f"the VISA library {library} cannot reach {of_all}: {why}"
+            more = f" and {len(roles) - 1} more" if roles[1:] else ""
+            message = f"the VISA library {library} cannot reach {resources[roles[0]]}{more}: {why}"
             next_step = "install it, or change 'visa' or the addresses in the station file"
-            where = station.document.where(("visa",))
             unserved = InstrumentError("B-RUN-002", message, where=where, next_step=next_step)
             missing |= dict.fromkeys(roles, unserved)
     return missing
@@ -260,11 +257,12 @@ def _unserved(library: str, resource: str) -> str:
     return " ".join(kind.session_issue.split()).partition(". ")[0].rstrip(".")
 
 
-def _open_world(station: Station, clock: Clock, seed: int) -> World:
-    simulation = importlib.import_module(SIMULATION)
-    assert station.file.world is not None
-    name, options = station.file.world.name, station.world_options
-    world: World = simulation.open_world(name, clock=clock, seed=seed, station=station.wiring(), options=options)
+def _open_world(station: Station, clock: Clock, seed: int) -> World | None:
+    if (kind := station.file.world) is None:
+        return None
+    world: World = importlib.import_module(SIMULATION).open_world(
+        kind.name, clock=clock, seed=seed, station=station.wiring(), options=station.world_options
+    )
     return world
 
 
@@ -324,26 +322,17 @@ def _bound_delivery(resource: MessageBasedResource) -> None:
             connection.setsockopt(socket.IPPROTO_TCP, limit, round(1000 * DELIVER_S))
 
 
-def _open_links(
-    station: Station, names: Sequence[str], world: World | None, instruments: Mapping[str, Instrument]
-) -> Mapping[str, ByteLink]:
+def _open_links(bench: OpenBench, names: Sequence[str]) -> None:
+    world = bench.world
     if world is not None and SERIAL_HANDLERS not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(SERIAL_HANDLERS)
-    opened: dict[str, ByteLink] = {}
-    try:
-        for name, entry in ((name, station.links[name]) for name in names):
-            if entry.instrument is not None:
-                opened[name] = InstrumentLink(name, instruments[entry.instrument])
-                continue
+    for name in names:
+        entry = bench.station.links[name]
+        if entry.instrument is not None:
+            bench.links[name] = InstrumentLink(name, bench.instruments[entry.instrument])
+        else:
             url = world.link_url(name) if world is not None else str(entry.url)
-            baud = entry.baud or 0
-            opened[name] = PortLink(partial(open_port, name, url, baud, exclusive=world is None))
-    except Exception:
-        for link in opened.values():
-            with suppress(OSError):
-                link.close()
-        raise
-    return opened
+            bench.links[name] = PortLink(partial(open_port, name, url, entry.baud or 0, exclusive=world is None))
 
 
 def open_port(name: str, url: str, baud: int, *, exclusive: bool) -> ByteLink:
