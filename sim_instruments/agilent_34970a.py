@@ -295,7 +295,7 @@ class Agilent34970A(ScpiDevice):
 
     @command(":FETCh?")
     def _fetch(self, _: str) -> str | None:
-        self.reply_after(max(0, self._scan_end_ns - self.now_ns) / NS)
+        self.reply_at(self._scan_end_ns)
         return ",".join(self._stored) if self._stored else None
 
     @command(":ABORt")

@@ -121,8 +121,7 @@ class Agilent53230A(ScpiDevice):
     def _questionable(self, _: str) -> str:
         if self.reference == "EXT" and self.reference_lost:
             self._event |= REFERENCE_BIT
-        value, self._event = self._event, 0
-        return str(value)
+        return self.read_out("_event")
 
     @command(":READ?")
     def _read(self, _: str) -> str | None:

@@ -293,7 +293,8 @@ class Fluke5720A(CommandDevice):
             raise CommandError(703) from None
 
     def _ask_complete(self, _: str) -> str:
-        self.reply_after(0.0 if self.settled else (self._settled_ns - self.now_ns) / NS)
+        if not self.settled:
+            self.reply_at(self._settled_ns)
         return "1"
 
     def _ask_status(self, _: str) -> str:
@@ -305,10 +306,6 @@ class Fluke5720A(CommandDevice):
             **{bit: self.words[header] == "ON" for header, bit in _SWITCH_BITS.items()},
         }
         return str(sum(bit for bit, is_set in bits.items() if is_set))
-
-    def _ask_event_status(self, _: str) -> str:
-        value, self.event_status = self.event_status, 0
-        return str(value)
 
     def _clear_status(self, _: str) -> None:
         self.faults_queued.clear()
@@ -324,7 +321,7 @@ _COMMANDS: dict[str, Callable[[Fluke5720A, str], str | None]] = {
     "*RST": Fluke5720A._reset,
     "*CLS": Fluke5720A._clear_status,
     "*OPC?": Fluke5720A._ask_complete,
-    "*ESR?": Fluke5720A._ask_event_status,
+    "*ESR?": lambda self, _: self.read_out("event_status"),
     "*STB?": lambda self, _: str(self.status_byte()),
     "OUT": Fluke5720A._out,
     "OUT?": lambda self, _: f"{self.value:.7E},{self.unit},0.00E+00",

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pyvisa_sim.devices import Device
 
-from bench.model.clock import to_ns
+from bench.model.clock import NS, to_ns
 from bench.model.drivers import manual_of
 from sim_instruments.faults.fault import NamedFaults
 from sim_instruments.worlds.common.world import World
@@ -96,15 +96,11 @@ class LiveDevice(Device):
         left = [name for name in open_to if draw.integers(LEFT_IN) == 0]
         for name in left:
             self.leave(str(draw.choice(states[name].left)))
-        self.leave_more(draw)
         for _ in range(int(draw.integers(MOST_ERRORS))):
             self.execute(_NONSENSE)
         self._partial += b"VO"[: int(draw.integers(3))]
         self._replies.clear()
         return left
-
-    def leave_more(self, draw: np.random.Generator) -> None:
-        """Leave what its state table does not name yet."""
 
     def leave(self, setting: str) -> None:
         """Leave one setting as a row of the state table says: by a command, or by a key of the front panel."""
@@ -160,6 +156,12 @@ class LiveDevice(Device):
     def reading(self, text: str) -> str:
         """Return a reading as it is told: the text, or what the instrument says instead while a fault is on."""
         return self.faults.take_reading(text, self.not_a_number, self.overload)
+
+    def read_out(self, register: str) -> str:
+        """Return a register as it is told, and clear it."""
+        value = getattr(self, register)
+        setattr(self, register, 0)
+        return str(value)
 
     @property
     def told_identity(self) -> str:
@@ -258,6 +260,10 @@ class CommandDevice(LiveDevice):
     def reply_after(self, seconds: float) -> None:
         """Make the reply of the command being carried out ready that much later (gate time, measurement)."""
         self._reply_after_s = max(self._reply_after_s, seconds)
+
+    def reply_at(self, t_ns: int) -> None:
+        """Make that reply ready at a bench time, or at once behind it."""
+        self.reply_after((t_ns - self.now_ns) / NS)
 
     def execute(self, message: str) -> None:
         self._reply_after_s = 0.0

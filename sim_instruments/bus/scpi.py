@@ -283,7 +283,7 @@ class ScpiDevice(CommandDevice):
 
     @command("*OPC?")
     def _complete(self, _: str) -> str:
-        self.reply_after(max(0, self.busy_until_ns - self.now_ns) / NS)
+        self._wait("")
         return "1"
 
     @command("*OPC")
@@ -296,12 +296,7 @@ class ScpiDevice(CommandDevice):
 
     @command("*WAI")
     def _wait(self, _: str) -> None:
-        self.reply_after(max(0, self.busy_until_ns - self.now_ns) / NS)
-
-    @command("*ESR?")
-    def _event_status(self, _: str) -> str:
-        value, self.event_status = self.event_status, 0
-        return str(value)
+        self.reply_at(self.busy_until_ns)
 
     @command(":SYSTem:ERRor[:NEXT]?")
     def _next_error(self, _: str) -> str:
@@ -313,6 +308,7 @@ class ScpiDevice(CommandDevice):
 _ANSWERS: Answers = {  # of every model
     "*IDN?": lambda self: self.told_identity,
     "*STB?": lambda self: str(self.status_byte()),
+    "*ESR?": lambda self: self.read_out("event_status"),
 }
 _SETTINGS = """
 *ESE                | event_enable   | 0 | 0 255
