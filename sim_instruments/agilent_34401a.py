@@ -10,6 +10,7 @@ NPLCycles, ZERO:AUTO, overload reading 9.9E37; 512 readings are kept by INITiate
 from __future__ import annotations
 
 import math
+import re
 from functools import partial
 from typing import ClassVar
 
@@ -23,11 +24,20 @@ OVERLOAD = 9.9e37
 GAIN_SIGMA, OFFSET_SIGMA_V = 1e-5, 2e-5
 TWO_WIRE_OHM = 0.2
 OPEN_INPUT = ("CONT", "DIOD")  # overload without anything at the terminals
+_TABLE = """
+VOLT:AC  | VOLTage:AC           | 0       | 750
+VOLT:RAT | VOLTage[:DC]:RATio   | 0       | 1000
+CURR     | CURRent[:DC]         | 0       | 3
+CURR:AC  | CURRent:AC           | 0       | 3
+FREQ     | FREQuency            | 3       | 3E5
+PER      | PERiod               | 3.3E-6  | 0.33
+CONT     | CONTinuity           | 0       | 0
+DIOD     | DIODe                | 0       | 0
+"""
+_ROWS = [re.split(r"\s*\|\s*", row) for row in _TABLE.strip().splitlines()]
 _OTHERS = {  # functions by name: header, least and greatest value
-    "VOLT:AC": ("VOLTage:AC", 0.0, 750.0), "VOLT:RAT": ("VOLTage[:DC]:RATio", 0.0, 1000.0),
-    "CURR": ("CURRent[:DC]", 0.0, 3.0), "CURR:AC": ("CURRent:AC", 0.0, 3.0), "FREQ": ("FREQuency", 3.0, 3e5),
-    "PER": ("PERiod", 3.3e-6, 0.33), "CONT": ("CONTinuity", 0.0, 0.0), "DIOD": ("DIODe", 0.0, 0.0),
-}  # fmt: skip
+    name: (header, float(low), float(high)) for name, header, low, high in _ROWS
+}
 _WIRES = {"RES": 2, "FRES": 4}
 _RANGED = """
 [:SENSe]:#:NPLCycles                 | ohms.cycles      | -    | by _read_cycles      | +.8E

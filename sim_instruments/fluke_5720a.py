@@ -43,21 +43,22 @@ SINCE_CALIBRATION_DAYS = 5
 _KEYS = {"OFFSET": "offset_A", "SCALE": "scale"}
 _ZERO_A = 1e-12
 
-FAULTS = {
-    0: "No Error",
-    501: "Compliance Voltage Exceeded",
-    502: "Current Lost Its Path",
-    503: "Output Overloaded",
-    601: "Queue Overflow",
-    701: "Bad Syntax",
-    702: "Unknown Command",
-    703: "Invalid Number",
-    704: "Value Out Of Range",
-    705: "Value Over Entry Limit",
-    706: "Value Does Not Fit Locked Range",
-    707: "Unit Not Available",
-    708: "Not Possible With A Fault Queued",
-}
+_FAULTS = """
+0 No Error
+501 Compliance Voltage Exceeded
+502 Current Lost Its Path
+503 Output Overloaded
+601 Queue Overflow
+701 Bad Syntax
+702 Unknown Command
+703 Invalid Number
+704 Value Out Of Range
+705 Value Over Entry Limit
+706 Value Does Not Fit Locked Range
+707 Unit Not Available
+708 Not Possible With A Fault Queued
+"""
+FAULTS = dict(line.split(" ", 1) for line in _FAULTS.strip().splitlines())
 _MULTIPLIER = {"": 1.0, "P": 1e-12, "N": 1e-9, "U": 1e-6, "M": 1e-3, "K": 1e3, "MA": 1e6}
 _VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)\s*(?:(MA|[PNUMK])?(A|V|HZ|OHM))?", re.IGNORECASE)
 
@@ -287,10 +288,9 @@ class Fluke5720A(CommandDevice):
         self.limits[unit] = (pairs[1][0], pairs[0][0])
 
     def _explain(self, text: str) -> str:
-        try:
-            return f'"{FAULTS[int(text)]}"'
-        except (KeyError, ValueError):
-            raise CommandError(703) from None
+        if text not in FAULTS:
+            raise CommandError(703)
+        return f'"{FAULTS[text]}"'
 
     def _ask_complete(self, _: str) -> str:
         if not self.settled:

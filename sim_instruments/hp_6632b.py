@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
 from sim_instruments.faults.fault import Fault, NamedFaults
 
-HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
+HIGHEST_V = 20.475
 RESTART_S = 0.3  # the unit's supply is away
 _LOW_A = 0.02  # the low range of current
 _QUESTIONABLE = {"OV": 1, "OC": 2, "RI": 512}

@@ -221,18 +221,6 @@ class LiveDevice(Device):
             self._replies.popleft()
         return chunk
 
-    def write(self, data: bytes) -> None:
-        """pyvisa-sim's own entry: the same as a message with END."""
-        self.receive(data, end=True)
-
-    def read(self) -> tuple[bytes, bool]:
-        """pyvisa-sim's own entry: one byte of the output and whether END comes with it."""
-        if not self.reply_ready:
-            return b"", False
-        reply = self._replies[0]
-        byte = self.take(reply, 1)
-        return byte, not reply.payload and reply.end
-
     def _drop_unread(self) -> None:
         stale = [reply for reply in self._replies if reply.late and reply.ready_ns > self.now_ns]
         if len(stale) < len(self._replies):
