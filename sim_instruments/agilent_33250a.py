@@ -53,31 +53,31 @@ class Agilent33250A(ScpiDevice):
         },
     }
     settings = """
-:OUTPut:POLarity                      | polarity         | NORM | NORMal, INVerted
-:OUTPut[:STATe]                       | on!              | OFF
-:OUTPut:LOAD?                         | load_ohm         | 50.
-[:SOURce]:VOLTage:RANGe:AUTO          | autorange!       | ON
-[:SOURce]:VOLTage:UNIT?               | amplitude_unit   | VPP
-[:SOURce]:VOLTage:OFFSet              | offset_V         | 0.   | _lowest_V _room_V V
-[:SOURce]:FREQuency                   | frequency_Hz!    | 1E3  | by _read_frequency
-[:SOURce]:FUNCtion[:SHAPe]?           | function         | SIN
-[:SOURce]:FUNCtion:SQUare:DCYCle      | duty_percent     | 50.  | by _read_duty
-[:SOURce]:PULSe:WIDTh                 | width_s          | 1E-4 | 8E-9 _longest_s s
-[:SOURce]:PULSe:TRANsition            | edge_s           | 5E-9 | 5E-9 1E-3 s
-:OUTPut:SYNC[:STATe]                  |                  | ON
-:OUTPut:TRIGger[:STATe]               |                  | OFF
-:OUTPut:TRIGger:SLOPe                 |                  | POS  | POSitive, NEGative
-[:SOURce]:BURSt:MODE                  |                  | TRIG | TRIGgered, GATed
-[:SOURce]:BURSt:NCYCles               |                  | 1.   | 1 1E6 INF
-[:SOURce]:BURSt:INTernal:PERiod       |                  | 0.01 | 1E-6 500 S
-[:SOURce]:BURSt:PHASe                 |                  | 0.   | -360 360
-[:SOURce]:BURSt:GATE:POLarity         |                  | NORM | NORMal, INVerted
-[:SOURce]:PHASe                       |                  | 0.   | -360 360
-[:SOURce]:FUNCtion:RAMP:SYMMetry      |                  | 100. | 0 100
-:TRIGger:SOURce                       |                  | IMM  | IMMediate, EXTernal, BUS
-:TRIGger:SLOPe                        |                  | POS  | POSitive, NEGative
-:TRIGger:DELay                        |                  | 0.   | 0 85 S
-:SYSTem:BEEPer[:IMMediate]            |                  |      |                           | -
+:OUTPut:POLarity                 | polarity       | NORM | NORMal, INVerted
+:OUTPut[:STATe]                  | on!            | OFF
+:OUTPut:LOAD?                    | load_ohm       | 50.
+[:SOURce]:VOLTage:RANGe:AUTO     | autorange!     | ON
+[:SOURce]:VOLTage:UNIT?          | amplitude_unit | VPP
+[:SOURce]:VOLTage:OFFSet         | offset_V       | 0.   | _lowest_V _room_V V
+[:SOURce]:FREQuency              | frequency_Hz!  | 1E3  | by _read_frequency
+[:SOURce]:FUNCtion[:SHAPe]?      | function       | SIN
+[:SOURce]:FUNCtion:SQUare:DCYCle | duty_percent   | 50.  | by _read_duty
+[:SOURce]:PULSe:WIDTh            | width_s        | 1E-4 | 8E-9 _longest_s s
+[:SOURce]:PULSe:TRANsition       | edge_s         | 5E-9 | 5E-9 1E-3 s
+:OUTPut:SYNC[:STATe]             |                | ON
+:OUTPut:TRIGger[:STATe]          |                | OFF
+:OUTPut:TRIGger:SLOPe            |                | POS  | POSitive, NEGative
+[:SOURce]:BURSt:MODE             |                | TRIG | TRIGgered, GATed
+[:SOURce]:BURSt:NCYCles          |                | 1.   | 1 1E6 INF
+[:SOURce]:BURSt:INTernal:PERiod  |                | 0.01 | 1E-6 500 S
+[:SOURce]:BURSt:PHASe            |                | 0.   | -360 360
+[:SOURce]:BURSt:GATE:POLarity    |                | NORM | NORMal, INVerted
+[:SOURce]:PHASe                  |                | 0.   | -360 360
+[:SOURce]:FUNCtion:RAMP:SYMMetry |                | 100. | 0 100
+:TRIGger:SOURce                  |                | IMM  | IMMediate, EXTernal, BUS
+:TRIGger:SLOPe                   |                | POS  | POSitive, NEGative
+:TRIGger:DELay                   |                | 0.   | 0 85 S
+:SYSTem:BEEPer[:IMMediate]       |                |      |  | -
 """
 
     def power_up(self) -> None:

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 from sim_instruments.agilent_e3631a import AgilentE3631A
 from sim_instruments.bus.kept import INFINITE
-from sim_instruments.bus.ohms import LINE_HZ, RESOLUTION, Ohmmeter, OhmsSetting
+from sim_instruments.bus.ohms import LINE_HZ, RESOLUTION, InputSetting, Ohmmeter
 from sim_instruments.bus.scpi import Answers, Handler, Handlers, ScpiDevice, ScpiError, command, words
 
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
@@ -25,14 +25,14 @@ GAIN_SIGMA, OFFSET_SIGMA_V = 1e-5, 2e-5
 TWO_WIRE_OHM = 0.2
 OPEN_INPUT = ("CONT", "DIOD")  # overload without anything at the terminals
 _TABLE = """
-VOLT:AC  | VOLTage:AC           | 0       | 750
-VOLT:RAT | VOLTage[:DC]:RATio   | 0       | 1000
-CURR     | CURRent[:DC]         | 0       | 3
-CURR:AC  | CURRent:AC           | 0       | 3
-FREQ     | FREQuency            | 3       | 3E5
-PER      | PERiod               | 3.3E-6  | 0.33
-CONT     | CONTinuity           | 0       | 0
-DIOD     | DIODe                | 0       | 0
+VOLT:AC  | VOLTage:AC         | 0      | 750
+VOLT:RAT | VOLTage[:DC]:RATio | 0      | 1000
+CURR     | CURRent[:DC]       | 0      | 3
+CURR:AC  | CURRent:AC         | 0      | 3
+FREQ     | FREQuency          | 3      | 3E5
+PER      | PERiod             | 3.3E-6 | 0.33
+CONT     | CONTinuity         | 0      | 0
+DIOD     | DIODe              | 0      | 0
 """
 _ROWS = [re.split(r"\s*\|\s*", row) for row in _TABLE.strip().splitlines()]
 _OTHERS = {  # functions by name: header, least and greatest value
@@ -40,11 +40,11 @@ _OTHERS = {  # functions by name: header, least and greatest value
 }
 _WIRES = {"RES": 2, "FRES": 4}
 _RANGED = """
-[:SENSe]:#:NPLCycles                 | ohms.cycles      | -    | by _read_cycles      | +.8E
-[:SENSe]:#:RANGe                     | ohms.range       | -    | by _read_ohms        | -
-[:SENSe]:#:RANGe?                    | ohms.nominal     | -    |                      | +.8E
-[:SENSe]:#:RANGe:AUTO                | ohms.automatic   | -    | switch               | d
-[:SENSe]:#:RESolution                | ohms.resolution  | -    | 1E-9 1E6 OHM         | +.8E
+[:SENSe]:#:NPLCycles  | ohms.cycles     | - | by _read_cycles | +.8E
+[:SENSe]:#:RANGe      | ohms.range      | - | by _read_ohms   | -
+[:SENSe]:#:RANGe?     | ohms.nominal    | - |                 | +.8E
+[:SENSe]:#:RANGe:AUTO | ohms.automatic  | - | switch          | d
+[:SENSe]:#:RESolution | ohms.resolution | - | 1E-9 1E6 OHM    | +.8E
 """
 _FUNCTIONS = {"VOLT:DC": "VOLT", "CURR:DC": "CURR", "VOLT:DC:RAT": "VOLT:RAT"}  # other spellings
 _MEMORY = 512
@@ -66,46 +66,46 @@ class Agilent34401A(ScpiDevice):
     }
     settings = "".join(_RANGED.replace("#", header) for header in ("RESistance", "FRESistance"))
     settings += """
-[:SENSe]:VOLTage[:DC]:NPLCycles      | volts.cycles     | -    | by _read_cycles      | +.8E
-[:SENSe]:VOLTage[:DC]:RANGe          | volts.range      | -    | by _range            | -
-[:SENSe]:VOLTage[:DC]:RANGe?         | volts.nominal    | -    |                      | +.8E
-[:SENSe]:VOLTage[:DC]:RANGe:AUTO     | volts.automatic  | -    | switch               | d
-[:SENSe]:VOLTage[:DC]:RESolution     | volts.resolution | -    | 1E-9 1000 V          | +.8E
-[:SENSe]:ZERO:AUTO?                  | autozero         | ON
-:ROUTe:TERMinals?                    | terminals        | -
-:TRIGger:SOURce                      | source           | IMM  | IMMediate, BUS, EXTernal
-:TRIGger:COUNt                       | triggers         | 1    | by _read_triggers    | -
-:TRIGger:DELay                       | delay_s          | 0.   | 0 3600 S             | +.8E
-:SAMPle:COUNt                        | samples          | 1    | 1 50000
-:CALCulate:FUNCtion                  | mathematics      | NULL | NULL, DB, DBM, AVERage, LIMit
-:CALCulate:STATe                     | calculates       | OFF
-:CALCulate:NULL:OFFSet               | null             | 0.   | -1E9 1E9             | +.8E
-[:SENSe]:VOLTage:AC:RANGe            |                  | 75.  | 0.1 750 V
-[:SENSe]:VOLTage:AC:RANGe:AUTO       |                  | ON
-[:SENSe]:VOLTage:AC:RESolution       |                  | 750E-6 | 750E-8 750 V
-[:SENSe]:CURRent[:DC]:RANGe          |                  | 0.3  | 0.01 3 A
-[:SENSe]:CURRent[:DC]:RANGe:AUTO     |                  | ON
-[:SENSe]:CURRent[:DC]:RESolution     |                  | 3E-6 | 3E-8 3 A
-[:SENSe]:CURRent[:DC]:NPLCycles      |                  | 10.  | 0.02 100
-[:SENSe]:CURRent:AC:RANGe            |                  | 0.3  | 1 3 A
-[:SENSe]:CURRent:AC:RANGe:AUTO       |                  | ON
-[:SENSe]:CURRent:AC:RESolution       |                  | 3E-6 | 3E-8 3 A
-[:SENSe]:FREQuency:VOLTage:RANGe     |                  | 75.  | 0.1 750 V
-[:SENSe]:FREQuency:VOLTage:RANGe:AUTO |                 | ON
-[:SENSe]:FREQuency:VOLTage:RESolution |                 | 750E-6 | 750E-8 750 V
-[:SENSe]:FREQuency:APERture          |                  | 0.1  | 0.01 1 S
-[:SENSe]:PERiod:VOLTage:RANGe        |                  | 75.  | 0.1 750 V
-[:SENSe]:PERiod:VOLTage:RANGe:AUTO   |                  | ON
-[:SENSe]:PERiod:VOLTage:RESolution   |                  | 750E-6 | 750E-8 750 V
-[:SENSe]:PERiod:APERture             |                  | 0.1  | 0.01 1 S
-[:SENSe]:DETector:BANDwidth          |                  | 20.  | 3 200
-:INPut:IMPedance:AUTO                |                  | OFF
-:TRIGger:DELay:AUTO                  |                  | ON
-:DISPlay                             |                  | ON
-:DISPlay:TEXT                        |                  | ""
-:SYSTem:BEEPer[:IMMediate]           |                  |      |                      | -
-:SYSTem:BEEPer:STATe                 |                  | ON
-:SYSTem:REMote                       |                  |      |                      | -
+[:SENSe]:VOLTage[:DC]:NPLCycles       | volts.cycles     | -      | by _read_cycles   | +.8E
+[:SENSe]:VOLTage[:DC]:RANGe           | volts.range      | -      | by _range         | -
+[:SENSe]:VOLTage[:DC]:RANGe?          | volts.nominal    | -      |                   | +.8E
+[:SENSe]:VOLTage[:DC]:RANGe:AUTO      | volts.automatic  | -      | switch            | d
+[:SENSe]:VOLTage[:DC]:RESolution      | volts.resolution | -      | 1E-9 1000 V       | +.8E
+[:SENSe]:ZERO:AUTO?                   | autozero         | ON
+:ROUTe:TERMinals?                     | terminals        | -
+:TRIGger:SOURce                       | source           | IMM    | IMMediate, BUS, EXTernal
+:TRIGger:COUNt                        | triggers         | 1      | by _read_triggers | -
+:TRIGger:DELay                        | delay_s          | 0.     | 0 3600 S          | +.8E
+:SAMPle:COUNt                         | samples          | 1      | 1 50000
+:CALCulate:FUNCtion                   | mathematics      | NULL   | NULL, DB, DBM, AVERage, LIMit
+:CALCulate:STATe                      | calculates       | OFF
+:CALCulate:NULL:OFFSet                | null             | 0.     | -1E9 1E9          | +.8E
+[:SENSe]:VOLTage:AC:RANGe             |                  | 75.    | 0.1 750 V
+[:SENSe]:VOLTage:AC:RANGe:AUTO        |                  | ON
+[:SENSe]:VOLTage:AC:RESolution        |                  | 750E-6 | 750E-8 750 V
+[:SENSe]:CURRent[:DC]:RANGe           |                  | 0.3    | 0.01 3 A
+[:SENSe]:CURRent[:DC]:RANGe:AUTO      |                  | ON
+[:SENSe]:CURRent[:DC]:RESolution      |                  | 3E-6   | 3E-8 3 A
+[:SENSe]:CURRent[:DC]:NPLCycles       |                  | 10.    | 0.02 100
+[:SENSe]:CURRent:AC:RANGe             |                  | 0.3    | 1 3 A
+[:SENSe]:CURRent:AC:RANGe:AUTO        |                  | ON
+[:SENSe]:CURRent:AC:RESolution        |                  | 3E-6   | 3E-8 3 A
+[:SENSe]:FREQuency:VOLTage:RANGe      |                  | 75.    | 0.1 750 V
+[:SENSe]:FREQuency:VOLTage:RANGe:AUTO |                  | ON
+[:SENSe]:FREQuency:VOLTage:RESolution |                  | 750E-6 | 750E-8 750 V
+[:SENSe]:FREQuency:APERture           |                  | 0.1    | 0.01 1 S
+[:SENSe]:PERiod:VOLTage:RANGe         |                  | 75.    | 0.1 750 V
+[:SENSe]:PERiod:VOLTage:RANGe:AUTO    |                  | ON
+[:SENSe]:PERiod:VOLTage:RESolution    |                  | 750E-6 | 750E-8 750 V
+[:SENSe]:PERiod:APERture              |                  | 0.1    | 0.01 1 S
+[:SENSe]:DETector:BANDwidth           |                  | 20.    | 3 200
+:INPut:IMPedance:AUTO                 |                  | OFF
+:TRIGger:DELay:AUTO                   |                  | ON
+:DISPlay                              |                  | ON
+:DISPlay:TEXT                         |                  | ""
+:SYSTem:BEEPer[:IMMediate]            |                  |        |                   | -
+:SYSTem:BEEPer:STATe                  |                  | ON
+:SYSTem:REMote                        |                  |        |                   | -
 """
 
     def power_up(self) -> None:
@@ -118,7 +118,7 @@ class Agilent34401A(ScpiDevice):
 
     def reset(self) -> None:
         self.function = "VOLT"
-        self.volts, self.ohms = OhmsSetting(0, None, 10.0, first=10.0), OhmsSetting(2, None, 10.0)
+        self.volts, self.ohms = InputSetting(0, None, 10.0, first=10.0), InputSetting(2, None, 10.0)
         self._stored: list[str] = []
 
     def press(self, keys: str) -> None:
@@ -175,7 +175,7 @@ class Agilent34401A(ScpiDevice):
     def _configure(self, text: str) -> None:
         first = (words(text) or ["DEF"])[0].upper()
         range_V = None if first in ("DEF", "AUTO") else self._range(first)
-        self.volts = OhmsSetting(0, range_V, 10.0, first=10.0)
+        self.volts = InputSetting(0, range_V, 10.0, first=10.0)
         self._begin("VOLT")
 
     def _configure_ohms(self, function: str, text: str) -> None:

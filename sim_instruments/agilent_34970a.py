@@ -25,7 +25,7 @@ from typing import Any
 
 from bench.model.clock import NS
 from sim_instruments.bus.kept import INFINITE, Setting, settings_of
-from sim_instruments.bus.ohms import LINE_HZ, Ohmmeter, OhmsSetting
+from sim_instruments.bus.ohms import LINE_HZ, InputSetting, Ohmmeter
 from sim_instruments.bus.scpi import (
     MISSING_PARAMETER,
     OUT_OF_RANGE,
@@ -55,24 +55,24 @@ _LIST = re.compile(r"\(@([\d,: ]*)\)")
 _WHILE_SCANNING = re.compile(r"\*|:?(ABOR|DISP|FORM|SYST|(?!MEAS|READ).*\?)")
 # settings of a channel, as in ``sim_instruments.bus.kept``; behind the columns of all the functions that have it
 _BY_CHANNEL = settings_of("""
-:UNIT:TEMPerature                                 | unit          | C   | C, F, K            |      | TEMP
-:CALCulate:SCALe:GAIN                             | gain          | 1.  | -1E15 1E15         | +.8E
-:CALCulate:SCALe:OFFSet                           | offset        | 0.  | -1E15 1E15         | +.8E
-:CALCulate:SCALe:STATe                            | scaled        | OFF
-:ROUTe:CHANnel:DELay                              | delay_s       | 0.  | 0 60               | +.8E
-:ROUTe:CHANnel:DELay:AUTO                         | delays_itself | ON
-[:SENSe]:ZERO:AUTO                                | autozero      | ON
-[:SENSe]:FRESistance:NPLCycles                    | cycles        | 1.  | by _read_cycles    | +.8E | FRES
-[:SENSe]:RESistance:NPLCycles                     | cycles        | 1.  | by _read_cycles    | +.8E | FRES
-[:SENSe]:TEMPerature:NPLCycles                    | cycles        | 1.  | by _read_cycles    | +.8E | TEMP
-[:SENSe]:VOLTage:DC:NPLCycles                     | cycles        | 1.  | by _read_cycles    | +.8E | VOLT
-[:SENSe]:TEMPerature:TRANsducer:TCouple:TYPE      | type          | J   | B, E, J, K, N, R, S, T
-[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction | fixed_degC    | 0.  | -20 80             | +.8E
-[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE | junction | FIX | FIXed, INTernal, EXTernal
-[:SENSe]:TEMPerature:TRANsducer:TCouple:CHECk     | checked       | OFF
+:UNIT:TEMPerature                                      | unit          | C   | C, F, K         |      | TEMP
+:CALCulate:SCALe:GAIN                                  | gain          | 1.  | -1E15 1E15      | +.8E
+:CALCulate:SCALe:OFFSet                                | offset        | 0.  | -1E15 1E15      | +.8E
+:CALCulate:SCALe:STATe                                 | scaled        | OFF
+:ROUTe:CHANnel:DELay                                   | delay_s       | 0.  | 0 60            | +.8E
+:ROUTe:CHANnel:DELay:AUTO                              | delays_itself | ON
+[:SENSe]:ZERO:AUTO                                     | autozero      | ON
+[:SENSe]:FRESistance:NPLCycles                         | cycles        | 1.  | by _read_cycles | +.8E | FRES
+[:SENSe]:RESistance:NPLCycles                          | cycles        | 1.  | by _read_cycles | +.8E | FRES
+[:SENSe]:TEMPerature:NPLCycles                         | cycles        | 1.  | by _read_cycles | +.8E | TEMP
+[:SENSe]:VOLTage:DC:NPLCycles                          | cycles        | 1.  | by _read_cycles | +.8E | VOLT
+[:SENSe]:TEMPerature:TRANsducer:TCouple:TYPE           | type          | J   | B, E, J, K, N, R, S, T
+[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction      | fixed_degC    | 0.  | -20 80          | +.8E
+[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE | junction      | FIX | FIXed, INTernal, EXTernal
+[:SENSe]:TEMPerature:TRANsducer:TCouple:CHECk          | checked       | OFF
 """)
 _AFTER_RESET = {setting.attribute: setting.default for setting in _BY_CHANNEL}
-_AFTER_RESET |= {"function": "VOLT", **vars(OhmsSetting(2, None, 1.0))}
+_AFTER_RESET |= {"function": "VOLT", **vars(InputSetting(2, None, 1.0))}
 _LEFT_ALONE = ("fixed_degC", "junction", "checked")  # by CONFigure
 _PRESET = {name: value for name, value in _AFTER_RESET.items() if name not in _LEFT_ALONE}
 _MEASURED = {"TEMP": "TEMPerature", "VOLT": "VOLTage[:DC]", "RES": "RESistance", "FRES": "FRESistance"}
@@ -84,31 +84,31 @@ class Agilent34970A(ScpiDevice):
     identity = "HEWLETT-PACKARD,34970A,0,13-2-2"
     scpi_version = "1994.0"
     settings = """
-:INSTrument:DMM?           | measures   | -    |               | d
-:INSTrument:DMM:INSTalled? |            | 1
-:SYSTem:CTYPe?             |            | HEWLETT-PACKARD,34901A,0,2.3
-:SYSTem:LFRequency?        |            | 50   |               | +d
-:TRIGger:SOURce            | source     | IMM  | IMMediate, BUS, EXTernal, TIMer, ALARm1
-:TRIGger:COUNt             | count      | 1.   | 1 50000 INF   | +.8E
-:TRIGger:TIMer             | interval_s | 1.   | 0 359999      | +.8E
-:FORMat:READing:UNIT       | UNIT       | OFF
-:FORMat:READing:TIME       | TIME       | OFF
-:FORMat:READing:CHANnel    | CHANnel    | OFF
-:FORMat:READing:ALARm      | ALARm      | OFF
-:FORMat:READing:TIME:TYPE  |            | REL  | RELative, ABSolute
-:DISPlay                   |            | ON
-:DISPlay:TEXT              |            | ""
-:ROUTe:MONitor             |            |
-:ROUTe:MONitor:STATe       |            | OFF
-:MEMory:STATe:RECall:AUTO  |            | ON
-:SYSTem:DATE               |            | ""
-:SYSTem:TIME               |            | ""
-:OUTPut:ALARm1:SOURce      |            |
-:INPut:IMPedance:AUTO      |            |
-:CALCulate:LIMit:UPPer       |          |
-:CALCulate:LIMit:UPPer:STATe |          |
-:CALCulate:LIMit:LOWer       |          |
-:CALCulate:LIMit:LOWer:STATe |          |
+:INSTrument:DMM?             | measures   | -   |             | d
+:INSTrument:DMM:INSTalled?   |            | 1
+:SYSTem:CTYPe?               |            | HEWLETT-PACKARD,34901A,0,2.3
+:SYSTem:LFRequency?          |            | 50  |             | +d
+:TRIGger:SOURce              | source     | IMM | IMMediate, BUS, EXTernal, TIMer, ALARm1
+:TRIGger:COUNt               | count      | 1.  | 1 50000 INF | +.8E
+:TRIGger:TIMer               | interval_s | 1.  | 0 359999    | +.8E
+:FORMat:READing:UNIT         | UNIT       | OFF
+:FORMat:READing:TIME         | TIME       | OFF
+:FORMat:READing:CHANnel      | CHANnel    | OFF
+:FORMat:READing:ALARm        | ALARm      | OFF
+:FORMat:READing:TIME:TYPE    |            | REL | RELative, ABSolute
+:DISPlay                     |            | ON
+:DISPlay:TEXT                |            | ""
+:ROUTe:MONitor               |            |
+:ROUTe:MONitor:STATe         |            | OFF
+:MEMory:STATe:RECall:AUTO    |            | ON
+:SYSTem:DATE                 |            | ""
+:SYSTem:TIME                 |            | ""
+:OUTPut:ALARm1:SOURce        |            |
+:INPut:IMPedance:AUTO        |            |
+:CALCulate:LIMit:UPPer       |            |
+:CALCulate:LIMit:UPPer:STATe |            |
+:CALCulate:LIMit:LOWer       |            |
+:CALCulate:LIMit:LOWer:STATe |            |
 """
 
     def power_up(self) -> None:

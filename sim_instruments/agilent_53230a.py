@@ -36,38 +36,38 @@ class Agilent53230A(ScpiDevice):
     reference_lost = False
     identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
     settings = """
-[:SENSe]:FREQuency:GATE:TIME              | gate_s         | 0.1    | 1E-6 1000 s                 | +.15E
-[:SENSe]:FREQuency:GATE:SOURce            | gate_source    | TIME   | TIME, IMMediate, EXTernal
-[:SENSe]:ROSCillator:SOURce               | reference      | -      | INTernal, EXTernal
-:SAMPle:COUNt                             | samples        | 1      | 1 1E6                       | +.14E
-:TRIGger:COUNt                            | triggers       | 1      | 1 1E6                       | +.14E
-:TRIGger:SOURce                           | trigger_source | IMM    | IMMediate, EXTernal, BUS
-:TRIGger:DELay                            | delay_s        | 0.     | 0 3600 s                    | +.14E
-:INPut1:LEVel:AUTO                        | finds_level    | ON
-:INPut1:LEVel[:ABSolute]                  | level_V        | 0.     | by _read_level              | +.8E
-:INPut1:RANGe                             | range_V        | 5.     | 5 50 V                      | +.8E
-:INPut1:FILTer[:LPASs][:STATe]            | filters        | OFF
-:CALCulate1[:STATe]                       | calculates     | OFF
-:CALCulate1:SCALe[:STATe]                 | scales         | OFF
-:CALCulate1:SCALe:FUNCtion                | scale          | NULL   | NULL, PCT, PPM, PPB, SCALe
-:CALCulate1:SCALe:GAIN                    | gain           | 1.     | -1E15 1E15                  | +.14E
-[:SENSe]:FUNCtion[:ON]                    | function       | "FREQ 1" | FREQuency 1, FREQuency 2, FREQuency
-[:SENSe]:FREQuency:MODE                   |                | AUTO   | AUTO, RECiprocal, CONTinuous
-[:SENSe]:FREQuency:GATE:POLarity          |                | NEG    | NEGative, POSitive
-[:SENSe]:ROSCillator:EXTernal:FREQuency   |                | 1E7    | 1E6 1E7 Hz
-[:SENSe]:ROSCillator:SOURce:AUTO          |                | OFF
-:INPut1:IMPedance                         |                | 1E6    | 50 1E6 Ohm
-:INPut1:COUPling                          |                | AC     | AC, DC
-:INPut1:SLOPe                             |                | POS    | POSitive, NEGative
-:INPut1:PROBe                             |                | 1      | 1 10
-:INPut1:LEVel:RELative                    |                | 50     | 10 90
-:INPut1:NREJect                           |                | OFF
-:CALCulate1:SCALe:REFerence:AUTO          |                | ON
-:CALCulate1:SMOothing[:STATe]             |                | OFF
-:CALCulate1:AVERage[:STATe]               |                | OFF
-:OUTPut[:STATe]                           |                | OFF
-:FORMat[:DATA]                            |                | ASC,15
-:SYSTem:TIMeout                           |                | 9.9E37 | 0.01 2000 s INF
+[:SENSe]:FREQuency:GATE:TIME            | gate_s         | 0.1      | 1E-6 1000 s    | +.15E
+[:SENSe]:FREQuency:GATE:SOURce          | gate_source    | TIME     | TIME, IMMediate, EXTernal
+[:SENSe]:ROSCillator:SOURce             | reference      | -        | INTernal, EXTernal
+:SAMPle:COUNt                           | samples        | 1        | 1 1E6          | +.14E
+:TRIGger:COUNt                          | triggers       | 1        | 1 1E6          | +.14E
+:TRIGger:SOURce                         | trigger_source | IMM      | IMMediate, EXTernal, BUS
+:TRIGger:DELay                          | delay_s        | 0.       | 0 3600 s       | +.14E
+:INPut1:LEVel:AUTO                      | finds_level    | ON
+:INPut1:LEVel[:ABSolute]                | level_V        | 0.       | by _read_level | +.8E
+:INPut1:RANGe                           | range_V        | 5.       | 5 50 V         | +.8E
+:INPut1:FILTer[:LPASs][:STATe]          | filters        | OFF
+:CALCulate1[:STATe]                     | calculates     | OFF
+:CALCulate1:SCALe[:STATe]               | scales         | OFF
+:CALCulate1:SCALe:FUNCtion              | scale          | NULL     | NULL, PCT, PPM, PPB, SCALe
+:CALCulate1:SCALe:GAIN                  | gain           | 1.       | -1E15 1E15     | +.14E
+[:SENSe]:FUNCtion[:ON]                  | function       | "FREQ 1" | FREQuency 1, FREQuency 2, FREQuency
+[:SENSe]:FREQuency:MODE                 |                | AUTO     | AUTO, RECiprocal, CONTinuous
+[:SENSe]:FREQuency:GATE:POLarity        |                | NEG      | NEGative, POSitive
+[:SENSe]:ROSCillator:EXTernal:FREQuency |                | 1E7      | 1E6 1E7 Hz
+[:SENSe]:ROSCillator:SOURce:AUTO        |                | OFF
+:INPut1:IMPedance                       |                | 1E6      | 50 1E6 Ohm
+:INPut1:COUPling                        |                | AC       | AC, DC
+:INPut1:SLOPe                           |                | POS      | POSitive, NEGative
+:INPut1:PROBe                           |                | 1        | 1 10
+:INPut1:LEVel:RELative                  |                | 50       | 10 90
+:INPut1:NREJect                         |                | OFF
+:CALCulate1:SCALe:REFerence:AUTO        |                | ON
+:CALCulate1:SMOothing[:STATe]           |                | OFF
+:CALCulate1:AVERage[:STATe]             |                | OFF
+:OUTPut[:STATe]                         |                | OFF
+:FORMat[:DATA]                          |                | ASC,15
+:SYSTem:TIMeout                         |                | 9.9E37   | 0.01 2000 s INF
 """
 
     def power_up(self) -> None:

@@ -37,20 +37,20 @@ class AgilentE3631A(ScpiDevice):
 
     identity = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
     settings = """
-:INSTrument[:SELect]?                               | rail.name      | -
-:INSTrument:NSELect                                 | number_selected | 1   | 1 3
-:OUTPut[:STATe]                                     | on             | OFF
-:OUTPut:TRACk[:STATe]                               | tracks!        | OFF
-[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]?  | rail.voltage_V | -    |                      | +.8E
-[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]   | rail.current_A | -    | 0 rail.high_A A      | +.8E
-:INSTrument:COUPle[:TRIGger]                        |                | NONE
-:TRIGger[:SEQuence]:SOURce                          |                | BUS  | BUS, IMMediate
-:TRIGger[:SEQuence]:DELay                           |                | 0.   | 0 3600 S
-:DISPlay[:WINDow][:STATe]                           |                | ON
-:DISPlay[:WINDow]:TEXT[:DATA]                       |                | ""
-:DISPlay[:WINDow]:TEXT:CLEar                        |                |      |                      | -
-:SYSTem:BEEPer[:IMMediate]                          |                |      |                      | -
-:SYSTem:REMote                                      |                |      |                      | -
+:INSTrument[:SELect]?                              | rail.name       | -
+:INSTrument:NSELect                                | number_selected | 1   | 1 3
+:OUTPut[:STATe]                                    | on              | OFF
+:OUTPut:TRACk[:STATe]                              | tracks!         | OFF
+[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]? | rail.voltage_V  | -   |                 | +.8E
+[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]  | rail.current_A  | -   | 0 rail.high_A A | +.8E
+:INSTrument:COUPle[:TRIGger]                       |                 | NONE
+:TRIGger[:SEQuence]:SOURce                         |                 | BUS | BUS, IMMediate
+:TRIGger[:SEQuence]:DELay                          |                 | 0.  | 0 3600 S
+:DISPlay[:WINDow][:STATe]                          |                 | ON
+:DISPlay[:WINDow]:TEXT[:DATA]                      |                 | ""
+:DISPlay[:WINDow]:TEXT:CLEar                       |                 |     |                 | -
+:SYSTem:BEEPer[:IMMediate]                         |                 |     |                 | -
+:SYSTem:REMote                                     |                 |     |                 | -
 """
 
     def power_up(self) -> None:

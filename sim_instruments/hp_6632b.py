@@ -35,18 +35,18 @@ class Hp6632B(ScpiDevice):
     }
 
     settings = """
-[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude] | voltage_V!         | 0.      | 0 20.475 V             | .5E
-[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude] | current_A!         | 0.512   | 0 5.1188 A             | .5E
-[:SOURce]:VOLTage:PROTection[:LEVel]              | trip_V!            | 22.     | 0 22 V                 | .5E
+[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude] | voltage_V!         | 0.      | 0 20.475 V      | .5E
+[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude] | current_A!         | 0.512   | 0 5.1188 A      | .5E
+[:SOURce]:VOLTage:PROTection[:LEVel]              | trip_V!            | 22.     | 0 22 V          | .5E
 [:SOURce]:CURRent:PROTection:STATe                | over_current_trip! | OFF
-[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]   | next_V             | -       | 0 20.475 V             | -
-[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]   | next_A             | -       | 0 5.1188 A             | -
+[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]   | next_V             | -       | 0 20.475 V      | -
+[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]   | next_A             | -       | 0 5.1188 A      | -
 :OUTPut[:STATe]                                   | on!                | OFF
-:OUTPut:PROTection:DELay                          | delay_s            | 0.08    | 0 2147483.647 s        | .5E
+:OUTPut:PROTection:DELay                          | delay_s            | 0.08    | 0 2147483.647 s | .5E
 :OUTPut:RI:MODE                                   | inhibit_mode       | OFF     | OFF, LATChing, LIVE
 :INITiate:CONTinuous:SEQuence1                    | continuous         | OFF
-:SENSe:CURRent[:DC]:RANGe[:UPPer]                 | range_A            | 5.1188  | 0 5.1188 A             | .5E
-:SENSe:SWEep:TINTerval                            | interval_s         | 15.6E-6 | 15.6E-6 31200 s        | .5E
+:SENSe:CURRent[:DC]:RANGe[:UPPer]                 | range_A            | 5.1188  | 0 5.1188 A      | .5E
+:SENSe:SWEep:TINTerval                            | interval_s         | 15.6E-6 | 15.6E-6 31200 s | .5E
 :SENSe:SWEep:POINts                               | points             | 2048    | 1 4096
 [:SOURce]:VOLTage:ALC:BANDwidth                   |                    | 15000.  | 15000 60000
 [:SOURce]:DIGital:DATA                            |                    | 0       | 0 7
@@ -54,7 +54,7 @@ class Hp6632B(ScpiDevice):
 :DISPlay:MODE                                     |                    | NORM    | NORMal, TEXT
 :DISPlay:TEXT[:DATA]                              |                    | ""
 :OUTPut:DFI[:STATe]                               |                    | OFF
-:OUTPut:DFI:SOURce                                |                    | OFF     | OFF, QUES, OPERation, ESB, RQS
+:OUTPut:DFI:SOURce                                |                    | OFF | OFF, QUEStionable, OPERation, ESB, RQS
 :OUTPut:PON:STATe                                 |                    | RST     | RST, RCL0
 :SENSe:WINDow[:TYPE]                              |                    | HANN    | HANNing, RECTangular
 :SYSTem:LANGuage                                  |                    | SCPI    | SCPI, COMPatibility

@@ -33,14 +33,14 @@ CARD = "C7012"
 _POINT = re.compile(r"(\d+)!(\d+)!(\d+)")
 _CELLS = tuple(product(range(1, ROWS + 1), range(1, COLUMNS + 1)))
 _SLOT = """
-[:ROUTe]:CONFigure:SLOT#:CTYPe | | C7012
-[:ROUTe]:CONFigure:SLOT#:POLE  | | 2      | 1 4
-[:ROUTe]:CONFigure:SLOT#:STIMe | | 0.     | 0 99999.999
+[:ROUTe]:CONFigure:SLOT#:CTYPe |  | C7012
+[:ROUTe]:CONFigure:SLOT#:POLE  |  | 2  | 1 4
+[:ROUTe]:CONFigure:SLOT#:STIMe |  | 0. | 0 99999.999
 """
 _LAYER = """
-#:SOURce                       | | IMM    | IMMediate, BUS, EXTernal, TIMer, MANual
-#:COUNt                        | | 1      | 1 99999 INF
-#:DELay                        | | 0.     | 0 99999.999
+#:SOURce |  | IMM | IMMediate, BUS, EXTernal, TIMer, MANual
+#:COUNt  |  | 1   | 1 99999 INF
+#:DELay  |  | 0.  | 0 99999.999
 """
 
 Point = tuple[int, int, int]
@@ -57,12 +57,12 @@ class Keithley7002(ScpiDevice):
     error_format = '{0},"{1}"'
     queue_length = 10
     settings = """
-:INITiate:CONTinuous           | continuous!    | OFF
-[:ROUTe]:SCAN                  | scan_list!     | -  | by points | -
-[:ROUTe]:FCHannels             | forbidden      | -  | by points | -
-:DISPlay:ENABle                |                | ON
-:OUTPut:TTL1                   |                | OFF
-:TRIGger:COUNt:AUTO            |                | OFF
+:INITiate:CONTinuous | continuous! | OFF
+[:ROUTe]:SCAN        | scan_list!  | - | by points | -
+[:ROUTe]:FCHannels   | forbidden   | - | by points | -
+:DISPlay:ENABle      |             | ON
+:OUTPut:TTL1         |             | OFF
+:TRIGger:COUNt:AUTO  |             | OFF
 """
     settings += "".join(_LAYER.replace("#", layer) for layer in (":ARM:LAYer1", ":ARM:LAYer2", ":TRIGger"))
     settings += "".join(_SLOT.replace("#", str(slot)) for slot in range(1, SLOTS + 1))

@@ -23,13 +23,13 @@ INIT_IGNORED = (-213, "Init ignored")
 _PS = 10**12
 FILTER_PS = 1_600_000  # delay of the low-pass of 100 kHz
 _INPUT = """
-:INPut#:COUPling    | coupling_#       | AC   | AC, DC
-:INPut#:SLOPe       | slope_#          | POS  | POSitive, NEGative
-:INPut#:IMPedance   | impedance_ohm_#  | 1E6  | 50 1E6 OHM      | .1E
-:INPut#:ATTenuation | attenuation_#    | 1.   | 1 10            | g
-:INPut#:FILTer      | filtered_#       | OFF
-:INPut#:LEVel:AUTO  | automatic_#      | ON
-:INPut#:LEVel       | level_V_#        | 0.   | by _read_level  | +.8E
+:INPut#:COUPling    | coupling_#      | AC  | AC, DC
+:INPut#:SLOPe       | slope_#         | POS | POSitive, NEGative
+:INPut#:IMPedance   | impedance_ohm_# | 1E6 | 50 1E6 OHM     | .1E
+:INPut#:ATTenuation | attenuation_#   | 1.  | 1 10           | g
+:INPut#:FILTer      | filtered_#      | OFF
+:INPut#:LEVel:AUTO  | automatic_#     | ON
+:INPut#:LEVel       | level_V_#       | 0.  | by _read_level | +.8E
 """
 _OF_INPUT = ("level_V", "slope", "filtered", "coupling", "impedance_ohm", "attenuation", "automatic")
 _HIGH_V = 5.0  # of the comparators
@@ -63,14 +63,14 @@ class PendulumCnt91(ScpiDevice):
         ":STATus:OPERation:CONDition?": lambda self: str(MEASUREMENT_STARTED if self.running else 0),
     }
     settings = """
-:INITiate:CONTinuous?                | continuous | OFF
-:ARM:SOURce                          | arming     | IMM  | IMMediate, EXT1, EXT2, EXT4
-:ARM:SLOPe                           |            | POS  | POSitive, NEGative
-:FORMat                              |            | ASC  | ASCii, REAL, PACKed
-:FORMat:SMAX?                        |            | 10000
-:CALibration:INTerpolator:AUTO       |            | ON
-[:SENSe]:ACQuisition:APERture        |            | 0.01 | 20E-9 1000 S
-:STReam:CLOCk?                       | clock_Hz   | 10000000
+:INITiate:CONTinuous?          | continuous | OFF
+:ARM:SOURce                    | arming     | IMM  | IMMediate, EXT1, EXT2, EXT4
+:ARM:SLOPe                     |            | POS  | POSitive, NEGative
+:FORMat                        |            | ASC  | ASCii, REAL, PACKed
+:FORMat:SMAX?                  |            | 10000
+:CALibration:INTerpolator:AUTO |            | ON
+[:SENSe]:ACQuisition:APERture  |            | 0.01 | 20E-9 1000 S
+:STReam:CLOCk?                 | clock_Hz   | 10000000
 """
     settings += "".join(_INPUT.replace("#", str(number)) for number in (1, 2))
 

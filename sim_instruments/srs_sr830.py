@@ -63,12 +63,12 @@ _TABLE = """
 *PSC | 0 1 0
 *SRE | 0 255 0
 ALRM | 0 1 0
-AUXV | -10.5 10.5 0. .3f | 4
-DDEF | 0 4 0, 0 2 0      | 2
+AUXV | -10.5 10.5 0. .3f        | 4
+DDEF | 0 4 0, 0 2 0             | 2
 ERRE | 0 255 0
 FAST | 0 2 0
 FMOD | 0 1 1
-FPOP | 0 1 0             | 2
+FPOP | 0 1 0                    | 2
 FREQ | 0.001 102E3 1000. .6g
 HARM | 1 19999 1
 ICPL | 0 1 0

@@ -32,8 +32,8 @@ def cycles_for(share: float) -> float | None:
 
 
 @dataclass
-class OhmsSetting:
-    """Setting of one input: two or four wires, the range (None: automatic), power-line cycles.
+class InputSetting:
+    """Setting of one input: wires (none for volts), range in ohm or volt (None: automatic), power-line cycles.
 
     ``first``: the range that an automatic one begins with.
     """
@@ -75,17 +75,17 @@ class Ohmmeter:
         self._noise = device.rng(f"{model} ohms noise")
         self._path_ohm = abs(device.rng(f"{model} two-wire path").normal(0.0, two_wire_ohm / 2))
 
-    def configured(self, wires: int, parameters: Sequence[str], cycles: float) -> OhmsSetting:
+    def configured(self, wires: int, parameters: Sequence[str], cycles: float) -> InputSetting:
         """Return the setting of ``CONFigure`` with the parameters range and resolution, both of them optional."""
         first, second = (word.strip().upper() for word in (*parameters, "", "")[:2])
         range_ohm = None if first in AUTOMATIC else self.range_of(first)
         if second in AUTOMATIC:
-            return OhmsSetting(wires, range_ohm, cycles)
+            return InputSetting(wires, range_ohm, cycles)
         asked_ohm = self._device.number(second, 3e-5, 1e4)
         cycles_asked = cycles_for(asked_ohm * (1 + 1e-9) / (range_ohm or RANGES_OHM[0]))
         if cycles_asked is None:
             raise ScpiError(*UNREACHED)
-        return OhmsSetting(wires, range_ohm, cycles_asked)
+        return InputSetting(wires, range_ohm, cycles_asked)
 
     def range_of(self, text: str) -> float:
         """Return the lowest range that holds a resistance."""
@@ -97,7 +97,7 @@ class Ohmmeter:
         asked = self._device.number(text, offered[0], offered[-1])
         return next(cycles for cycles in offered if asked <= cycles)
 
-    def reading(self, setting: OhmsSetting, source: Source | None) -> str:
+    def reading(self, setting: InputSetting, source: Source | None) -> str:
         """Return what is read of a source, open terminals as overload."""
         if source is None:
             return self._device.overload

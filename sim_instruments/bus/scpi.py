@@ -311,10 +311,10 @@ _ANSWERS: Answers = {  # of every model
     "*ESR?": lambda self: self.read_out("event_status"),
 }
 _SETTINGS = """
-*ESE                | event_enable   | 0 | 0 255
-*SRE                | service_enable | 0 | 0 255
-*PSC                |                | ON
-*TST?               |                | 0
-*OPT?               |                | 0
-:SYSTem:VERSion?    | scpi_version   | -
+*ESE             | event_enable   | 0 | 0 255
+*SRE             | service_enable | 0 | 0 255
+*PSC             |                | ON
+*TST?            |                | 0
+*OPT?            |                | 0
+:SYSTem:VERSion? | scpi_version   | -
 """
