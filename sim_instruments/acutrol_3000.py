@@ -203,10 +203,15 @@ class Acutrol3000(CommandDevice):
         method = _command(words, bool(query))
         arguments = [part.strip() for part in text.split(",")] if text else []
         try:
-            inspect.signature(method).bind(self, *arguments)
+            bound = inspect.signature(method).bind(self, *arguments)
         except TypeError:  # another number of arguments
             raise CommandError(*BAD_ARGUMENT) from None
-        reply = method(self, *arguments)
+        given = bound.arguments
+        if "axis" in given:
+            given["axis"] = self._axis(given["axis"])
+        if "value" in given:  # in the unit of that axis
+            given["value"] = _number(given["value"]) / given["axis"].scale
+        reply = method(*bound.args, **bound.kwargs)
         self._parents = ":".join(words[:-1])
         return reply
 
@@ -231,76 +236,61 @@ class Acutrol3000(CommandDevice):
             if axis.interlock == "Fault":
                 axis.interlock = "Open"
 
-    def _close(self, number: str) -> None:
-        axis = self._axis(number)
+    def _close(self, axis: Axis) -> None:
         if axis.interlock == "Fault":
             raise CommandError(*INTERLOCK_FAULT)
         axis.interlock = "Closed"
         axis.obey(self.now_ns)
 
-    def _open(self, number: str) -> None:
-        axis = self._axis(number)
+    def _open(self, axis: Axis) -> None:
         if axis.interlock == "Closed":
             axis.interlock, axis.mode = "Open", "Off"
             axis.obey(self.now_ns)
 
-    def _set_mode(self, number: str, interval: str = "", *, mode: str) -> None:
-        axis = self._axis(number)
+    def _set_mode(self, axis: Axis, interval: str = "", *, mode: str) -> None:
         axis.mode = _chosen(mode, _MODES)
         axis.obey(self.now_ns)
 
-    def _demand(self, number: str, text: str, *, what: str) -> None:
-        axis, value = self._scaled(number, text)
+    def _demand(self, axis: Axis, value: float, *, what: str) -> None:
         if what == "RATE" and abs(value) > axis.limits["RATE", "RATE"]:
             raise CommandError(*LIMIT_EXCEEDED)
         axis.demands[what] = axis.rolled_over(value) if what == "POSITION" else value
         if axis.mode.upper().endswith(what):
             axis.obey(self.now_ns)
 
-    def _demand_of(self, number: str, *, what: str) -> str:
-        axis = self._axis(number)
+    def _demand_of(self, axis: Axis, *, what: str) -> str:
         return self._formed(axis, axis.demands[what], 6)
 
-    def _sum(self, number: str, state: str, enable: str, *configuration: str) -> None:
-        axis, state = self._axis(number), _chosen(state, _STATES)
+    def _sum(self, axis: Axis, state: str, enable: str, *configuration: str) -> None:
+        state = _chosen(state, _STATES)
         axis.sums[state] = [_chosen(enable, ("ENABLE", "DISABLE"))[0], *(configuration or axis.sums[state][1:])]
         axis.obey(self.now_ns)
 
-    def _sum_of(self, number: str, state: str) -> str:
-        return ",".join(self._axis(number).sums[_chosen(state, _STATES)])
+    def _sum_of(self, axis: Axis, state: str) -> str:
+        return ",".join(axis.sums[_chosen(state, _STATES)])
 
-    def _absolute(self, number: str) -> str:
-        axis = self._axis(number)
+    def _absolute(self, axis: Axis) -> str:
         return ",".join(self._formed(axis, cap, 4) for cap in axis.absolute)
 
-    def _step(self, number: str, text: str) -> None:
-        axis, value = self._scaled(number, text)
-        self._demand(number, repr((axis.demands["POSITION"] + value) * axis.scale), what="POSITION")
+    def _step(self, axis: Axis, value: float) -> None:
+        self._demand(axis, axis.demands["POSITION"] + value, what="POSITION")
 
-    def _limit(self, mode: str, number: str, text: str, *, what: str) -> None:
-        axis, value = self._scaled(number, text)
+    def _limit(self, mode: str, axis: Axis, value: float, *, what: str) -> None:
         if not 0.0 < value <= axis.absolute[0 if what == "RATE" else 1]:
             raise CommandError(*LIMIT_EXCEEDED)
         axis.limits[what, _chosen(mode, _MODES).upper()] = value
 
-    def _limit_of(self, mode: str, number: str, *, what: str) -> str:
-        axis = self._axis(number)
+    def _limit_of(self, mode: str, axis: Axis, *, what: str) -> str:
         return self._formed(axis, axis.limits[what, _chosen(mode, _MODES).upper()], 4)
 
-    def _read_position(self, number: str) -> str:
-        axis = self._axis(number)
+    def _read_position(self, axis: Axis) -> str:
         true_deg = float(axis.motion.angle_deg(self.now_ns))
         shown_deg = axis.rolled_over(true_deg + self._noise.normal(0.0, POSITION_NOISE_DEG))
         return self.reading(self._formed(axis, shown_deg, 4))
 
-    def _read_rate(self, number: str) -> str:
-        axis = self._axis(number)
+    def _read_rate(self, axis: Axis) -> str:
         true_deg_s = float(axis.motion.rate_deg_s(self.now_ns))
         return self.reading(self._formed(axis, true_deg_s + self._noise.normal(0.0, RATE_NOISE_DEG_S), 4))
-
-    def _scaled(self, number: str, text: str) -> tuple[Axis, float]:
-        axis = self._axis(number)
-        return axis, _number(text) / axis.scale
 
     def _formed(self, axis: Axis, value: float, digits: int) -> str:
         """Return a number in figures; as a block of four bytes, of which a bus of text shows the head alone."""
@@ -309,13 +299,11 @@ class Acutrol3000(CommandDevice):
     def _set_format(self, word: str) -> None:
         self._binary = _chosen(word, ("Binary", "Float")) == "Binary"
 
-    def _scale(self, number: str, full: str, factor: str, offset: str, unit: str) -> None:
-        axis = self._axis(number)
+    def _scale(self, axis: Axis, full: str, factor: str, offset: str, unit: str) -> None:
         axis.scale, axis.unit = _number(factor) / RANGE_DEG, unit.lower()
         axis.range_deg = _number(full) / axis.scale
 
-    def _scaling(self, number: str) -> str:
-        axis = self._axis(number)
+    def _scaling(self, axis: Axis) -> str:
         full, factor = axis.range_deg * axis.scale, RANGE_DEG * axis.scale
         return f"{full:.4f},{factor:.4f},0.0000,{axis.unit},NR2,NR2,NR2,NR2,NR2"
 
@@ -335,10 +323,10 @@ _COMMANDS: dict[tuple[str, bool], Handler] = {
     ("INTERLOCK:RESET", False): Acutrol3000._reset,
     ("INTERLOCK:CLOSE", False): Acutrol3000._close,
     ("INTERLOCK:OPEN", False): Acutrol3000._open,
-    ("INTERLOCK", True): lambda table, number: table._axis(number).interlock,
+    ("INTERLOCK", True): lambda table, axis: axis.interlock,
     **{(f"MODE:{mode.upper()}", False): partial(Acutrol3000._set_mode, mode=mode.upper()) for mode in _MODES},
-    ("MODE", False): lambda table, number, mode: table._set_mode(number, mode=mode),
-    ("MODE", True): lambda table, number: table._axis(number).mode[0],
+    ("MODE", False): lambda table, axis, mode: table._set_mode(axis, mode=mode),
+    ("MODE", True): lambda table, axis: axis.mode[0],
     **{
         (f"{group}:{what}", asks): partial(method, what=what) for group, whats, asks, method in _ALIKE for what in whats
     },

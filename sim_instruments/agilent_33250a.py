@@ -14,16 +14,6 @@ import math
 from functools import partial
 from typing import Any, ClassVar
 
-from sim_instruments.bus.kept import (
-    Held,
-    HeldSettings,
-    Kept,
-    KeptSettings,
-    held_number,
-    held_switch,
-    held_word,
-    word,
-)
 from sim_instruments.bus.scpi import (
     OUT_OF_RANGE,
     SETTINGS_CONFLICT,
@@ -53,59 +43,42 @@ class Agilent33250A(ScpiDevice):
 
     identity = "Agilent Technologies,33250A,SIM33250,1.05-1.01-1.00-03-1"
     answers: ClassVar[Answers] = {
-        "[:SOURce]:FUNCtion[:SHAPe]?": lambda self: self.function,
         "[:SOURce]:VOLTage?": lambda self: f"{self._in_unit(self.amplitude_V, self.amplitude_unit):+.13E}",
         "[:SOURce]:VOLTage:HIGH?": lambda self: f"{self.offset_V + self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:LOW?": lambda self: f"{self.offset_V - self.amplitude_V / 2.0:+.13E}",
-        "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
         "[:SOURce]:PULSe:PERiod?": lambda self: f"{1.0 / self.frequency_Hz:+.13E}",
-        ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
         **{
             f"[:SOURce]:{node}:STATe?": lambda self, mode=mode: str(int(self.mode == mode))
             for mode, node in _MODES.items()
         },
     }
-    held: ClassVar[HeldSettings] = {
-        ":OUTPut:POLarity": held_word("polarity", "NORMal", "INVerted"),
-        ":OUTPut[:STATe]": held_switch("on", applied=True),
-        "[:SOURce]:VOLTage:RANGe:AUTO": held_switch("autorange", applied=True),
-        "[:SOURce]:FREQuency": Held(
-            "frequency_Hz",
-            lambda self, text: round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6),
-            "+.13E",
-            applied=True,
-        ),
-        "[:SOURce]:VOLTage:OFFSet": Held(
-            "offset_V", lambda self, text: self.number(text, -self._room_V, self._room_V, "V"), "+.13E"
-        ),
-        "[:SOURce]:FUNCtion:SQUare:DCYCle": Held(
-            "duty_percent",
-            lambda self, text: self.number(text, 50.0 - self._duty_room, 50.0 + self._duty_room),
-            "+.13E",
-        ),
-        "[:SOURce]:PULSe:WIDTh": Held(
-            "width_s",
-            lambda self, text: self.number(text, 8e-9, 1.0 / self.frequency_Hz - _EDGES * self.edge_s, "s"),
-            "+.13E",
-        ),
-        "[:SOURce]:PULSe:TRANsition": held_number("edge_s", 5e-9, 1e-3, "s", "+.13E"),
-    }
-
-    kept: ClassVar[KeptSettings] = {
-        ":OUTPut:SYNC[:STATe]": Kept(True),
-        ":OUTPut:TRIGger[:STATe]": Kept(False),
-        ":OUTPut:TRIGger:SLOPe": word("POSitive", "NEGative"),
-        "[:SOURce]:BURSt:MODE": word("TRIGgered", "GATed"),
-        "[:SOURce]:BURSt:NCYCles": Kept(1.0, 1.0, 1e6, infinite=True),
-        "[:SOURce]:BURSt:INTernal:PERiod": Kept(0.01, 1e-6, 500.0, "S"),
-        "[:SOURce]:BURSt:PHASe": Kept(0.0, -360.0, 360.0),
-        "[:SOURce]:BURSt:GATE:POLarity": word("NORMal", "INVerted"),
-        "[:SOURce]:PHASe": Kept(0.0, -360.0, 360.0),
-        "[:SOURce]:FUNCtion:RAMP:SYMMetry": Kept(100.0, 0.0, 100.0),
-        ":TRIGger:SOURce": word("IMMediate", "EXTernal", "BUS"),
-        ":TRIGger:SLOPe": word("POSitive", "NEGative"),
-        ":TRIGger:DELay": Kept(0.0, 0.0, 85.0, "S"),
-    }
+    settings = """
+:OUTPut:POLarity                 | polarity       | NORM | NORMal, INVerted
+:OUTPut[:STATe]                  | on!            | OFF
+:OUTPut:LOAD?                    | load_ohm       | 50.
+[:SOURce]:VOLTage:RANGe:AUTO     | autorange!     | ON
+[:SOURce]:VOLTage:UNIT?          | amplitude_unit | VPP
+[:SOURce]:VOLTage:OFFSet         | offset_V       | 0.   | _lowest_V _room_V V
+[:SOURce]:FREQuency              | frequency_Hz!  | 1E3  | by _read_frequency
+[:SOURce]:FUNCtion[:SHAPe]?      | function       | SIN
+[:SOURce]:FUNCtion:SQUare:DCYCle | duty_percent   | 50.  | by _read_duty
+[:SOURce]:PULSe:WIDTh            | width_s        | 1E-4 | 8E-9 _longest_s s
+[:SOURce]:PULSe:TRANsition       | edge_s         | 5E-9 | 5E-9 1E-3 s
+:OUTPut:SYNC[:STATe]             |                | ON
+:OUTPut:TRIGger[:STATe]          |                | OFF
+:OUTPut:TRIGger:SLOPe            |                | POS  | POSitive, NEGative
+[:SOURce]:BURSt:MODE             |                | TRIG | TRIGgered, GATed
+[:SOURce]:BURSt:NCYCles          |                | 1.   | 1 1E6 INF
+[:SOURce]:BURSt:INTernal:PERiod  |                | 0.01 | 1E-6 500 S
+[:SOURce]:BURSt:PHASe            |                | 0.   | -360 360
+[:SOURce]:BURSt:GATE:POLarity    |                | NORM | NORMal, INVerted
+[:SOURce]:PHASe                  |                | 0.   | -360 360
+[:SOURce]:FUNCtion:RAMP:SYMMetry |                | 100. | 0 100
+:TRIGger:SOURce                  |                | IMM  | IMMediate, EXTernal, BUS
+:TRIGger:SLOPe                   |                | POS  | POSitive, NEGative
+:TRIGger:DELay                   |                | 0.   | 0 85 S
+:SYSTem:BEEPer[:IMMediate]       |                |      |  | -
+"""
 
     def power_up(self) -> None:
         draw = self.rng("function generator frequency")
@@ -113,11 +86,7 @@ class Agilent33250A(ScpiDevice):
         super().power_up()
 
     def reset(self) -> None:
-        self.function, self.frequency_Hz = "SIN", 1e3
-        self.amplitude_V, self.offset_V, self.amplitude_unit = 0.1, 0.0, "VPP"
-        self.load_ohm, self.on = 50.0, False
-        self.mode, self.polarity, self.duty_percent, self.autorange = "", "NORM", 50.0, True
-        self.width_s, self.edge_s = 100e-6, 5e-9
+        self.amplitude_V, self.mode = 0.1, ""
         self._apply()
 
     @property
@@ -143,6 +112,20 @@ class Agilent33250A(ScpiDevice):
     def _share(self) -> float:
         """Part of an open output's amplitude that its load setting says is at the load."""
         return 1.0 if self.load_ohm == INFINITE_OHM else self.load_ohm / (self.load_ohm + 50.0)
+
+    @property
+    def _lowest_V(self) -> float:
+        return -self._room_V
+
+    @property
+    def _longest_s(self) -> float:
+        return 1.0 / self.frequency_Hz - _EDGES * self.edge_s
+
+    def _read_frequency(self, text: str) -> float:
+        return round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6)
+
+    def _read_duty(self, text: str) -> float:
+        return self.number(text, 50.0 - self._duty_room, 50.0 + self._duty_room)
 
     @property
     def _duty_room(self) -> float:
@@ -234,8 +217,7 @@ class Agilent33250A(ScpiDevice):
         self._apply()
 
     def further(self) -> Handlers:
-        switches = {f"[:SOURce]:{node}:STATe": partial(self._switch_mode, mode) for mode, node in _MODES.items()}
-        return switches | {":SYSTem:BEEPer[:IMMediate]": lambda _: None}  # nobody hears it
+        return {f"[:SOURce]:{node}:STATe": partial(self._switch_mode, mode) for mode, node in _MODES.items()}
 
     def _switch_mode(self, mode: str, text: str) -> None:
         """One of burst, sweep and modulation at a time: each that is switched on ends the one before."""

@@ -21,26 +21,15 @@ import re
 from collections import defaultdict
 from functools import partial
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any
 
 from bench.model.clock import NS
-from sim_instruments.bus.kept import (
-    INFINITE,
-    Held,
-    HeldSettings,
-    Kept,
-    KeptSettings,
-    held_number,
-    held_switch,
-    held_word,
-    word,
-)
-from sim_instruments.bus.ohms import LINE_HZ, Ohmmeter, OhmsSetting
+from sim_instruments.bus.kept import INFINITE, Setting, settings_of
+from sim_instruments.bus.ohms import LINE_HZ, InputSetting, Ohmmeter
 from sim_instruments.bus.scpi import (
     MISSING_PARAMETER,
     OUT_OF_RANGE,
     SETTINGS_CONFLICT,
-    Answers,
     Handler,
     Handlers,
     ScpiDevice,
@@ -62,29 +51,28 @@ SEEBECK_UV = {"B": 0.3, "E": 63.4, "J": 52.9, "K": 41.2, "N": 27.9, "R": 6.5, "S
 UNITS = {"C": (1.0, 0.0), "F": (1.8, 32.0), "K": (1.0, 273.15)}
 NO_FOUR_WIRES = (308, "Channel not able to perform requested operation")
 _TOLD = ("UNIT", "TIME", "CHANnel", "ALARm")  # what may stand beside a reading
-_COUPLE = "[:SENSe]:TEMPerature:TRANsducer:TCouple"
 _LIST = re.compile(r"\(@([\d,: ]*)\)")
 _WHILE_SCANNING = re.compile(r"\*|:?(ABOR|DISP|FORM|SYST|(?!MEAS|READ).*\?)")
-_CYCLES = Held("cycles", lambda device, text: device.ohmmeter.cycles_of(text, CYCLES), "+.8E", applied=False)
-_BY_CHANNEL: dict[str, tuple[Held, Any, str]] = {  # settings, what one has after *RST, the functions that have it
-    ":UNIT:TEMPerature": (held_word("unit", *UNITS), "C", "TEMP"),
-    ":CALCulate:SCALe:GAIN": (held_number("gain", -1e15, 1e15, form="+.8E"), 1.0, ""),
-    ":CALCulate:SCALe:OFFSet": (held_number("offset", -1e15, 1e15, form="+.8E"), 0.0, ""),
-    ":CALCulate:SCALe:STATe": (held_switch("scaled"), False, ""),
-    ":ROUTe:CHANnel:DELay": (held_number("delay_s", 0.0, 60.0, form="+.8E"), 0.0, ""),
-    ":ROUTe:CHANnel:DELay:AUTO": (held_switch("delays_itself"), True, ""),
-    "[:SENSe]:ZERO:AUTO": (held_switch("autozero"), True, ""),
-    "[:SENSe]:FRESistance:NPLCycles": (_CYCLES, 1.0, "FRES"),
-    "[:SENSe]:RESistance:NPLCycles": (_CYCLES, 1.0, "FRES"),
-    "[:SENSe]:TEMPerature:NPLCycles": (_CYCLES, 1.0, "TEMP"),
-    "[:SENSe]:VOLTage:DC:NPLCycles": (_CYCLES, 1.0, "VOLT"),
-    f"{_COUPLE}:TYPE": (held_word("type", *SEEBECK_UV), "J", ""),
-    f"{_COUPLE}:RJUNction": (held_number("fixed_degC", -20.0, 80.0, form="+.8E"), 0.0, ""),
-    f"{_COUPLE}:RJUNction:TYPE": (held_word("junction", "FIXed", "INTernal", "EXTernal"), "FIX", ""),
-    f"{_COUPLE}:CHECk": (held_switch("checked"), False, ""),
-}
-_AFTER_RESET = {held.attribute: default for held, default, _ in _BY_CHANNEL.values()}
-_AFTER_RESET |= {"function": "VOLT", **vars(OhmsSetting(2, None, 1.0))}
+# settings of a channel, as in ``sim_instruments.bus.kept``; behind the columns of all the functions that have it
+_BY_CHANNEL = settings_of("""
+:UNIT:TEMPerature                                      | unit          | C   | C, F, K         |      | TEMP
+:CALCulate:SCALe:GAIN                                  | gain          | 1.  | -1E15 1E15      | +.8E
+:CALCulate:SCALe:OFFSet                                | offset        | 0.  | -1E15 1E15      | +.8E
+:CALCulate:SCALe:STATe                                 | scaled        | OFF
+:ROUTe:CHANnel:DELay                                   | delay_s       | 0.  | 0 60            | +.8E
+:ROUTe:CHANnel:DELay:AUTO                              | delays_itself | ON
+[:SENSe]:ZERO:AUTO                                     | autozero      | ON
+[:SENSe]:FRESistance:NPLCycles                         | cycles        | 1.  | by _read_cycles | +.8E | FRES
+[:SENSe]:RESistance:NPLCycles                          | cycles        | 1.  | by _read_cycles | +.8E | FRES
+[:SENSe]:TEMPerature:NPLCycles                         | cycles        | 1.  | by _read_cycles | +.8E | TEMP
+[:SENSe]:VOLTage:DC:NPLCycles                          | cycles        | 1.  | by _read_cycles | +.8E | VOLT
+[:SENSe]:TEMPerature:TRANsducer:TCouple:TYPE           | type          | J   | B, E, J, K, N, R, S, T
+[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction      | fixed_degC    | 0.  | -20 80          | +.8E
+[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE | junction      | FIX | FIXed, INTernal, EXTernal
+[:SENSe]:TEMPerature:TRANsducer:TCouple:CHECk          | checked       | OFF
+""")
+_AFTER_RESET = {setting.attribute: setting.default for setting in _BY_CHANNEL}
+_AFTER_RESET |= {"function": "VOLT", **vars(InputSetting(2, None, 1.0))}
 _LEFT_ALONE = ("fixed_degC", "junction", "checked")  # by CONFigure
 _PRESET = {name: value for name, value in _AFTER_RESET.items() if name not in _LEFT_ALONE}
 _MEASURED = {"TEMP": "TEMPerature", "VOLT": "VOLTage[:DC]", "RES": "RESistance", "FRES": "FRESistance"}
@@ -95,29 +83,33 @@ class Agilent34970A(ScpiDevice):
 
     identity = "HEWLETT-PACKARD,34970A,0,13-2-2"
     scpi_version = "1994.0"
-    answers: ClassVar[Answers] = {
-        ":INSTrument:DMM?": lambda self: f"{self.measures:d}",
-        ":INSTrument:DMM:INSTalled?": lambda _: "1",
-        ":SYSTem:CTYPe?": lambda _: "HEWLETT-PACKARD,34901A,0,2.3",
-        ":SYSTem:LFRequency?": lambda _: f"{LINE_HZ:+.0f}",
-    }
-    held: ClassVar[HeldSettings] = {
-        ":TRIGger:SOURce": held_word("source", "IMMediate", "BUS", "EXTernal", "TIMer", "ALARm1"),
-        ":TRIGger:COUNt": Held(
-            "count", lambda device, text: device.number(text, 1, 50000, INF=INFINITE), "+.8E", applied=False
-        ),
-        ":TRIGger:TIMer": held_number("interval_s", 0.0, 359999.0, form="+.8E"),
-        **{f":FORMat:READing:{name}": held_switch(name) for name in _TOLD},
-    }
-    kept: ClassVar[KeptSettings] = {
-        ":FORMat:READing:TIME:TYPE": word("RELative", "ABSolute"),
-        ":DISPlay": Kept(True),
-        ":ROUTe:MONitor:STATe": Kept(False),
-        ":MEMory:STATe:RECall:AUTO": Kept(True),
-        **dict.fromkeys((":DISPlay:TEXT", ":SYSTem:DATE", ":SYSTem:TIME"), Kept("", text=True)),
-        **dict.fromkeys((":ROUTe:MONitor", ":OUTPut:ALARm1:SOURce", ":INPut:IMPedance:AUTO"), Kept("")),
-        **{f":CALCulate:LIMit:{limit}": Kept("") for limit in ("UPPer", "UPPer:STATe", "LOWer", "LOWer:STATe")},
-    }
+    settings = """
+:INSTrument:DMM?             | measures   | -   |             | d
+:INSTrument:DMM:INSTalled?   |            | 1
+:SYSTem:CTYPe?               |            | HEWLETT-PACKARD,34901A,0,2.3
+:SYSTem:LFRequency?          |            | 50  |             | +d
+:TRIGger:SOURce              | source     | IMM | IMMediate, BUS, EXTernal, TIMer, ALARm1
+:TRIGger:COUNt               | count      | 1.  | 1 50000 INF | +.8E
+:TRIGger:TIMer               | interval_s | 1.  | 0 359999    | +.8E
+:FORMat:READing:UNIT         | UNIT       | OFF
+:FORMat:READing:TIME         | TIME       | OFF
+:FORMat:READing:CHANnel      | CHANnel    | OFF
+:FORMat:READing:ALARm        | ALARm      | OFF
+:FORMat:READing:TIME:TYPE    |            | REL | RELative, ABSolute
+:DISPlay                     |            | ON
+:DISPlay:TEXT                |            | ""
+:ROUTe:MONitor               |            |
+:ROUTe:MONitor:STATe         |            | OFF
+:MEMory:STATe:RECall:AUTO    |            | ON
+:SYSTem:DATE                 |            | ""
+:SYSTem:TIME                 |            | ""
+:OUTPut:ALARm1:SOURce        |            |
+:INPut:IMPedance:AUTO        |            |
+:CALCulate:LIMit:UPPer       |            |
+:CALCulate:LIMit:UPPer:STATe |            |
+:CALCulate:LIMit:LOWer       |            |
+:CALCulate:LIMit:LOWer:STATe |            |
+"""
 
     def power_up(self) -> None:
         self.measures = True
@@ -134,8 +126,7 @@ class Agilent34970A(ScpiDevice):
 
     def _at_once(self) -> None:
         """One sweep by an internal trigger, told as plain readings: after ``*RST`` and as ``CONFigure`` leaves it."""
-        self.source, self.count, self.interval_s = "IMM", 1.0, 1.0
-        vars(self).update(dict.fromkeys(_TOLD, False))
+        self.restore("source", "count", "interval_s", *_TOLD)
 
     def carry_out(self, command: str) -> str | None:
         if command and self.now_ns < self._scan_end_ns and not _WHILE_SCANNING.match(command.upper()):
@@ -183,7 +174,7 @@ class Agilent34970A(ScpiDevice):
         elif one.function == "VOLT":
             value = source.voltage_V(self.now_ns) if source else 1e-6 * self._across_uV(channel)
         else:
-            value = float(self.ohmmeter.reading(OhmsSetting(one.wires, one.range_ohm, one.cycles), source))
+            value = float(self.ohmmeter.reading(one, source))
         if one.scaled and value != OVERLOAD:
             value = one.gain * value + one.offset
         return self.reading(f"{value:+.8E}")
@@ -196,25 +187,28 @@ class Agilent34970A(ScpiDevice):
 
     def further(self) -> Handlers:
         handlers: dict[str, Handler] = {}
-        for header, (held, _, functions) in _BY_CHANNEL.items():
-            handlers[header] = partial(self._set_channels, held, functions)
-            handlers[f"{header}?"] = partial(self._tell_channels, held)
+        for setting in _BY_CHANNEL:
+            handlers[setting.header] = partial(self._set_channels, setting)
+            handlers[f"{setting.header}?"] = partial(self._tell_channels, setting)
         for name, header in _MEASURED.items():
             handlers[f":CONFigure:{header}"] = partial(self._configure, name)
             handlers[f":MEASure:{header}?"] = partial(self._measure, name)
         return handlers
 
-    def _set_channels(self, held: Held, functions: str, text: str) -> None:
-        first, channels = (*words(text), "", "")[:2]
-        value = held.read(self, first)
-        for one in self._of(channels):
-            if functions and one.function not in functions:
-                raise ScpiError(*SETTINGS_CONFLICT)
-            setattr(one, held.attribute, value)
-            one.delays_itself &= held.attribute != "delay_s"
+    def _read_cycles(self, text: str) -> float:
+        return self.ohmmeter.cycles_of(text, CYCLES)
 
-    def _tell_channels(self, held: Held, text: str) -> str:
-        return ",".join(format(getattr(one, held.attribute), held.form or "") for one in self._of(text))
+    def _set_channels(self, setting: Setting, text: str) -> None:
+        first, channels = (*words(text), "", "")[:2]
+        value = setting.read(self, first)
+        for one in self._of(channels):
+            if setting.more and one.function not in setting.more:
+                raise ScpiError(*SETTINGS_CONFLICT)
+            setting.hold(one, value)
+            one.delays_itself &= setting.attribute != "delay_s"
+
+    def _tell_channels(self, setting: Setting, text: str) -> str:
+        return ",".join(map(setting.tell, self._of(text)))
 
     def _configure(self, function: str, text: str) -> None:
         """Reset the channels and make them the scan list."""
@@ -243,7 +237,7 @@ class Agilent34970A(ScpiDevice):
     def _get_configuration(self, text: str) -> str:
         told = []
         for one in self._of(text):
-            about = f"TC,{one.type},+1.000000E+00" if one.function == "TEMP" else f"{one.range_ohm or 100.0:+.6E}"
+            about = f"TC,{one.type},+1.000000E+00" if one.function == "TEMP" else f"{one.range or 100.0:+.6E}"
             told.append(f'"{one.function} {about}"')
         return ",".join(told)
 
@@ -301,7 +295,7 @@ class Agilent34970A(ScpiDevice):
 
     @command(":FETCh?")
     def _fetch(self, _: str) -> str | None:
-        self.reply_after(max(0, self._scan_end_ns - self.now_ns) / NS)
+        self.reply_at(self._scan_end_ns)
         return ",".join(self._stored) if self._stored else None
 
     @command(":ABORt")

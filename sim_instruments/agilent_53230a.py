@@ -12,17 +12,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from sim_instruments.agilent_33250a import Agilent33250A
-from sim_instruments.bus.kept import (
-    HeldSettings,
-    Kept,
-    KeptSettings,
-    held_count,
-    held_number,
-    held_switch,
-    held_word,
-    word,
-)
-from sim_instruments.bus.scpi import Answers, ScpiDevice, command, words
+from sim_instruments.bus.scpi import ScpiDevice, command, words
 from sim_instruments.faults.fault import Fault, NamedFaults, becomes
 
 NOT_A_NUMBER = 9.91e37
@@ -33,7 +23,6 @@ _NO_SIGNAL_S = 1.0
 _MOST_READINGS = 1000
 _FILTER_HZ = 100e3
 _LEAST = 0.004  # RMS value that is counted, part of the input's range
-_FUNCTION = "[:SENSe]:FUNCtion[:ON]"
 
 
 class Agilent53230A(ScpiDevice):
@@ -46,42 +35,40 @@ class Agilent53230A(ScpiDevice):
     }  # fmt: skip
     reference_lost = False
     identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
-    answers: ClassVar[Answers] = {
-        ":INPut1:LEVel[:ABSolute]?": lambda self: f"{self.level_V:+.8E}",
-    }
-    held: ClassVar[HeldSettings] = {
-        "[:SENSe]:FREQuency:GATE:TIME": held_number("gate_s", 1e-6, 1000.0, "s", "+.15E"),
-        "[:SENSe]:FREQuency:GATE:SOURce": held_word("gate_source", "TIME", "IMMediate", "EXTernal"),
-        "[:SENSe]:ROSCillator:SOURce": held_word("reference", "INTernal", "EXTernal"),
-        ":SAMPle:COUNt": held_count("samples", 1, 1_000_000, "+.14E"),
-        ":TRIGger:COUNt": held_count("triggers", 1, 1_000_000, "+.14E"),
-        ":TRIGger:SOURce": held_word("trigger_source", "IMMediate", "EXTernal", "BUS"),
-        ":TRIGger:DELay": held_number("delay_s", 0.0, 3600.0, "s", "+.14E"),
-        ":INPut1:LEVel:AUTO": held_switch("finds_level"),
-        ":INPut1:RANGe": held_number("range_V", 5.0, 50.0, "V", "+.8E"),
-        ":INPut1:FILTer[:LPASs][:STATe]": held_switch("filters"),
-        ":CALCulate1[:STATe]": held_switch("calculates"),
-        ":CALCulate1:SCALe[:STATe]": held_switch("scales"),
-        ":CALCulate1:SCALe:FUNCtion": held_word("scale", "NULL", "PCT", "PPM", "PPB", "SCALe"),
-        ":CALCulate1:SCALe:GAIN": held_number("gain", -1e15, 1e15, form="+.14E"),
-    }
-    kept: ClassVar[KeptSettings] = {
-        _FUNCTION: Kept("FREQ 1", choices=("FREQuency 1", "FREQuency 2", "FREQuency"), text=True),
-        "[:SENSe]:FREQuency:MODE": word("AUTO", "RECiprocal", "CONTinuous"),
-        "[:SENSe]:FREQuency:GATE:POLarity": word("NEGative", "POSitive"),
-        "[:SENSe]:ROSCillator:EXTernal:FREQuency": Kept(1e7, 1e6, 1e7, "Hz"),
-        ":INPut1:IMPedance": Kept(1e6, 50.0, 1e6, "Ohm"),
-        ":INPut1:COUPling": word("AC", "DC"),
-        ":INPut1:SLOPe": word("POSitive", "NEGative"),
-        ":INPut1:PROBe": Kept(1, 1, 10),
-        ":INPut1:LEVel:RELative": Kept(50, 10, 90),
-        ":CALCulate1:SCALe:REFerence:AUTO": Kept(True),
-        ":FORMat[:DATA]": Kept("ASC,15"),
-        ":SYSTem:TIMeout": Kept(9.9e37, 0.01, 2000.0, "s", infinite=True),
-        **dict.fromkeys((
-            "[:SENSe]:ROSCillator:SOURce:AUTO", ":INPut1:NREJect", ":CALCulate1:SMOothing[:STATe]",
-            ":CALCulate1:AVERage[:STATe]", ":OUTPut[:STATe]"), Kept(False)),
-    }  # fmt: skip
+    settings = """
+[:SENSe]:FREQuency:GATE:TIME            | gate_s         | 0.1      | 1E-6 1000 s    | +.15E
+[:SENSe]:FREQuency:GATE:SOURce          | gate_source    | TIME     | TIME, IMMediate, EXTernal
+[:SENSe]:ROSCillator:SOURce             | reference      | -        | INTernal, EXTernal
+:SAMPle:COUNt                           | samples        | 1        | 1 1E6          | +.14E
+:TRIGger:COUNt                          | triggers       | 1        | 1 1E6          | +.14E
+:TRIGger:SOURce                         | trigger_source | IMM      | IMMediate, EXTernal, BUS
+:TRIGger:DELay                          | delay_s        | 0.       | 0 3600 s       | +.14E
+:INPut1:LEVel:AUTO                      | finds_level    | ON
+:INPut1:LEVel[:ABSolute]                | level_V        | 0.       | by _read_level | +.8E
+:INPut1:RANGe                           | range_V        | 5.       | 5 50 V         | +.8E
+:INPut1:FILTer[:LPASs][:STATe]          | filters        | OFF
+:CALCulate1[:STATe]                     | calculates     | OFF
+:CALCulate1:SCALe[:STATe]               | scales         | OFF
+:CALCulate1:SCALe:FUNCtion              | scale          | NULL     | NULL, PCT, PPM, PPB, SCALe
+:CALCulate1:SCALe:GAIN                  | gain           | 1.       | -1E15 1E15     | +.14E
+[:SENSe]:FUNCtion[:ON]                  | function       | "FREQ 1" | FREQuency 1, FREQuency 2, FREQuency
+[:SENSe]:FREQuency:MODE                 |                | AUTO     | AUTO, RECiprocal, CONTinuous
+[:SENSe]:FREQuency:GATE:POLarity        |                | NEG      | NEGative, POSitive
+[:SENSe]:ROSCillator:EXTernal:FREQuency |                | 1E7      | 1E6 1E7 Hz
+[:SENSe]:ROSCillator:SOURce:AUTO        |                | OFF
+:INPut1:IMPedance                       |                | 1E6      | 50 1E6 Ohm
+:INPut1:COUPling                        |                | AC       | AC, DC
+:INPut1:SLOPe                           |                | POS      | POSitive, NEGative
+:INPut1:PROBe                           |                | 1        | 1 10
+:INPut1:LEVel:RELative                  |                | 50       | 10 90
+:INPut1:NREJect                         |                | OFF
+:CALCulate1:SCALe:REFerence:AUTO        |                | ON
+:CALCulate1:SMOothing[:STATe]           |                | OFF
+:CALCulate1:AVERage[:STATe]             |                | OFF
+:OUTPut[:STATe]                         |                | OFF
+:FORMat[:DATA]                          |                | ASC,15
+:SYSTem:TIMeout                         |                | 9.9E37   | 0.01 2000 s INF
+"""
 
     def power_up(self) -> None:
         self.reference = "INT"
@@ -91,16 +78,13 @@ class Agilent53230A(ScpiDevice):
         self._noise = self.rng("counter noise")
 
     def reset(self) -> None:
-        self.filters, self.range_V, self.delay_s = False, 5.0, 0.0
-        self.calculates, self.scales, self.scale, self.gain = False, False, "NULL", 1.0
         self._event = 0
-        self._configure("")
 
     @property
     def _counted_Hz(self) -> float:
         """Frequency that is seen at the input of the function, hertz; 0 for none."""
         source = self.partner(Agilent33250A)
-        if source is None or "2" in self._settings[_FUNCTION]:
+        if source is None or "2" in self.function:
             return 0.0
         peak_V, frequency_Hz = source.open_amplitude_V / 2.0, float(source.true_frequency_Hz)
         reached = peak_V > _LEAST * self.range_V and (self.finds_level or abs(self.level_V) < peak_V)
@@ -121,26 +105,23 @@ class Agilent53230A(ScpiDevice):
             return value
         return value * self.gain if self.scale == "SCAL" else 0.0  # nothing from itself
 
-    @command(":INPut1:LEVel[:ABSolute]")
-    def _set_level(self, text: str) -> None:
-        self.level_V, self.finds_level = self.number(text, -51.0, 51.0, "V"), False
+    def _read_level(self, text: str) -> float:
+        level_V, self.finds_level = self.number(text, -51.0, 51.0, "V"), False
+        return level_V
 
     @command(":CONFigure:FREQuency")
     def _configure(self, text: str) -> None:
         numbers, _, channel = text.partition("(@")
         if expected := words(numbers):
             self.number(expected[0], 1e-3, 4e8, "Hz", DEF=1e7)
-        self._settings[_FUNCTION] = f'"FREQ {self.word(channel or "1)", "1)", "2)")[0]}"'
-        self.level_V, self.finds_level = 0.0, True
-        self.gate_s, self.gate_source = 0.1, "TIME"
-        self.samples, self.triggers, self.trigger_source = 1, 1, "IMM"
+        self.function = f"FREQ {self.word(channel or '1)', '1)', '2)')[0]}"
+        self.restore("level_V", "finds_level", "gate_s", "gate_source", "samples", "triggers", "trigger_source")
 
     @command(":STATus:QUEStionable[:EVENt]?")
     def _questionable(self, _: str) -> str:
         if self.reference == "EXT" and self.reference_lost:
             self._event |= REFERENCE_BIT
-        value, self._event = self._event, 0
-        return str(value)
+        return self.read_out("_event")
 
     @command(":READ?")
     def _read(self, _: str) -> str | None:

@@ -11,10 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
-from sim_instruments.bus.kept import HeldSettings, Kept, KeptSettings, held_count, held_switch, word
-from sim_instruments.bus.scpi import Answers, Handlers, ScpiDevice, command, words
+from sim_instruments.bus.scpi import Handlers, ScpiDevice, command, words
 
 _READ_S = 0.1
 GAIN_SIGMA = 1e-4
@@ -37,23 +36,22 @@ class AgilentE3631A(ScpiDevice):
     """Three rails; each has a gain error of its own, drawn once."""
 
     identity = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
-    answers: ClassVar[Answers] = {
-        ":INSTrument[:SELect]?": lambda self: self.rail.name,
-        "[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]?": lambda self: f"{self.rail.voltage_V:+.8E}",
-        "[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]?": lambda self: f"{self.rail.current_A:+.8E}",
-    }
-    held: ClassVar[HeldSettings] = {
-        ":INSTrument:NSELect": held_count("number_selected", 1, 3, ""),
-        ":OUTPut[:STATe]": held_switch("on"),
-        ":OUTPut:TRACk[:STATe]": held_switch("tracks", applied=True),
-    }
-    kept: ClassVar[KeptSettings] = {
-        ":INSTrument:COUPle[:TRIGger]": Kept("NONE"),
-        ":TRIGger[:SEQuence]:SOURce": word("BUS", "IMMediate"),
-        ":TRIGger[:SEQuence]:DELay": Kept(0.0, 0.0, 3600.0, "S"),
-        ":DISPlay[:WINDow][:STATe]": Kept(True),
-        ":DISPlay[:WINDow]:TEXT[:DATA]": Kept("", text=True),
-    }
+    settings = """
+:INSTrument[:SELect]?                              | rail.name       | -
+:INSTrument:NSELect                                | number_selected | 1   | 1 3
+:OUTPut[:STATe]                                    | on              | OFF
+:OUTPut:TRACk[:STATe]                              | tracks!         | OFF
+[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]? | rail.voltage_V  | -   |                 | +.8E
+[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]  | rail.current_A  | -   | 0 rail.high_A A | +.8E
+:INSTrument:COUPle[:TRIGger]                       |                 | NONE
+:TRIGger[:SEQuence]:SOURce                         |                 | BUS | BUS, IMMediate
+:TRIGger[:SEQuence]:DELay                          |                 | 0.  | 0 3600 S
+:DISPlay[:WINDow][:STATe]                          |                 | ON
+:DISPlay[:WINDow]:TEXT[:DATA]                      |                 | ""
+:DISPlay[:WINDow]:TEXT:CLEar                       |                 |     |                 | -
+:SYSTem:BEEPer[:IMMediate]                         |                 |     |                 | -
+:SYSTem:REMote                                     |                 |     |                 | -
+"""
 
     def power_up(self) -> None:
         super().power_up()
@@ -66,7 +64,6 @@ class AgilentE3631A(ScpiDevice):
             Rail("P25V", 0.0, 25.75, 1.03, 150.0, current_A=1.0),
             Rail("N25V", -25.75, 0.0, 1.03, 150.0, current_A=1.0),
         )
-        self.number_selected, self.on, self.tracks = 1, False, False
 
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "voltages_V": [rail.voltage_V for rail in self.rails]}
@@ -89,9 +86,7 @@ class AgilentE3631A(ScpiDevice):
         return voltage_V, current_A
 
     def further(self) -> Handlers:
-        unseen = (":DISPlay[:WINDow]:TEXT:CLEar", ":SYSTem:BEEPer[:IMMediate]", ":SYSTem:REMote")  # remote it is anyway
         return {
-            **dict.fromkeys(unseen, lambda _: None),
             ":MEASure[:VOLTage][:DC]?": partial(self._measure, 0, 2e-4),
             ":MEASure:CURRent[:DC]?": partial(self._measure, 1, 1e-4),
             **{
@@ -129,18 +124,14 @@ class AgilentE3631A(ScpiDevice):
     def _set_rail(self, text: str) -> None:
         name, *levels = words(text) or [""]
         self._select(name)
-        for set_level, level in zip((self._set_voltage, self._set_current), levels, strict=False):
-            set_level(level)
+        for header, level in zip((":VOLT", ":CURR"), levels, strict=False):
+            self.carry_out(f"{header} {level}")
 
     @command("[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]")
     def _set_voltage(self, text: str) -> None:
         rail = self.rail
         rail.voltage_V = self.number(text, rail.low_V, rail.high_V, "V")
         self._track(rail)
-
-    @command("[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]")
-    def _set_current(self, text: str) -> None:
-        self.rail.current_A = self.number(text, 0.0, self.rail.high_A, "A")
 
 
 SIMULATOR = AgilentE3631A

@@ -43,21 +43,22 @@ SINCE_CALIBRATION_DAYS = 5
 _KEYS = {"OFFSET": "offset_A", "SCALE": "scale"}
 _ZERO_A = 1e-12
 
-FAULTS = {
-    0: "No Error",
-    501: "Compliance Voltage Exceeded",
-    502: "Current Lost Its Path",
-    503: "Output Overloaded",
-    601: "Queue Overflow",
-    701: "Bad Syntax",
-    702: "Unknown Command",
-    703: "Invalid Number",
-    704: "Value Out Of Range",
-    705: "Value Over Entry Limit",
-    706: "Value Does Not Fit Locked Range",
-    707: "Unit Not Available",
-    708: "Not Possible With A Fault Queued",
-}
+_FAULTS = """
+0 No Error
+501 Compliance Voltage Exceeded
+502 Current Lost Its Path
+503 Output Overloaded
+601 Queue Overflow
+701 Bad Syntax
+702 Unknown Command
+703 Invalid Number
+704 Value Out Of Range
+705 Value Over Entry Limit
+706 Value Does Not Fit Locked Range
+707 Unit Not Available
+708 Not Possible With A Fault Queued
+"""
+FAULTS = dict(line.split(" ", 1) for line in _FAULTS.strip().splitlines())
 _MULTIPLIER = {"": 1.0, "P": 1e-12, "N": 1e-9, "U": 1e-6, "M": 1e-3, "K": 1e3, "MA": 1e6}
 _VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)\s*(?:(MA|[PNUMK])?(A|V|HZ|OHM))?", re.IGNORECASE)
 
@@ -287,13 +288,13 @@ class Fluke5720A(CommandDevice):
         self.limits[unit] = (pairs[1][0], pairs[0][0])
 
     def _explain(self, text: str) -> str:
-        try:
-            return f'"{FAULTS[int(text)]}"'
-        except (KeyError, ValueError):
-            raise CommandError(703) from None
+        if text not in FAULTS:
+            raise CommandError(703)
+        return f'"{FAULTS[text]}"'
 
     def _ask_complete(self, _: str) -> str:
-        self.reply_after(0.0 if self.settled else (self._settled_ns - self.now_ns) / NS)
+        if not self.settled:
+            self.reply_at(self._settled_ns)
         return "1"
 
     def _ask_status(self, _: str) -> str:
@@ -305,10 +306,6 @@ class Fluke5720A(CommandDevice):
             **{bit: self.words[header] == "ON" for header, bit in _SWITCH_BITS.items()},
         }
         return str(sum(bit for bit, is_set in bits.items() if is_set))
-
-    def _ask_event_status(self, _: str) -> str:
-        value, self.event_status = self.event_status, 0
-        return str(value)
 
     def _clear_status(self, _: str) -> None:
         self.faults_queued.clear()
@@ -324,7 +321,7 @@ _COMMANDS: dict[str, Callable[[Fluke5720A, str], str | None]] = {
     "*RST": Fluke5720A._reset,
     "*CLS": Fluke5720A._clear_status,
     "*OPC?": Fluke5720A._ask_complete,
-    "*ESR?": Fluke5720A._ask_event_status,
+    "*ESR?": lambda self, _: self.read_out("event_status"),
     "*STB?": lambda self, _: str(self.status_byte()),
     "OUT": Fluke5720A._out,
     "OUT?": lambda self, _: f"{self.value:.7E},{self.unit},0.00E+00",

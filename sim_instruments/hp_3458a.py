@@ -401,10 +401,6 @@ class Hp3458A(CommandDevice):
         self.errors -= lowest
         return ERROR_TEXT[lowest]
 
-    def _all_errors(self) -> str:
-        register, self.errors = self.errors, 0
-        return str(register)
-
 
 _COMMANDS: dict[str, Callable[..., None]] = {
     "ACAL": lambda self, *_: self._go_on(ACAL_S),
@@ -424,7 +420,7 @@ _ACTS: dict[str, Callable[[Hp3458A], None]] = {  # what follows when a setting i
     "TRIG": Hp3458A._start,
 }
 _ANSWERS: dict[str, Callable[[Hp3458A], str]] = {
-    "ERR?": Hp3458A._all_errors,
+    "ERR?": lambda self: self.read_out("errors"),
     "ERRSTR?": Hp3458A._next_error,
     "ID?": lambda self: self.told_identity,
     "ISCALE?": lambda self: f"{self._scale: .8E}",

@@ -13,20 +13,10 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from sim_instruments.bus.kept import (
-    HeldSettings,
-    Kept,
-    KeptSettings,
-    held_count,
-    held_number,
-    held_switch,
-    held_word,
-    word,
-)
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
 from sim_instruments.faults.fault import Fault, NamedFaults
 
-HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
+HIGHEST_V = 20.475
 RESTART_S = 0.3  # the unit's supply is away
 _LOW_A = 0.02  # the low range of current
 _QUESTIONABLE = {"OV": 1, "OC": 2, "RI": 512}
@@ -44,38 +34,31 @@ class Hp6632B(ScpiDevice):
         ":STATus:OPERation:CONDition?": lambda self: str(_CC if self._is_limited else _CV),
     }
 
-    held: ClassVar[HeldSettings] = {
-        "[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude]": held_number(
-            "voltage_V", 0.0, HIGHEST_V, "V", ".5E", applied=True
-        ),
-        "[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude]": held_number(
-            "current_A", 0.0, HIGHEST_A, "A", ".5E", applied=True
-        ),
-        "[:SOURce]:VOLTage:PROTection[:LEVel]": held_number("trip_V", 0.0, HIGHEST_TRIP_V, "V", ".5E", applied=True),
-        "[:SOURce]:CURRent:PROTection:STATe": held_switch("over_current_trip", applied=True),
-        "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]": held_number("next_V", 0.0, HIGHEST_V, "V"),
-        "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]": held_number("next_A", 0.0, HIGHEST_A, "A"),
-        ":OUTPut[:STATe]": held_switch("on", applied=True),
-        ":OUTPut:PROTection:DELay": held_number("delay_s", 0.0, 2147483.647, "s", ".5E"),
-        ":OUTPut:RI:MODE": held_word("inhibit_mode", "OFF", "LATChing", "LIVE"),
-        ":INITiate:CONTinuous:SEQuence1": held_switch("continuous"),
-        ":SENSe:CURRent[:DC]:RANGe[:UPPer]": held_number("range_A", 0.0, HIGHEST_A, "A", ".5E"),
-        ":SENSe:SWEep:TINTerval": held_number("interval_s", 15.6e-6, 31200.0, "s", ".5E"),
-        ":SENSe:SWEep:POINts": held_count("points", 1, 4096, ""),
-    }
-
-    kept: ClassVar[KeptSettings] = {
-        "[:SOURce]:VOLTage:ALC:BANDwidth": Kept(15000.0, 15000.0, 60000.0),
-        "[:SOURce]:DIGital:DATA": Kept(0, 0.0, 7.0),
-        "[:SOURce]:DIGital:FUNCtion": word("RIDFi", "DIGio"),
-        ":DISPlay:MODE": word("NORMal", "TEXT"),
-        ":DISPlay:TEXT[:DATA]": Kept("", text=True),
-        ":OUTPut:DFI:SOURce": word("OFF", "QUEStionable", "OPERation", "ESB", "RQS"),
-        ":OUTPut:PON:STATe": word("RST", "RCL0"),
-        ":SENSe:WINDow[:TYPE]": word("HANNing", "RECTangular"),
-        ":SYSTem:LANGuage": word("SCPI", "COMPatibility"),
-        ":OUTPut:DFI[:STATe]": Kept(False),
-    }
+    settings = """
+[:SOURce]:VOLTage[:LEVel][:IMMediate][:AMPLitude] | voltage_V!         | 0.      | 0 20.475 V      | .5E
+[:SOURce]:CURRent[:LEVel][:IMMediate][:AMPLitude] | current_A!         | 0.512   | 0 5.1188 A      | .5E
+[:SOURce]:VOLTage:PROTection[:LEVel]              | trip_V!            | 22.     | 0 22 V          | .5E
+[:SOURce]:CURRent:PROTection:STATe                | over_current_trip! | OFF
+[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]   | next_V             | -       | 0 20.475 V      | -
+[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]   | next_A             | -       | 0 5.1188 A      | -
+:OUTPut[:STATe]                                   | on!                | OFF
+:OUTPut:PROTection:DELay                          | delay_s            | 0.08    | 0 2147483.647 s | .5E
+:OUTPut:RI:MODE                                   | inhibit_mode       | OFF     | OFF, LATChing, LIVE
+:INITiate:CONTinuous:SEQuence1                    | continuous         | OFF
+:SENSe:CURRent[:DC]:RANGe[:UPPer]                 | range_A            | 5.1188  | 0 5.1188 A      | .5E
+:SENSe:SWEep:TINTerval                            | interval_s         | 15.6E-6 | 15.6E-6 31200 s | .5E
+:SENSe:SWEep:POINts                               | points             | 2048    | 1 4096
+[:SOURce]:VOLTage:ALC:BANDwidth                   |                    | 15000.  | 15000 60000
+[:SOURce]:DIGital:DATA                            |                    | 0       | 0 7
+[:SOURce]:DIGital:FUNCtion                        |                    | RIDF    | RIDFi, DIGio
+:DISPlay:MODE                                     |                    | NORM    | NORMal, TEXT
+:DISPlay:TEXT[:DATA]                              |                    | ""
+:OUTPut:DFI[:STATe]                               |                    | OFF
+:OUTPut:DFI:SOURce                                |                    | OFF | OFF, QUEStionable, OPERation, ESB, RQS
+:OUTPut:PON:STATe                                 |                    | RST     | RST, RCL0
+:SENSe:WINDow[:TYPE]                              |                    | HANN    | HANNing, RECTangular
+:SYSTem:LANGuage                                  |                    | SCPI    | SCPI, COMPatibility
+"""
 
     def power_up(self) -> None:
         self.supplied_V, self._changes = 0.0, 0
@@ -83,12 +66,9 @@ class Hp6632B(ScpiDevice):
         self._noise = self.world.rng("6632B readings")
 
     def reset(self) -> None:
-        self.voltage_V, self.current_A, self.trip_V = 0.0, 0.512, HIGHEST_TRIP_V
-        self.over_current_trip, self.on, self.tripped, self.delay_s = False, False, "", 0.08
         self.next_V: float | None = None
         self.next_A: float | None = None
-        self.armed, self.continuous, self.inhibited, self.inhibit_mode = False, False, False, "OFF"
-        self.range_A, self.points, self.interval_s = HIGHEST_A, 2048, 15.6e-6
+        self.armed, self.inhibited, self.tripped = False, False, ""
         self._apply()
 
     def press(self, keys: str) -> None:

@@ -16,13 +16,11 @@ from __future__ import annotations
 import re
 from functools import partial
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any
 
-from sim_instruments.bus.kept import Held, HeldSettings, Kept, KeptSettings, held_switch, word
 from sim_instruments.bus.scpi import (
     MISSING_PARAMETER,
     SETTINGS_CONFLICT,
-    Answers,
     Handlers,
     ScpiDevice,
     ScpiError,
@@ -34,18 +32,18 @@ RELAY_S, SCAN_S = 0.015, 1.0
 CARD = "C7012"
 _POINT = re.compile(r"(\d+)!(\d+)!(\d+)")
 _CELLS = tuple(product(range(1, ROWS + 1), range(1, COLUMNS + 1)))
-_SLOT = {"CTYPe": Kept(CARD), "POLE": Kept(2, 1, 4), "STIMe": Kept(0.0, 0.0, 99999.999)}
-_LAYER = {
-    "SOURce": word("IMMediate", "BUS", "EXTernal", "TIMer", "MANual"),
-    "COUNt": Kept(1, 1, 99999, infinite=True),
-    "DELay": Kept(0.0, 0.0, 99999.999),
-}
+_SLOT = """
+[:ROUTe]:CONFigure:SLOT#:CTYPe |  | C7012
+[:ROUTe]:CONFigure:SLOT#:POLE  |  | 2  | 1 4
+[:ROUTe]:CONFigure:SLOT#:STIMe |  | 0. | 0 99999.999
+"""
+_LAYER = """
+#:SOURce |  | IMM | IMMediate, BUS, EXTernal, TIMer, MANual
+#:COUNt  |  | 1   | 1 99999 INF
+#:DELay  |  | 0.  | 0 99999.999
+"""
 
 Point = tuple[int, int, int]
-
-
-def _held_points(attribute: str, *, applied: bool = False) -> Held:
-    return Held(attribute, lambda device, text: device.points(text), None, applied)
 
 
 class Keithley7002(ScpiDevice):
@@ -58,23 +56,16 @@ class Keithley7002(ScpiDevice):
     no_error = '0,"No error"'
     error_format = '{0},"{1}"'
     queue_length = 10
-    answers: ClassVar[Answers] = {
-        "[:ROUTe]:CLOSe:STATe?": lambda self: self.listed(self.closed),
-        "[:ROUTe]:SCAN?": lambda self: self.listed(self.scan_list),
-        "[:ROUTe]:FCHannels?": lambda self: self.listed(self.forbidden),
-    }
-    held: ClassVar[HeldSettings] = {
-        ":INITiate:CONTinuous": held_switch("continuous", applied=True),
-        "[:ROUTe]:SCAN": _held_points("scan_list", applied=True),
-        "[:ROUTe]:FCHannels": _held_points("forbidden"),
-    }
-    kept: ClassVar[KeptSettings] = {
-        ":DISPlay:ENABle": Kept(True),
-        ":OUTPut:TTL1": Kept(False),
-        ":TRIGger:COUNt:AUTO": Kept(False),
-        **{f"{layer}:{name}": _LAYER[name] for layer in (":ARM:LAYer1", ":ARM:LAYer2", ":TRIGger") for name in _LAYER},
-        **{f"[:ROUTe]:CONFigure:SLOT{slot}:{name}": _SLOT[name] for slot in range(1, SLOTS + 1) for name in _SLOT},
-    }
+    settings = """
+:INITiate:CONTinuous | continuous! | OFF
+[:ROUTe]:SCAN        | scan_list!  | - | by points | -
+[:ROUTe]:FCHannels   | forbidden   | - | by points | -
+:DISPlay:ENABle      |             | ON
+:OUTPut:TTL1         |             | OFF
+:TRIGger:COUNt:AUTO  |             | OFF
+"""
+    settings += "".join(_LAYER.replace("#", layer) for layer in (":ARM:LAYer1", ":ARM:LAYer2", ":TRIGger"))
+    settings += "".join(_SLOT.replace("#", str(slot)) for slot in range(1, SLOTS + 1))
 
     def power_up(self) -> None:
         self.closed: set[Point] = set()
@@ -85,7 +76,7 @@ class Keithley7002(ScpiDevice):
     def reset(self) -> None:
         self.scan_list: set[Point] = set()
         self.forbidden: set[Point] = set()
-        self._scanning = self.continuous = False
+        self._scanning = False
         if self.closed:
             self._move(set())
 
@@ -123,7 +114,7 @@ class Keithley7002(ScpiDevice):
 
     def of_slot(self, slot: int, setting: str) -> str:
         """Return a setting of a slot as it is told."""
-        return self._settings[f"[:ROUTe]:CONFigure:SLOT{slot}:{setting}"]
+        return str(getattr(self, f"[:ROUTe]:CONFigure:SLOT{slot}:{setting}"))
 
     def points(self, text: str) -> set[Point]:
         """Return crosspoints of a channel list; a range runs over columns, then rows, inside one card."""
@@ -150,11 +141,6 @@ class Keithley7002(ScpiDevice):
             raise ScpiError(-222, "Parameter data out of range")
         return slot, row, column
 
-    @staticmethod
-    def listed(points: set[Point]) -> str:
-        """Return crosspoints as they are told."""
-        return f"(@{','.join('!'.join(map(str, point)) for point in sorted(points))})"
-
     @command("[:ROUTe]:CLOSe")
     def _close(self, text: str) -> None:
         points = self.points(text)
@@ -174,11 +160,17 @@ class Keithley7002(ScpiDevice):
         self._move(set() if text.upper() == "ALL" else self.closed - self.points(text))
 
     def further(self) -> Handlers:
+        lists = {"CLOSe:STATe": "closed", "SCAN": "scan_list", "FCHannels": "forbidden"}
         return {
-            f"[:ROUTe]:{state}?": partial(self._tell, closed) for state, closed in (("CLOSe", True), ("OPEN", False))
+            **{f"[:ROUTe]:{header}?": partial(self._tell_list, attribute) for header, attribute in lists.items()},
+            "[:ROUTe]:CLOSe?": partial(self._tell_closed, True),
+            "[:ROUTe]:OPEN?": partial(self._tell_closed, False),
         }
 
-    def _tell(self, closed: bool, text: str) -> str:
+    def _tell_list(self, attribute: str, _: str) -> str:
+        return f"(@{','.join('!'.join(map(str, point)) for point in sorted(getattr(self, attribute)))})"
+
+    def _tell_closed(self, closed: bool, text: str) -> str:
         return ",".join(str(int((point in self.closed) is closed)) for point in sorted(self.points(text)))
 
 

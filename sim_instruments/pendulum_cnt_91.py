@@ -14,7 +14,6 @@ import numpy as np
 
 from bench.model.arrays import Integers, Octets
 from bench.model.clock import NS
-from sim_instruments.bus.kept import Held, HeldSettings, Kept, KeptSettings, held_number, held_switch, held_word, word
 from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, Answers, ScpiDevice, ScpiError, command
 from sim_instruments.bus.time_tag_blocks import TagBlocks
 
@@ -23,33 +22,22 @@ MEASUREMENT_STARTED = 16  # operation status
 INIT_IGNORED = (-213, "Init ignored")
 _PS = 10**12
 FILTER_PS = 1_600_000  # delay of the low-pass of 100 kHz
-_AFTER_RESET = {  # of an input
-    "coupling": "AC", "slope": "POS", "impedance_ohm": 1e6, "attenuation": 1.0, "filtered": False, "automatic": True,
-    "level_V": 0.0,
-}  # fmt: skip
+_INPUT = """
+:INPut#:COUPling    | coupling_#      | AC  | AC, DC
+:INPut#:SLOPe       | slope_#         | POS | POSitive, NEGative
+:INPut#:IMPedance   | impedance_ohm_# | 1E6 | 50 1E6 OHM     | .1E
+:INPut#:ATTenuation | attenuation_#   | 1.  | 1 10           | g
+:INPut#:FILTer      | filtered_#      | OFF
+:INPut#:LEVel:AUTO  | automatic_#     | ON
+:INPut#:LEVel       | level_V_#       | 0.  | by _read_level | +.8E
+"""
+_OF_INPUT = ("level_V", "slope", "filtered", "coupling", "impedance_ohm", "attenuation", "automatic")
 _HIGH_V = 5.0  # of the comparators
 _LEVEL_STEP_V = 0.0025
 _SLICE_NS = NS  # events are asked for in such pieces, so that a long silence needs no more memory than a short one
 _MOST_BYTES = 10_000_000
 
 Events = tuple[Integers, Octets, Octets, Octets]
-
-
-def _held_of(number: int) -> HeldSettings:
-    """Return the settings of an input, each in an attribute of its own."""
-    return {
-        f":INPut{number}:COUPling": held_word(f"coupling_{number}", "AC", "DC"),
-        f":INPut{number}:SLOPe": held_word(f"slope_{number}", "POSitive", "NEGative"),
-        f":INPut{number}:IMPedance": held_number(f"impedance_ohm_{number}", 50.0, 1e6, "OHM", ".1E"),
-        f":INPut{number}:ATTenuation": held_number(f"attenuation_{number}", 1.0, 10.0, form="g"),
-        f":INPut{number}:FILTer": held_switch(f"filtered_{number}"),
-        f":INPut{number}:LEVel:AUTO": held_switch(f"automatic_{number}"),
-        f":INPut{number}:LEVel": Held(f"level_V_{number}", _level_V, "+.8E", applied=False),
-    }
-
-
-def _level_V(device: ScpiDevice, text: str) -> float:
-    return round(device.number(text, -5.0, 5.0, "V") / _LEVEL_STEP_V) * _LEVEL_STEP_V
 
 
 @runtime_checkable
@@ -72,20 +60,19 @@ class PendulumCnt91(ScpiDevice):
 
     identity = "PENDULUM, CNT-91, 919191, V1.28 02 Mar 2017"
     answers: ClassVar[Answers] = {
-        ":INITiate:CONTinuous?": lambda self: str(int(self.continuous)),
         ":STATus:OPERation:CONDition?": lambda self: str(MEASUREMENT_STARTED if self.running else 0),
-        ":FORMat:SMAX?": lambda self: "10000",
-        ":STReam:CLOCk?": lambda self: str(self.clock_Hz),
     }
-    held: ClassVar[HeldSettings] = {
-        **_held_of(1), **_held_of(2), ":ARM:SOURce": held_word("arming", "IMMediate", "EXT1", "EXT2", "EXT4"),
-    }  # fmt: skip
-    kept: ClassVar[KeptSettings] = {
-        ":FORMat": word("ASCii", "REAL", "PACKed"),
-        ":ARM:SLOPe": word("POSitive", "NEGative"),
-        ":CALibration:INTerpolator:AUTO": Kept(True),
-        "[:SENSe]:ACQuisition:APERture": Kept(0.01, 20e-9, 1000.0, "S"),
-    }
+    settings = """
+:INITiate:CONTinuous?          | continuous | OFF
+:ARM:SOURce                    | arming     | IMM  | IMMediate, EXT1, EXT2, EXT4
+:ARM:SLOPe                     |            | POS  | POSitive, NEGative
+:FORMat                        |            | ASC  | ASCii, REAL, PACKed
+:FORMat:SMAX?                  |            | 10000
+:CALibration:INTerpolator:AUTO |            | ON
+[:SENSe]:ACQuisition:APERture  |            | 0.01 | 20E-9 1000 S
+:STReam:CLOCk?                 | clock_Hz   | 10000000
+"""
+    settings += "".join(_INPUT.replace("#", str(number)) for number in (1, 2))
 
     def power_up(self) -> None:
         self.blocks = TagBlocks()
@@ -94,9 +81,11 @@ class PendulumCnt91(ScpiDevice):
         self._clock_error = float(self.options.get("clock_error_ppm", 0.0)) * 1e-6
 
     def reset(self) -> None:
-        vars(self).update({f"{name}_{number}": value for name, value in _AFTER_RESET.items() for number in (1, 2)})
-        self.clock_Hz, self.continuous, self.running, self.arming = CLOCKS_HZ[0], False, False, "IMM"
+        self.running = False
         self.blocks.clear()
+
+    def _read_level(self, text: str) -> float:
+        return round(self.number(text, -5.0, 5.0, "V") / _LEVEL_STEP_V) * _LEVEL_STEP_V
 
     def outputs(self) -> dict[str, Any]:
         return {"measuring": self.running}
@@ -129,12 +118,12 @@ class PendulumCnt91(ScpiDevice):
         """
         late_ps, level, lost = np.zeros(t_ps.size, np.int64), levels[0].copy(), np.full(t_ps.size, self.arming != "IMM")
         for number in (1, 2):
-            node, mine = {name: getattr(self, f"{name}_{number}") for name in _AFTER_RESET}, channel == number - 1
-            plain = (node["coupling"], node["impedance_ohm"], node["attenuation"], node["automatic"])
-            if plain != ("DC", 1e6, 1.0, False) or not 0.0 <= node["level_V"] < _HIGH_V:
+            level_V, slope, filtered, *plain = (getattr(self, f"{name}_{number}") for name in _OF_INPUT)
+            mine = channel == number - 1
+            if plain != ["DC", 1e6, 1.0, False] or not 0.0 <= level_V < _HIGH_V:
                 lost |= mine
-            late_ps[mine] = FILTER_PS * node["filtered"]
-            level[mine] ^= np.uint8(node["slope"] == "NEG")
+            late_ps[mine] = FILTER_PS * filtered
+            level[mine] ^= np.uint8(slope == "NEG")
         return (t_ps + late_ps)[~lost], channel[~lost], level[~lost], levels[1][~lost]
 
     @property

@@ -52,18 +52,50 @@ class Field(NamedTuple):
         return value
 
 
-_MOST = {  # settings from 0 to so much, 0 after *RST
-    "RSLP": 2, "ISRC": 3, "IGND": 1, "ICPL": 1, "ILIN": 3, "SYNC": 1, "SRAT": 14, "SEND": 1, "TSTR": 1, "FAST": 2,
-    "OVRM": 1, "KCLK": 1, "ALRM": 1, "LOCL": 2, "*ESE": 255, "*SRE": 255, "*PSC": 1, "LIAE": 255, "ERRE": 255,
-}  # fmt: skip
-_FIELDS: dict[str, tuple[Field, ...]] = {head: (Field(0, most),) for head, most in _MOST.items()} | {
-    "FMOD": (Field(0, 1, 1),), "HARM": (Field(1, 19999, 1),), "RMOD": (Field(0, 2, 1),), "SENS": (Field(0, 26, 26),),
-    "OFLT": (Field(0, 19, 8),), "OFSL": (Field(0, 3, 1),), "OUTX": (Field(0, 1, 1),),
-    "PHAS": (Field(-360.0, 729.99, 0.0, ".2f"),), "FREQ": (Field(1e-3, 102e3, 1000.0, ".6g"),),
-    "SLVL": (Field(0.004, 5.0, 1.0, ".3f"),), "AUXV": (Field(-10.5, 10.5, 0.0, ".3f"),), "FPOP": (Field(0, 1),),
-    "OEXP": (Field(-105.0, 105.0, 0.0, ".2f"), Field(0, 2)), "DDEF": (Field(0, 4), Field(0, 2)),
-}  # fmt: skip
-_PLACES = {"OEXP": 3, "AUXV": 4, "DDEF": 2, "FPOP": 2, "OUTP": 4, "OUTR": 2, "OAUX": 4}  # the first parameter is one
+def _field(low: str, high: str, reset: str, form: str = "d") -> Field:
+    return Field(float(low), float(high), int(reset) if form == "d" else float(reset), form)
+
+
+# Setting | of each of its parameters: two limits, what it is after *RST, how it is told if it is not whole | how many
+# places there are of it, one of which the first parameter names
+_TABLE = """
+*ESE | 0 255 0
+*PSC | 0 1 0
+*SRE | 0 255 0
+ALRM | 0 1 0
+AUXV | -10.5 10.5 0. .3f        | 4
+DDEF | 0 4 0, 0 2 0             | 2
+ERRE | 0 255 0
+FAST | 0 2 0
+FMOD | 0 1 1
+FPOP | 0 1 0                    | 2
+FREQ | 0.001 102E3 1000. .6g
+HARM | 1 19999 1
+ICPL | 0 1 0
+IGND | 0 1 0
+ILIN | 0 3 0
+ISRC | 0 3 0
+KCLK | 0 1 0
+LIAE | 0 255 0
+LOCL | 0 2 0
+OEXP | -105. 105. 0. .2f, 0 2 0 | 3
+OFLT | 0 19 8
+OFSL | 0 3 1
+OUTX | 0 1 1
+OVRM | 0 1 0
+PHAS | -360. 729.99 0. .2f
+RMOD | 0 2 1
+RSLP | 0 2 0
+SEND | 0 1 0
+SENS | 0 26 26
+SLVL | 0.004 5. 1. .3f
+SRAT | 0 14 0
+SYNC | 0 1 0
+TSTR | 0 1 0
+"""
+_ROWS = [[column.strip() for column in f"{row}|".split("|")] for row in _TABLE.strip().splitlines()]
+_FIELDS = {head: [_field(*text.split()) for text in fields.split(",")] for head, fields, *_ in _ROWS}
+_PLACES = {"OUTP": 4, "OUTR": 2, "OAUX": 4} | {head: int(places) for head, _, places, *_ in _ROWS if places}
 _NOT_RESET = ("OUTX", "LOCL", "OVRM", "*ESE", "*SRE", "*PSC", "LIAE", "ERRE")
 _DONE = ("APHS", "AGAN", "ARSV", "AOFF", "STRT", "STRD", "PAUS", "REST", "TRIG", "SSET", "RSET")
 _SNAPPED = range(2, 7)  # quantities of one SNAP?
@@ -181,9 +213,9 @@ class SrsSr830(LiveDevice):
     def _ask(self, head: str, arguments: list[str]) -> str:
         asked: dict[str, Callable[[], str]] = {
             "*IDN": lambda: self.told_identity,
-            "*ESR": self._take_events,
+            "*ESR": lambda: self.read_out("_events"),
             "ERRS": lambda: "0",
-            "LIAS": self._take_status,
+            "LIAS": self._read_status,
             "*STB": lambda: str(self.status_byte()),
             "*TST": lambda: "0",
             "SPTS": lambda: "0",
@@ -198,6 +230,10 @@ class SrsSr830(LiveDevice):
             return f"{self.processor.frequency_Hz:.6g}"
         values = self._held[head, _place(head, arguments)]
         return ",".join(format(value, field.form) for field, value in zip(_FIELDS[head], values, strict=True))
+
+    def _read_status(self) -> str:
+        status, self.processor.status = self.processor.status, 0
+        return str(status)
 
     def _snapped(self, quantities: list[int]) -> str:
         if len(quantities) not in _SNAPPED:
@@ -219,14 +255,6 @@ class SrsSr830(LiveDevice):
         """Return what a display shows (DDEF): X or Y, R or theta; noise and auxiliary inputs read 0."""
         shown = self._held["DDEF", channel][0]
         return values[channel if shown == 0 else channel + 2] if shown < 2 else 0.0
-
-    def _take_events(self) -> str:
-        events, self._events = self._events, 0
-        return str(events)
-
-    def _take_status(self) -> str:
-        status, self.processor.status = self.processor.status, 0
-        return str(status)
 
 
 def _place(head: str, arguments: list[str]) -> int:

@@ -161,14 +161,14 @@ class Thermotron3800(LiveDevice):
             self._apply()
         return DONE
 
-    def _run(self, _: str, __: str) -> int:
+    def _run(self, *_: str) -> int:
         if self.mode & (PROGRAM_RUN | DELAYED_START | CALIBRATION):
             return NOT_NOW
         self.mode = MANUAL_RUN
         self._apply()
         return DONE
 
-    def _hold(self, _: str, __: str) -> int:
+    def _hold(self, *_: str) -> int:
         if self.mode not in (MANUAL_RUN, PROGRAM_RUN):
             return NOT_NOW
         self.mode |= EDIT_HOLD
@@ -176,10 +176,10 @@ class Thermotron3800(LiveDevice):
             self.world.thermal.hold(self.now_ns)
         return DONE
 
-    def _resume(self, _: str, __: str) -> int:
-        return self._run("", "") if self.mode == MANUAL_RUN | EDIT_HOLD else NOT_NOW
+    def _resume(self, *_: str) -> int:
+        return self._run() if self.mode == MANUAL_RUN | EDIT_HOLD else NOT_NOW
 
-    def _stop(self, _: str, __: str) -> int:
+    def _stop(self, *_: str) -> int:
         if self.mode == EDIT_STOP:
             return NOT_NOW
         self.mode = EDIT_STOP
@@ -201,7 +201,7 @@ _OPERATIONS: dict[str, Callable[[Thermotron3800, str, str], int]] = {
     "HOLD": Thermotron3800._hold,
     "STOP": Thermotron3800._stop,
     "OPTN": Thermotron3800._control,
-    "INIT": lambda self, _, __: DONE,
+    "INIT": lambda self, *_: DONE,
 }
 
 SIMULATOR = Thermotron3800

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pyvisa_sim.devices import Device
 
-from bench.model.clock import to_ns
+from bench.model.clock import NS, to_ns
 from bench.model.drivers import manual_of
 from sim_instruments.faults.fault import NamedFaults
 from sim_instruments.worlds.common.world import World
@@ -163,6 +163,12 @@ class LiveDevice(Device):
         """Return a reading as it is told: the text, or what the instrument says instead while a fault is on."""
         return self.faults.take_reading(text, self.not_a_number, self.overload)
 
+    def read_out(self, register: str) -> str:
+        """Return a register as it is told, and clear it."""
+        value = getattr(self, register)
+        setattr(self, register, 0)
+        return str(value)
+
     @property
     def told_identity(self) -> str:
         """What it says it is, by a fault another."""
@@ -221,18 +227,6 @@ class LiveDevice(Device):
             self._replies.popleft()
         return chunk
 
-    def write(self, data: bytes) -> None:
-        """pyvisa-sim's own entry: the same as a message with END."""
-        self.receive(data, end=True)
-
-    def read(self) -> tuple[bytes, bool]:
-        """pyvisa-sim's own entry: one byte of the output and whether END comes with it."""
-        if not self.reply_ready:
-            return b"", False
-        reply = self._replies[0]
-        byte = self.take(reply, 1)
-        return byte, not reply.payload and reply.end
-
     def _drop_unread(self) -> None:
         stale = [reply for reply in self._replies if reply.late and reply.ready_ns > self.now_ns]
         if len(stale) < len(self._replies):
@@ -260,6 +254,10 @@ class CommandDevice(LiveDevice):
     def reply_after(self, seconds: float) -> None:
         """Make the reply of the command being carried out ready that much later (gate time, measurement)."""
         self._reply_after_s = max(self._reply_after_s, seconds)
+
+    def reply_at(self, t_ns: int) -> None:
+        """Make that reply ready at a bench time, or at once behind it."""
+        self.reply_after((t_ns - self.now_ns) / NS)
 
     def execute(self, message: str) -> None:
         self._reply_after_s = 0.0

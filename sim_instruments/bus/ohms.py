@@ -26,23 +26,45 @@ UNREACHED = (532, "Cannot achieve requested resolution")
 AUTOMATIC = ("", "DEF", "AUTO")
 
 
+def cycles_for(share: float) -> float | None:
+    """Return the lowest integration time, power-line cycles, whose resolution is at most a share of the range."""
+    return next((cycles for cycles, resolved in RESOLUTION.items() if resolved <= share), None)
+
+
 @dataclass
-class OhmsSetting:
-    """Setting of one input: two or four wires, the range in ohm (None: automatic), power-line cycles."""
+class InputSetting:
+    """Setting of one input: wires (none for volts), range in ohm or volt (None: automatic), power-line cycles.
+
+    ``first``: the range that an automatic one begins with.
+    """
 
     wires: int
-    range_ohm: float | None
+    range: float | None
     cycles: float
+    first: float = 1e3
 
     @property
-    def reading_s(self) -> float:
-        """Time of one reading, second: four wires always measure their zero too (autozero)."""
-        return 2 * self.cycles / LINE_HZ
+    def nominal(self) -> float:
+        """The range as it is told."""
+        return self.range or self.first
 
     @property
-    def name(self) -> str:
-        """The function as ``CONFigure?`` tells it."""
-        return "FRES" if self.wires == 4 else "RES"
+    def automatic(self) -> bool:
+        """Whether it ranges by itself; ends with the range that there is."""
+        return self.range is None
+
+    @automatic.setter
+    def automatic(self, on: bool) -> None:
+        self.range = None if on else self.nominal
+
+    @property
+    def resolution(self) -> float:
+        """What can be told apart, which the integration time gives."""
+        return RESOLUTION[self.cycles] * self.nominal
+
+    @resolution.setter
+    def resolution(self, asked: float) -> None:
+        self.cycles = cycles_for(asked / self.nominal) or max(RESOLUTION)
 
 
 class Ohmmeter:
@@ -53,21 +75,17 @@ class Ohmmeter:
         self._noise = device.rng(f"{model} ohms noise")
         self._path_ohm = abs(device.rng(f"{model} two-wire path").normal(0.0, two_wire_ohm / 2))
 
-    def configured(self, wires: int, parameters: Sequence[str], cycles: float) -> OhmsSetting:
+    def configured(self, wires: int, parameters: Sequence[str], cycles: float) -> InputSetting:
         """Return the setting of ``CONFigure`` with the parameters range and resolution, both of them optional."""
         first, second = (word.strip().upper() for word in (*parameters, "", "")[:2])
         range_ohm = None if first in AUTOMATIC else self.range_of(first)
         if second in AUTOMATIC:
-            return OhmsSetting(wires, range_ohm, cycles)
+            return InputSetting(wires, range_ohm, cycles)
         asked_ohm = self._device.number(second, 3e-5, 1e4)
-        reached = [
-            digits
-            for digits, part in RESOLUTION.items()
-            if part * (range_ohm or RANGES_OHM[0]) <= asked_ohm * (1 + 1e-9)
-        ]
-        if not reached:
+        cycles_asked = cycles_for(asked_ohm * (1 + 1e-9) / (range_ohm or RANGES_OHM[0]))
+        if cycles_asked is None:
             raise ScpiError(*UNREACHED)
-        return OhmsSetting(wires, range_ohm, min(reached))
+        return InputSetting(wires, range_ohm, cycles_asked)
 
     def range_of(self, text: str) -> float:
         """Return the lowest range that holds a resistance."""
@@ -79,13 +97,13 @@ class Ohmmeter:
         asked = self._device.number(text, offered[0], offered[-1])
         return next(cycles for cycles in offered if asked <= cycles)
 
-    def reading(self, setting: OhmsSetting, source: Source | None) -> str:
+    def reading(self, setting: InputSetting, source: Source | None) -> str:
         """Return what is read of a source, open terminals as overload."""
         if source is None:
             return self._device.overload
         true_ohm = source.ohm(setting.wires, self._device.now_ns) + (self._path_ohm if setting.wires == 2 else 0.0)
         fitting = (range_ohm for range_ohm in RANGES_OHM if true_ohm <= OVER_RANGE * range_ohm)
-        range_ohm = next(fitting, RANGES_OHM[-1]) if setting.range_ohm is None else setting.range_ohm
+        range_ohm = next(fitting, RANGES_OHM[-1]) if setting.range is None else setting.range
         if true_ohm > OVER_RANGE * range_ohm:
             return self._device.overload
         noise_ohm = range_ohm * 1e-6 / 3 * (10.0 / setting.cycles) ** 0.5 * self._noise.normal()

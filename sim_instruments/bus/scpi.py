@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from bench.model.clock import NS
-from sim_instruments.bus.kept import Held, HeldSettings, Kept, KeptSettings, held_count
+from sim_instruments.bus.kept import Setting, settings_of
 from sim_instruments.bus.live import CommandDevice, CommandError
 
 UNDEFINED_HEADER = (-113, "Undefined header")
@@ -100,13 +100,12 @@ def _multiplier(suffix: str, unit: str) -> float:
 class ScpiDevice(CommandDevice):
     """A SCPI instrument: one reply per message, real error queue, ``*OPC?`` waits for what is pending.
 
-    ``answers`` are those that its state alone gives, by the header of the question; ``held`` are settings that need no
-    more than to be held, by header.
+    ``answers`` are those that its state alone gives, by the header of the question; ``settings`` is the table
+    (``sim_instruments.bus.kept``) of what needs no more than to be held.
     """
 
     answers: ClassVar[Answers] = {}
-    held: ClassVar[HeldSettings] = {}
-    kept: ClassVar[KeptSettings] = {}  # settings without effect, by header
+    settings = ""
     no_error = '+0,"No error"'
     scpi_version = "1999.0"
     error_format = '{0:+d},"{1}"'
@@ -116,18 +115,25 @@ class ScpiDevice(CommandDevice):
         super().power_up()
         self.errors: deque[tuple[int, str]] = deque()
         self.event_status = 128  # power on
-        self.event_enable = 0
-        self.service_enable = 0
         self.busy_until_ns = 0
-        self._settings = {header: setting.told for header, setting in self.kept.items()}
+        self._restore(settings_of(_SETTINGS))
         self._handlers = self._declared()
         self._known: dict[str, Handler | None] = {}
-        self.reset()
+        self._reset("")
 
     # --- for models --------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
         """Bring the settings to the power-on (and ``*RST``) state."""
+
+    def restore(self, *attributes: str) -> None:
+        """Bring what these attributes hold to what it is after ``*RST``."""
+        self._restore(setting for setting in settings_of(self.settings) if setting.attribute in attributes)
+
+    def _restore(self, settings: Iterable[Setting]) -> None:
+        for setting in settings:
+            if setting.default is not None:
+                setting.hold(self, setting.default)
 
     def error(self, number: int, text: str) -> None:
         """Append to the error queue; the last place becomes 'queue overflow' when it is full."""
@@ -224,40 +230,26 @@ class ScpiDevice(CommandDevice):
             for attribute in sorted(dir(type(self)))
             for pattern in getattr(getattr(type(self), attribute), "_scpi_patterns", ())
         }
-        for header, setting in self.kept.items():
-            handlers[header] = partial(self._keep, header, setting)
-            handlers[f"{header}?"] = partial(self._tell_kept, header, setting)
-        for header, held in {**_HELD, **self.held}.items():
-            handlers[header] = partial(self._hold, held)
-            if held.form is not None:
-                handlers[f"{header}?"] = partial(self._tell_held, held)
+        for setting in settings_of(_SETTINGS) + settings_of(self.settings):
+            header = setting.header.removesuffix("?")
+            if header == setting.header:
+                handlers[header] = partial(self._hold, setting)
+            if setting.form != "-":
+                handlers[f"{header}?"] = partial(self._tell, setting)
         handlers |= {pattern: partial(self._told, tell) for pattern, tell in {**_ANSWERS, **self.answers}.items()}
         handlers |= self.further()
         return [(header_expression(pattern), handler) for pattern, handler in handlers.items()]
 
-    def _hold(self, setting: Held, text: str) -> None:
-        setattr(self, setting.attribute, setting.read(self, text))
+    def _hold(self, setting: Setting, text: str) -> None:
+        setting.hold(self, setting.read(self, text))
         if setting.applied:
             self._apply()
 
-    def _tell_held(self, setting: Held, _: str) -> str:
-        return format(getattr(self, setting.attribute), setting.form or "")
-
-    def _keep(self, header: str, setting: Kept, text: str) -> None:
-        value: float | str | bool = text.strip("\"'")
-        if setting.choices:
-            value = self.word(text, *setting.choices)
-        elif isinstance(setting.default, bool):
-            value = self.boolean(text)
-        elif not isinstance(setting.default, str):
-            value = self.number(text, setting.low, setting.high, setting.unit, **setting.names)
-        self._settings[header] = setting.form(value)
-
-    def _tell_kept(self, header: str, setting: Kept, text: str) -> str:
-        """Tell a setting; ``MIN`` and ``MAX`` behind the question ask for its limits."""
-        if text and not isinstance(setting.default, str | bool):
-            return setting.form(self.number(text, setting.low, setting.high, setting.unit, **setting.names))
-        return self._settings[header]
+    def _tell(self, setting: Setting, text: str) -> str:
+        """Tell a setting; ``MIN`` and ``MAX`` behind the question ask for the limits of a number."""
+        if text and setting.limited:
+            return setting.form.format(setting.read(self, text))
+        return setting.tell(self)
 
     def _told(self, tell: Callable[[Any], str], _: str) -> str:
         return tell(self)
@@ -279,17 +271,9 @@ class ScpiDevice(CommandDevice):
 
     # --- commands every model has ------------------------------------------------------------------------------
 
-    @command("*PSC")
-    def _keep_at_power_on(self, text: str) -> None:
-        self._settings["*PSC"] = str(int(self.boolean(text)))
-
-    @command("*PSC?")
-    def _kept_at_power_on(self, _: str) -> str:
-        return self._settings.get("*PSC", "1")
-
     @command("*RST")
     def _reset(self, _: str) -> None:
-        self._settings = {header: setting.told for header, setting in self.kept.items()}
+        self._restore(settings_of(self.settings))
         self.reset()
 
     @command("*CLS")
@@ -299,7 +283,7 @@ class ScpiDevice(CommandDevice):
 
     @command("*OPC?")
     def _complete(self, _: str) -> str:
-        self.reply_after(max(0, self.busy_until_ns - self.now_ns) / NS)
+        self._wait("")
         return "1"
 
     @command("*OPC")
@@ -312,12 +296,7 @@ class ScpiDevice(CommandDevice):
 
     @command("*WAI")
     def _wait(self, _: str) -> None:
-        self.reply_after(max(0, self.busy_until_ns - self.now_ns) / NS)
-
-    @command("*ESR?")
-    def _event_status(self, _: str) -> str:
-        value, self.event_status = self.event_status, 0
-        return str(value)
+        self.reply_at(self.busy_until_ns)
 
     @command(":SYSTem:ERRor[:NEXT]?")
     def _next_error(self, _: str) -> str:
@@ -329,8 +308,13 @@ class ScpiDevice(CommandDevice):
 _ANSWERS: Answers = {  # of every model
     "*IDN?": lambda self: self.told_identity,
     "*STB?": lambda self: str(self.status_byte()),
-    "*TST?": lambda _: "0",
-    "*OPT?": lambda _: "0",
-    ":SYSTem:VERSion?": lambda self: self.scpi_version,
+    "*ESR?": lambda self: self.read_out("event_status"),
 }
-_HELD = {"*ESE": held_count("event_enable", 0, 255, ""), "*SRE": held_count("service_enable", 0, 255, "")}
+_SETTINGS = """
+*ESE             | event_enable   | 0 | 0 255
+*SRE             | service_enable | 0 | 0 255
+*PSC             |                | ON
+*TST?            |                | 0
+*OPT?            |                | 0
+:SYSTem:VERSion? | scpi_version   | -
+"""
