@@ -468,7 +468,8 @@ def _two_by_two(square: Floats, dot: Floats, mixed: Floats, first: Integers, sec
     aa, ae, pair = square[first], dot[first], second >= 0
     bb, be = np.where(pair, square[second], 1.0), np.where(pair, dot[second], 0.0)
     determinant = aa * bb - mixed**2
-    safe = np.where(determinant > 0.0, determinant, np.inf)
+    # what is left of two that are one, such as a cycle of which one instant is seen, is rounding
+    safe = np.where(determinant > _SEEN * aa * bb, determinant, np.inf)
     size = np.stack([(bb * ae - mixed * be) / safe, (aa * be - mixed * ae) / safe], axis=1)
     return size[:, 0] * ae + size[:, 1] * be, size
 
