@@ -245,19 +245,19 @@ def steps_of(folder: Path) -> list[int]:
 
 @pytest.fixture(scope="module")
 def crashes(tmp_path_factory: pytest.TempPathFactory) -> Crashes:
-    """The run is copied wherever a step of the second point may begin."""
+    """The run is copied wherever a step of the first point may begin."""
     folder = tmp_path_factory.mktemp("stopping")
     plan = stopping_plan(folder, BY_SCATTER, "1 s")
-    decision = decisions_of(plan.steps)[1]
+    decision = decisions_of(plan.steps)[0]
     return crashed_at(plan, folder, set(range(decision.arguments["first"][0], decision.branches[-1].stop + 1)))
 
 
 def place(crashes: Crashes, name: str) -> int:
-    """Number of a step of the second point; of the second stage that which was decided for."""
-    decision = rules(crashes)[1]
+    """Number of a step of the first point; of the second stage that which was decided for."""
+    decision = rules(crashes)[0]
     outcome = decided(crashes.whole)[decision.number]["outcome"]
     taken = next(branch for branch in decision.branches if branch.outcome == outcome)
-    assert taken.first < taken.stop, "the second point has a second stage"
+    assert taken.first < taken.stop, "the first point has a second stage"
     numbers = decision.arguments["first"][4], decision.number, taken.first, decision.branches[-1].stop
     return int(dict(zip(PLACES, numbers, strict=True))[name])
 
@@ -295,7 +295,7 @@ def test_killed_in_the_middle_of_a_point_it_goes_on_to_the_same_bytes(
     first, second = folders
     after = decided(first)
     assert {step: after[step] for step in before} == before
-    assert (rules(crashes)[1].number in before) == (name == PLACES[-1])  # before, it is in the second that is lost
+    assert (rules(crashes)[0].number in before) == (name == PLACES[-1])  # before, it is in the second that is lost
     assert after.keys() == decided(crashes.whole).keys()
     assert contents(first) == contents(second)
     steps = steps_of(first)
@@ -319,7 +319,7 @@ def test_one_record_is_counted_of_all_second_stages(crashes: Crashes) -> None:
 def test_a_point_in_stages_begins_and_ends_as_one(crashes: Crashes) -> None:
     """A hold goes back to where its route is set, a skip goes on behind its verification, wherever it is."""
     steps = crashes.plan.phase("campaign")
-    decision, offset = rules(crashes)[1], steps[0].number
+    decision, offset = rules(crashes)[0], steps[0].number
     begin = next(at for at in range(decision.number - offset, 0, -1) if steps[at].name == "standby")
     verify = next(at for at in range(decision.number - offset, len(steps)) if steps[at].kind == "verify")
     for at in range(decision.arguments["first"][0] - offset, verify + 1):
