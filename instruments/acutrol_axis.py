@@ -50,7 +50,7 @@ class AxisRange:
 
     @property
     def turn(self) -> float:
-        """What may lie between two numbers that are the same place."""
+        """Width of a whole turn, which numbers of one place may differ by; infinite for an axis with limits."""
         return math.inf if self.limited else self.width
 
     def apart(self, one: float, other: float) -> float:

@@ -97,7 +97,7 @@ def _identity(context: PreflightContext, role: str) -> Finding:
 
 
 def settings(context: PreflightContext) -> list[Finding]:
-    """What the last user left is what a run relies on, sets, or refuses; nothing is set to find that out.
+    """Tell what the last user left: what a run relies on, sets, or refuses; nothing is set to find that out.
 
     Instruments that were identified for a run are prepared already: what they were found with is told.
     """
