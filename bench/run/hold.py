@@ -32,7 +32,7 @@ from bench.plan import Step
 from bench.run.bus.safety import QUICK_S, WayToSafe, hurried
 from bench.run.context import RunContext
 from bench.run.operator import Question
-from bench.run.setpoints import drives, goes_off, motion_again
+from bench.run.setpoints import drives, goes_off, motion_again, stimulus_again
 from bench.run.stop import AWAY_LIMIT_S, Wish
 
 LIMIT_S = 24 * 3600.0  # as a pause: somebody comes within a day, or the run ends safely
@@ -78,7 +78,8 @@ def energised_again(context: RunContext, first: int) -> list[str]:
     left_on = {step.role for step in before if _energises(step, drivers)}
     left_on -= {role for role, instrument in context.instruments.items() if goes_off(type(instrument))}
     behind = [step for step in steps[first:] if step.number not in left_out]
-    coming = [*motion_again(steps, first, drivers, left_out), *behind]
+    back = [*motion_again(steps, first, drivers, left_out), *stimulus_again(steps, first, drivers, left_out)]
+    coming = [*back, *behind]
     roles = (step.role for step in coming if step.role not in left_on and _energises(step, drivers))
     return list(dict.fromkeys(roles))
 

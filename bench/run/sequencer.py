@@ -27,7 +27,7 @@ from bench.run.position import in_point, point_start, point_stop, readings_of
 from bench.run.setpoints import drives
 from bench.run.steps.dispatch import execute
 from bench.run.steps.recording import measurement_rows
-from bench.run.steps.reentry import come_back, tables_back
+from bench.run.steps.reentry import come_back, jumped
 from bench.run.stop import Interruption, Wish
 from bench.run.watch.outputs import look
 
@@ -286,7 +286,7 @@ class Sequencer:
         self._context.timeline.done_s = None
         first = record.retry_step - steps[0].number
         self._context.message(f"{error.where}: {error.message}; the point is taken again")
-        tables_back(self._context, steps[first].number, steps[first:position])
+        jumped(self._context, steps[first].number, steps[first:position])
         self._retake(error.message, steps[first:position])
         return first
 
@@ -308,14 +308,14 @@ class Sequencer:
         # a soak or a setting is never left out
         skips = wish.kind == "skip" and in_point(steps, position, self._readings)
         if wish.kind != "hold" and not skips:
-            tables_back(context, steps[first].number, steps[first : position + 1])
+            jumped(context, steps[first].number, steps[first : position + 1])
         self._retake(f"{wish.reason} ({wish.by})", steps[first:position])
         if not skips:
             return first
         stop = point_stop(steps, position, self._readings)
         behind = steps[0].number + stop
         began_ns = context.clock.now_ns()
-        tables_back(context, behind, steps[position:stop])
+        jumped(context, behind, steps[position:stop])
         context.timeline.add_slip(context.clock.now_ns() - began_ns)
         context.event(Skip(by=wish.by, reason=wish.reason, first=steps[first].number, stop=behind))
         return stop

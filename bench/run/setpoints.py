@@ -2,7 +2,8 @@
 
 A driver reads back what it sets before it returns, so a finished step is a verified set-point. After a table was made
 safe its interlock is closed again if it was closed; each axis goes by an absolute move to where its moves and turns had
-brought it, or spins again.
+brought it, or spins again. A stimulus that was on is set and switched on again, unless the plan does so itself before
+anything is recorded or read.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import (
+    DE_ENERGISING,
     SWITCHED_ON,
     SWITCHES,
     Action,
@@ -24,7 +26,7 @@ from bench.model.ports import (
     can_move,
     effects_of,
 )
-from bench.plan import Plan, PlannedCall, PlannedSettle, Step, Steps
+from bench.plan import Plan, PlannedCall, PlannedRecord, PlannedSend, PlannedSettle, Step, Steps
 from bench.record import JournalEntry
 
 READ_BACK_S = 3.0  # looking at the bench must not keep it from being made safe
@@ -32,7 +34,8 @@ VOLTAGE_WITHIN = 0.05  # of the set-point
 AIR_WITHIN_degC = 2.0
 _ASKED = ("operating", "closed", "measure_voltage", "measure_air")
 Readings = dict[str, dict[str, Any]]
-_STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
+_DRIVEN = frozenset((Effect.STIMULUS_ON, Effect.ROUTE))
+_SWITCHED = _DRIVEN | {Effect.STIMULUS_OFF, Effect.ROUTES_OPEN}
 _MOVE, _TURN, _SPIN = "move", "turn", "spin"
 _STOP = "stop"
 
@@ -146,7 +149,7 @@ def goes_off(driver: type) -> bool:
 
 def drives(driver: type) -> bool:
     """Return True for an instrument that drives a stimulus or leads it to the unit."""
-    return not effects_of(driver).isdisjoint(_STIMULUS)
+    return not effects_of(driver).isdisjoint(_DRIVEN)
 
 
 def is_motion(step: Step) -> bool:
@@ -171,6 +174,82 @@ def motion_again(steps: Steps, number: int, drivers: Drivers, left_out: Containe
             again += [closed, *_settle_behind(steps, closed.number, number)]
             again += _axes(steps, calls, number, drivers[role])
     return again
+
+
+def stimulus_again(
+    steps: Steps, number: int, drivers: Drivers, left_out: Container[int] = (), roles: Container[str] | None = None
+) -> list[Step]:
+    """Return steps that bring stimulus and routes to what step ``number`` finds, levels before switches; a settle time.
+
+    Left out is what the plan switches anew before anything is recorded or read, and a level that it sets anew before it
+    switches on. Of raw text, which may have switched anything, the last of each command word is done again. None inside
+    ``finally``. Args: ``roles``: those that are looked at, None for all.
+    """
+    if number == len(steps) or steps[number].phase == "finally":
+        return []
+    again: list[Step] = []
+    for role, actions in drivers.items():
+        if _DRIVEN.isdisjoint(action.effect for action in actions.values()) or (
+            roles is not None and role not in roles
+        ):
+            continue
+        own = [step for step in steps if step.role == role and step.number not in left_out]
+        done, coming = ([step for step in own if (step.number < number) is before] for before in (True, False))
+        levels, switches = _in_force(done, actions)
+        if any(step.effects(actions) & _SWITCHED for step in coming if step.number < _noted(steps, number, drivers)):
+            switches = []
+        again += [step for step in levels if switches or _is_used(step, coming, actions)]
+        again += switches
+    again.sort(key=lambda step: (Effect.STIMULUS_SET not in step.effects(drivers[step.role]), step.number))
+    waits = [wait for step in again for wait in _settle_behind(steps, step.number, number)]
+    return [*again, *sorted(waits, key=lambda step: -step.duration_s)[:1]]
+
+
+def _noted(steps: Steps, number: int, drivers: Drivers) -> int:
+    """Return number of the first step from ``number`` on that records or reads, ``len(steps)`` if none does."""
+    return next(
+        (
+            step.number
+            for step in steps[number:]
+            if isinstance(step, PlannedRecord) or step.leaves(drivers.get(step.role, {}))
+        ),
+        len(steps),
+    )
+
+
+def _in_force(done: Steps, actions: Mapping[str, Action]) -> tuple[list[Step], list[Step]]:
+    """Return the last steps of an instrument that set each level, and that switched since all of it was off."""
+    levels: dict[Any, Step] = {}
+    switches: dict[Any, Step] = {}
+    for step in done:
+        effects = step.effects(actions)
+        if isinstance(step, PlannedCall) and effects & DE_ENERGISING:
+            switches = {}
+        elif effects & _SWITCHED:
+            switches[_identity(step, actions)] = step
+        elif Effect.STIMULUS_SET in effects:
+            levels[_identity(step, actions)] = step
+    return list(levels.values()), list(switches.values())
+
+
+def _identity(step: Step, actions: Mapping[str, Action]) -> Any:
+    """Return what a later step of the same replaces: an action of the same choices, a route, a word of raw text."""
+    if isinstance(step, PlannedSend):
+        return step.text.split(maxsplit=1)[0]
+    if Effect.ROUTE in step.effects(actions) or not isinstance(step, PlannedCall):
+        return Effect.ROUTE  # it closes one and opens every other one
+    return step.name, *(step.arguments.get(one.name) for one in actions[step.name].parameters if one.choices)
+
+
+def _is_used(level: Step, coming: Steps, actions: Mapping[str, Action]) -> bool:
+    """Return whether the instrument is switched on, by what is coming, before the level is set anew."""
+    for step in coming:
+        effects = step.effects(actions)
+        if effects & _DRIVEN:
+            return True
+        if Effect.STIMULUS_SET in effects and _identity(step, actions) == _identity(level, actions):
+            return False
+    return False
 
 
 def changes_motion(step: Step, drivers: Drivers) -> bool:

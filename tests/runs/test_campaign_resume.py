@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from plan_sample import reworded
 from rehearsal import (
+    ROOT,
     SEED,
     Crashes,
     Rehearsal,
@@ -22,6 +24,7 @@ from rehearsal import (
     kinds,
     rehearsed,
     tiny_plan,
+    writable_copy,
 )
 
 from bench.analysis import results_json
@@ -32,7 +35,7 @@ from bench.commands.session import replay
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, VirtualClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.events import Late, Resume
-from bench.plan import Step
+from bench.plan import Step, compile_sequence
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay.parts import recorded_windows
 from bench.run import hold
@@ -132,6 +135,21 @@ def test_a_killed_run_goes_on_and_gives_the_same_results(
     assert_safe(done.watched.worlds[-1])
     assert not (done.folder / "journal.jsonl").exists()
     assert not (done.folder / "session.open").exists()
+
+
+def test_a_record_of_the_flat_form_is_taken_again_under_its_stimulus(tmp_path: Path) -> None:
+    """No procedure sets the level again: without it the record would be of an open input, and nothing would say so."""
+    text = (ROOT / "sequences" / "timeline_example.yaml").read_text(encoding="utf-8")
+    flat = tmp_path / "flat.yaml"
+    flat.write_text(reworded(text, ('  - {at: "00:02:20", verify: calibrator.operating}\n', "")), encoding="utf-8")
+    plan = compile_sequence(flat, None, {})
+    (record,) = (step.number for step in plan.steps if step.kind == "record")
+    crashes = crashed_at(plan, tmp_path, {record})
+    gone_on = writable_copy(crashes.at(record), tmp_path / "again" / crashes.whole.name)
+    assert go_on(gone_on).outcome.error is None
+    before, after = (read_view(folder).rows[0].sums["npp"][2] for folder in (crashes.whole, gone_on))
+    assert before > 80_000
+    assert after == pytest.approx(before, abs=2)
 
 
 def test_acknowledged_records_are_not_taken_again(gone_on: Callable[[str], GoneOn]) -> None:

@@ -360,11 +360,14 @@ class Passive(Instrument):
 
 
 class HoldRig(Rig):
-    """A source, a switch and a supply; ``points`` measuring points, each with a level of its own."""
+    """A source, a switch and a supply; ``points`` measuring points, each with a level of its own.
+
+    ``flat``: each step stands alone, as in a timeline, so that a record is taken again without the steps before it.
+    """
 
     never_armed = ""  # what the station declares of arming
 
-    def __init__(self, folder: Path, points: int) -> None:
+    def __init__(self, folder: Path, points: int, *, flat: bool = False) -> None:
         super().__init__(folder)
         self.source = Source("source", self)
         self.instruments = {"source": self.source, "supply": Passive("supply", self)}
@@ -373,8 +376,9 @@ class HoldRig(Rig):
             self.step("call", "source", "operate", level=1.0 + number)
             self.step("settle", duration_s=SETTLE_S, bus_s=0.5)
             conditions = {"channel": 1, "point": number}
+            again = len(self.steps) if flat else first
             self.step(
-                "record", "port_a", seconds=RECORD_S, retry=1, max_lost=0.0, retry_step=first, conditions=conditions
+                "record", "port_a", seconds=RECORD_S, retry=1, max_lost=0.0, retry_step=again, conditions=conditions
             )
             self.step("verify", "source", "operating")
 

@@ -1,4 +1,4 @@
-"""The way back into a plan after a hold or a stop: supplies, generator and unit as they were, then the temperature.
+"""The way back into a plan after a hold or a stop: supplies, generator, unit, then the temperature, then the stimulus.
 
 The unit is soaked again only if its temperature has left the band of the soak before the position. On a ramp the ramp
 is done again from its start, so that the unit comes through the same temperatures, with the same lag and on the same
@@ -18,7 +18,7 @@ from bench.model.units import finite
 from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step, Steps
 from bench.run.context import RunContext, Timeline
 from bench.run.operator import changes_of
-from bench.run.setpoints import changes_motion, motion_again, steps_again, warm_up_s
+from bench.run.setpoints import changes_motion, motion_again, steps_again, stimulus_again, warm_up_s
 from bench.run.steps.dispatch import execute
 from bench.run.steps.soak import drive, soak
 
@@ -43,42 +43,47 @@ def enter(context: RunContext, start: int) -> None:
         _do_again(context, [*again, *_motion(context, start)])
         _warm_up(context, start, began_ns)
         _to_temperature(context, start, stopped=True)
+        _do_again(context, _stimulus(context, start))
 
 
 def come_back(context: RunContext, number: int) -> None:
-    """After a hold: tables, which it brought to rest, and the temperature as step ``number`` needs them.
+    """After a hold: tables, which it brought to rest, the temperature and the stimulus as step ``number`` needs them.
 
     The chamber ran on. A soak that was interrupted needs no other: it goes on to its own, not back to the one before.
 
-    Raises: B-RUN-031; InstrumentError of a table.
+    Raises: B-RUN-031; InstrumentError of a table or of the stimulus.
     """
     with context.stop.deferring():
         _do_again(context, _motion(context, number))
-    if isinstance(context.plan.steps[number], PlannedSoak):
-        return
     with context.stop.deferring():
-        _to_temperature(context, number, stopped=False)
+        if not isinstance(context.plan.steps[number], PlannedSoak):
+            _to_temperature(context, number, stopped=False)
+        _do_again(context, _stimulus(context, number))
 
 
-def tables_back(context: RunContext, number: int, passed: Steps) -> None:
-    """After a jump in the plan: tables that the steps ``passed`` move are brought to where step ``number`` needs them.
+def jumped(context: RunContext, number: int, passed: Steps) -> None:
+    """After a jump in the plan: what the steps ``passed`` move or drive is brought to where step ``number`` needs it.
 
-    They are made safe before: where the plan has an interlock open, somebody may be asked to come to the table.
-    Raises: InstrumentError of a table.
+    Tables are made safe before: where the plan has an interlock open, somebody may be asked to come to the table.
+    Raises: InstrumentError of a table or of the stimulus.
     """
     moved = dict.fromkeys(step.role for step in passed if changes_motion(step, drivers_of(context.instruments)))
-    if not moved:
-        return
     with context.stop.deferring():
         for role in moved:
             context.message(f"{role}: brought to rest, then to where step {number} of the plan needs it")
             with context.in_use.take(role):
                 context.instruments[role].make_safe()
-        _do_again(context, _motion(context, number))
+        tables = _motion(context, number) if moved else []
+        _do_again(context, [*tables, *_stimulus(context, number, {step.role for step in passed})])
 
 
 def _motion(context: RunContext, number: int) -> list[Step]:
     return motion_again(context.plan.steps, number, drivers_of(context.instruments), context.decided.left_out)
+
+
+def _stimulus(context: RunContext, number: int, roles: Container[str] | None = None) -> list[Step]:
+    drivers, left_out = drivers_of(context.instruments), context.decided.left_out
+    return stimulus_again(context.plan.steps, number, drivers, left_out, roles)
 
 
 def _do_again(context: RunContext, steps: Steps) -> None:

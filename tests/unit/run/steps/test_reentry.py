@@ -15,7 +15,7 @@ from bench.model.ports import Action, actions_of, drivers_of
 from bench.run.context import RunContext
 from bench.run.control.channel import Control
 from bench.run.links.keeper import keep_links
-from bench.run.setpoints import differences, expected_of, read_back, steps_again
+from bench.run.setpoints import differences, expected_of, read_back, steps_again, stimulus_again
 from bench.run.steps.reentry import come_back, enter
 from bench.run.stop import Interruption, Wish
 
@@ -152,6 +152,46 @@ def test_what_was_switched_off_stays_off(tmp_path: Path) -> None:
     rig.step("call", "supply", "output_on")
     rig.step("call", "supply", "output_off")
     assert again(rig) == ["supply.configure", "supply.output_off"], "not on for a moment: somebody may be at the board"
+
+
+LEVEL = "calibrator.output"
+ON, OFF, RECORD = "calibrator.operate", "calibrator.standby", "port_a.record"
+
+
+@pytest.mark.parametrize(
+    ("plan", "at", "back"),
+    [
+        ((LEVEL, ON, "settle", RECORD), 3, (LEVEL, ON, "settle")),
+        ((ON, LEVEL, "switch.route", RECORD), 3, (LEVEL, ON, "switch.route")),
+        ((LEVEL, ON, LEVEL, RECORD, "dmm.measure_voltage"), 4, (LEVEL, ON)),  # of a level the last one
+        ((LEVEL, ON, RECORD, OFF, LEVEL, ON, RECORD), 3, ()),  # the plan does so before it records
+        ((LEVEL, ON, RECORD, LEVEL, RECORD), 3, (LEVEL, ON)),  # it was on
+        ((LEVEL, RECORD, ON, RECORD), 1, (LEVEL,)),  # what will be switched on with it
+        ((LEVEL, ON, "switch.route", OFF, "switch.open_all", RECORD), 5, ()),
+        (("calibrator A 1", "calibrator B 1", "settle", RECORD), 3, ("calibrator A 1", "calibrator B 1", "settle")),
+        (("calibrator OUT 1 mA", OFF, RECORD), 2, ()),
+        ((LEVEL, ON, RECORD, "finally"), 3, ()),
+    ],
+)  # fmt: skip
+def test_a_stimulus_that_was_on_is_on_again_unless_the_plan_switches_it_anew(
+    tmp_path: Path, plan: tuple[str, ...], at: int, back: tuple[str, ...]
+) -> None:
+    rig = Rig(tmp_path)
+    for number, text in enumerate(plan):
+        role, _, name = text.partition(".")
+        if name:
+            rig.step(
+                "record" if name == "record" else "call", role, name, **({"current": number} if text == LEVEL else {})
+            )
+        elif " " in text:
+            rig.step("send", text.split()[0], "", text=text.partition(" ")[2])
+        else:
+            rig.step("settle", duration_s=1.0, phase="finally" if text == "finally" else "main")
+    found = stimulus_again(tuple(rig.steps), at, declared())
+    said = {"call": "{0.role}.{0.name}", "send": "{0.role} {0.text}", "settle": "settle"}
+    assert tuple(said[step.kind].format(step).strip() for step in found) == back
+    levels = [number for number, text in enumerate(plan[:at]) if text == LEVEL]
+    assert [step.number for step in found if step.name == "output"] == levels[-1:] * (LEVEL in back)
 
 
 def warmed(folder: Path, *, behind_s: float) -> Rig:
