@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 from bench.model.errors import InputError
-from bench.model.ports import Drivers
+from bench.model.ports import DE_ENERGISING, Drivers
 from bench.model.quantities import QUANTITY
 from bench.plan import (
     Plan,
@@ -28,6 +28,7 @@ from bench.plan import (
     expected_reading,
     station_drivers,
 )
+from bench.run.setpoints import stimulus_again
 from bench.session.record_states import VALID, RecordState
 
 _DROPPED = ("sequence", "title", "duration", "records", "prepare", "steps", "timeline", "finally", "procedures")
@@ -64,7 +65,7 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
         "",
     ]
     lines += _section("finally", written, plan.phase("finally"))
-    lines += ["procedures:", *_procedures(plan, written, chosen)]
+    lines += ["procedures:", *_procedures(plan, drivers, written, chosen)]
     return "\n".join(lines) + "\n", len(again), len(overlap)
 
 
@@ -119,18 +120,19 @@ def _name(state: RecordState) -> str:
     return f"{'overlap' if state.state == VALID else 'point'}_{state.step.number}"
 
 
-def _procedures(plan: Plan, written: Written, chosen: Sequence[RecordState]) -> Iterator[str]:
+def _procedures(plan: Plan, drivers: Drivers, written: Written, chosen: Sequence[RecordState]) -> Iterator[str]:
     for state in chosen:
         yield f"  {_name(state)}:"
         yield "    do:"
-        for step in _point(plan, state.step):
+        for step in _point(plan, drivers, state.step):
             yield f"      - {written(step)}"
 
 
-def _point(plan: Plan, record: PlannedRecord) -> Steps:
+def _point(plan: Plan, drivers: Drivers, record: PlannedRecord) -> Steps:
     """Return steps of a point, from where it would be taken again to its last verification.
 
-    In the flat form a record stands alone: everything since the record before it belongs to the point.
+    In the flat form a record stands alone: everything since the record before it belongs to the point. A stimulus that
+    was on before is switched off as ``finally`` does it, set and switched on first.
     """
     first = record.retry_step
     if first == record.number:
@@ -141,7 +143,11 @@ def _point(plan: Plan, record: PlannedRecord) -> Steps:
     stop = record.number + 1
     while stop < len(plan.steps) and isinstance(plan.steps[stop], PlannedVerify):
         stop += 1
-    return plan.steps[first:stop]
+    again = stimulus_again(plan.steps, first, drivers)
+    roles = {step.role for step in again}
+    ends = [step for step in plan.phase("finally") if step.role in roles]
+    off = [step for step in ends if not DE_ENERGISING.isdisjoint(step.effects(drivers[step.role]))]
+    return [*off, *again, *plan.steps[first:stop]]
 
 
 def _head(plan: Plan) -> list[str]:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from plan_sample import reworded
 from rehearsal import (
     ROOT,
     SEED,
@@ -201,10 +202,20 @@ def test_a_session_of_another_unit_or_standard_does_not_complete_this_one(
 
 
 def test_the_flat_form_is_made_up_too(tmp_path: Path) -> None:
-    """Records of a timeline carry no procedure: what stands since the record before them belongs to the point."""
-    plan = compile_sequence("timeline_example")
+    """Records of a timeline carry no procedure: what stands since the record before them belongs to the point.
+
+    A second record under the same stimulus is made up under it, too.
+    """
+    text = (ROOT / "sequences" / "timeline_example.yaml").read_text(encoding="utf-8")
+    standby = '  - {at: "00:02:21", call: calibrator.standby}\n'
+    path = tmp_path / "twice.yaml"
+    twice = (standby, '  - {at: "00:02:21", record: 100 s}\n' + standby.replace("02:21", "04:02"))
+    path.write_text(reworded(text, twice, ("00:02:22", "00:04:03")), encoding="utf-8")
+    plan = compile_sequence(path)
     text, points, overlap = make_up_sequence(plan, record_states(plan.steps, nothing_recorded()))
-    assert (points, overlap) == (1, 0)
+    assert (points, overlap) == (2, 0)
+    first, second = text.partition("procedures:")[2].split("point_")[1:]
+    assert all(part.count("calibrator.operate") == 1 for part in (first, second))
     path = tmp_path / "flat.yaml"
     path.write_text(text)
     made = compile_sequence(path)

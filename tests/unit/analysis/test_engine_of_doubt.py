@@ -78,7 +78,7 @@ def test_what_explains_the_rows_as_well_is_judged_with_the_best() -> None:
     second = first + 1.0 * (np.arange(VISIT.size) == VISIT.size - 1)
     white = 8.0 * first
     white[-1] = 3.6  # a little nearer to the first
-    found = search(rows_of(white), [column(first), column(second)])
+    found = search(rows_of(white), [column(first), column(second, "other")])
     assert [one.departure.effect[-1, 0] for one in found.findings] == [0.0]
     assert found.doubted[[0, VISITS - 1]].all()
     assert not found.doubted[1:-1].any()
