@@ -4,9 +4,7 @@ Windows stay as long as they are, both branches and the range stay. What is fast
 less, so that the shortest ramp follows from the fit of each candidate and from the rivals that it would still tell.
 Decision: docs/decisions/0049-the-shortest-plan.md.
 
-How surely a ramp would show what else could be true, at the size that puts its results off: the departures of its
-search, of which the fit of a nominal ramp says how far they move a result and what it leaves of them to be seen.
-Source: docs/decisions/0049-the-shortest-plan.md; noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
+How surely a ramp would show what else could be true is asked of the departures of its search, on a nominal ramp.
 """
 
 from __future__ import annotations
@@ -15,15 +13,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
+from itertools import compress, product
 from typing import Any
 
 import numpy as np
-from scipy import special
 
-from bench.analysis import FALSE_DOUBT, Document, Estimates, Floats, Planned, Trace
-from bench.design import LEAST_POWER, Given, Key, Power, blind, reached
-from bench.maths.tests import SMALLEST
+from bench.analysis import Departure, Document, Estimate, Estimates, Planned, Trace, powers
+from bench.design import Given, Key, Power, blind, reached, weakest
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import CHAMBER, Plan
@@ -35,14 +31,14 @@ from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.wording import kind_name
 
 QUANTITIES = ("bias", "bias_tc1", "hysteresis_width", "play_half_width", "thermal_lag")
-RIVALS = {
-    "a step": "step",
-    "a linear drift": "drift",
-    "a second thermal lag": SECOND_LAG,
-    "several play operators": SECOND_PLAY,
-    "a loop that relaxes": RELAXATION,
+_RIVALS = {
+    "step": "a step",
+    "drift": "a linear drift",
+    SECOND_LAG: "a second thermal lag",
+    SECOND_PLAY: "several play operators",
+    RELAXATION: "a loop that relaxes",
+    "rhythm": "a daily rhythm, begun at hour {0[hour]}, 1.5 times as large as one",
 }
-_NOT_MISSED = 1e3  # noncentrality: seen by any check
 _DAY_h, _HOURS = 24.0, 12  # half a day later the same rhythm begins with the other sign
 _BELIEVED = 1.5  # expanded uncertainties off, from which on a sound result counts as wrong
 _LAGS = 4.0  # of a hold: 2 % of what trails is left
@@ -50,58 +46,6 @@ _AHEAD_min = 10.0  # of the converters, which the unit's sensor may be for the f
 _COARSE, _FINE = 2, 1  # steps of a rate, hundredths of a degC/min
 _HOLD_STEP = 6  # windows
 _NOISE = ("white_noise", "random_walk")
-
-
-class Rivals:
-    """The rows of one channel, and what could be true instead. ``fits``: of the campaign, which share the chance of a
-    false doubt; ``entries``: of the ramp, which hold U.
-    """
-
-    def __init__(self, channel: ChannelFit, ramp: Fitted, entries: Estimates, fits: int) -> None:
-        """Whiten the columns of the fit."""
-        rows = Rows(channel, ramp.drive)
-        self._channel, self._rows, self._residuals = channel, rows, rows.residuals(entries)
-        scale = np.linalg.norm(self._residuals.design, axis=0)
-        self._basis = np.linalg.qr(self._residuals.design / scale)[0]
-        reference_degC, stated = channel.fit.reference_degC, self._residuals.stated
-        at_reference = [entry.conditions.get("temperature_degC", reference_degC) == reference_degC for entry in stated]
-        quantities = np.array([entry.quantity for entry in stated])
-        self._of = {name: np.flatnonzero((quantities == name) & at_reference) for name in QUANTITIES}
-        self._departures = rows.loop.departures()
-        self._chance = FALSE_DOUBT / 2.0 / fits / len(self._departures)
-
-    def _effect(self, columns: Floats) -> tuple[Floats, dict[str, Floats]]:
-        """Return what the fit leaves of each column, as a square (k,), and by what part of U it moves each quantity."""
-        white = self._residuals.whiten(columns)
-        left = white - self._basis @ (self._basis.T @ white)
-        moves = np.abs(self._residuals.operator @ columns) / self._residuals.expanded[:, None]
-        of_quantity = {name: np.max(moves[at], axis=0, initial=SMALLEST) for name, at in self._of.items()}
-        return np.sum(left**2, axis=0), of_quantity
-
-    def powers(self) -> Iterator[Power]:
-        """Yield how surely each kind of departure would be seen at its worst, were it large enough to cost 1 U."""
-        for name, shape in RIVALS.items():
-            of_kind = [one.effect for one in self._departures if (one.carrier, one.shape) == ("bias", shape)]
-            square, moves = self._effect(np.column_stack(of_kind))
-            for quantity in QUANTITIES:
-                power = _power(1, self._chance, float(np.min(square / moves[quantity] ** 2)))
-                yield Power(f"{name} ({self._channel.readings.channel.kind})", quantity, power)
-
-    def rhythm_powers(self) -> Floats:
-        """Return how surely a daily rhythm would be seen, (12,), by the hour of the day at which the windows begin.
-
-        It is so large that the quantity which it moves most is 1.5 U off.
-        """
-        gates = self._channel.readings.gates
-        hours = (gates.middle_s - gates.start_s[0]) / 3600.0
-        square, moves = self._effect(np.sin(2.0 * np.pi / _DAY_h * (hours[:, None] + np.arange(_HOURS))))
-        size = _BELIEVED / np.max(list(moves.values()), axis=0)
-        return np.array([_power(2, self._chance, one) for one in square * size**2])
-
-
-def _power(added: int, chance: float, noncentrality: float) -> float:
-    limit = special.chdtri(added, chance)
-    return float(1.0 - special.chndtr(limit, added, min(noncentrality, _NOT_MISSED)))
 
 
 @dataclass(frozen=True)
@@ -142,9 +86,7 @@ class Ramps:
         self.today = Candidate(template.rates, template.holds), template.window_s
         self._fitted = lru_cache(maxsize=8)(self._fit)
         self.estimates = lru_cache(maxsize=4096)(self._estimates)
-        self.rivals = lru_cache(maxsize=8)(self._rivals)
         self.powers = lru_cache(maxsize=4096)(self._powers)
-        self.rhythm_powers = lru_cache(maxsize=4096)(self._rhythm_powers)
 
     @property
     def _least_holds(self) -> tuple[int, int, int]:
@@ -201,7 +143,7 @@ class Ramps:
     def broken(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return the rules that a ramp breaks."""
         sentences = self._broken_form(candidate)
-        return sentences or blind(self, candidate, length_s) or self._unseen_rhythms(candidate, length_s)
+        return sentences or blind(self, candidate, length_s)
 
     def _broken_form(self, candidate: Candidate) -> list[str]:
         sentences = [
@@ -229,29 +171,24 @@ class Ramps:
             for rate, hold_s in zip(candidate.rates, holds_s, strict=True)
         )
 
-    def _rivals(self, candidate: Candidate, length_s: float) -> dict[str, Rivals]:
-        """Return what could stand beside the fit of each kind."""
-        ramp, entries = self._fitted(candidate), self.estimates(candidate, length_s)
-        return {kind: Rivals(channel, ramp, entries, self._count) for kind, channel in ramp.fits.items()}
-
     def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
-        return [power for rivals in self.rivals(candidate, length_s).values() for power in rivals.powers()]
-
-    def _rhythm_powers(self, candidate: Candidate, length_s: float) -> dict[tuple[str, int], float]:
-        """Return how surely a daily rhythm is seen that puts a result 1.5 U off, by kind and hour of the day."""
-        rivals = self.rivals(candidate, length_s)
-        return {
-            (kind, hour): power for kind in rivals for hour, power in enumerate(rivals[kind].rhythm_powers().tolist())
-        }
-
-    def _unseen_rhythms(self, candidate: Candidate, length_s: float) -> list[str]:
-        """Return the hours at which a rhythm of a day begins that the given ramp shows and this one does not."""
-        today = self.rhythm_powers(*self.today)
-        return [
-            f"a daily rhythm ({kind}), begun at hour {hour}, that puts a result 1.5 U off is seen with {power:.2f}"
-            for (kind, hour), power in self.rhythm_powers(candidate, length_s).items()
-            if power < LEAST_POWER <= today[kind, hour]
-        ]
+        """Return how surely what departs would be seen if it moved a result by its U, a rhythm of a day by 1.5 U."""
+        ramp, entries, share = self._fitted(candidate), self.estimates(candidate, length_s), 1.0 / self._count
+        seen: list[tuple[str, str, float]] = []
+        for kind, channel in ramp.fits.items():
+            rows = Rows(channel, ramp.drive)
+            residuals, rhythms = rows.residuals(entries), _rhythms(channel)
+            departures = [*rows.loop.departures(), *rhythms]
+            of_rhythms = powers(replace(residuals, expanded=_BELIEVED * residuals.expanded), departures, share)
+            of_all = np.vstack([powers(residuals, departures, share)[: -len(rhythms)], of_rhythms[-len(rhythms) :]])
+            wanted = [_is_wanted(entry, channel) for entry in residuals.stated]
+            seen += [
+                (f"{_RIVALS[one.shape].format(one.about)} ({kind})", one.of or entry.quantity, float(power))
+                for one, of_it in zip(departures, of_all, strict=True)
+                if one.carrier == "bias" and one.shape in _RIVALS
+                for power, entry in compress(zip(of_it, residuals.stated, strict=True), wanted)
+            ]
+        return weakest(seen)
 
     def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:
         """Return rates, windows and holds in words, and U of the noise, for which no target stands by itself."""
@@ -285,6 +222,21 @@ class Ramps:
         text = self._given.renamed(name, title=title, **heads)
         write_steps(text, self._template, candidate.rates, candidate.holds)
         return text.text(heading)
+
+
+def _rhythms(channel: ChannelFit) -> list[Departure]:
+    """Return rhythms of a day, by the hour of it at which the windows begin."""
+    gates = channel.readings.gates
+    of_day = 2.0 * np.pi / _DAY_h * ((gates.middle_s - gates.start_s[0]) / 3600.0 + np.arange(_HOURS)[:, None])
+    effects = np.stack([np.sin(of_day), np.cos(of_day)], axis=-1)
+    return [
+        Departure("bias", "rhythm", "A", effect, {"hour": hour}, of="a result") for hour, effect in enumerate(effects)
+    ]
+
+
+def _is_wanted(entry: Estimate, channel: ChannelFit) -> bool:
+    reference_degC = channel.fit.reference_degC
+    return entry.quantity in QUANTITIES and entry.conditions.get("temperature_degC", reference_degC) == reference_degC
 
 
 def _holds_beside(holds: tuple[int, int, int]) -> Iterator[tuple[int, int, int]]:
