@@ -2,11 +2,11 @@
 
 Windows stay as long as they are, both branches and the range stay. What is faster shows the lag better and the noise
 less, so that the shortest ramp follows from the fit of each candidate and from the rivals that it would still tell.
-Decision: docs/decisions/0049-the-shortest-plan.md.
+Decision: docs/method-uncertainty.md.
 
 How surely a ramp would show what else could be true, at the size that puts its results off: the departures of its
 search, of which the fit of a nominal ramp says how far they move a result and what it leaves of them to be seen.
-Source: docs/decisions/0049-the-shortest-plan.md; noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
+Source: docs/method-uncertainty.md; noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
 """
 
 from __future__ import annotations
