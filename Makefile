@@ -105,9 +105,9 @@ ways: $(VENV)/.run
 	$(PY) tests/house/ways.py
 
 validate: $(VENV)/.dev
-	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record docs/validation.md
+	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record tests/validation.md
 
-# The wires and logs of other people in docs/validation.md, read again: FROM=FOLDER with their files.
+# The wires and logs of other people in tests/validation.md, read again: FROM=FOLDER with their files.
 public: $(VENV)/.dev
 	PYTHONPATH=tests:. $(PY) tests/public_captures.py $(FROM)
 

@@ -16,9 +16,8 @@ OBTAINED = "obtained"
 _HEAD = """\
 # Validation record
 
-Laboratory software is validated before it is used (ISO/IEC 17025:2017, 7.11.2). Each row names what is validated, what
-it is held against that nobody wrote here, the figure obtained, and the test that does it. `make validate` runs these
-tests and writes this file again; a row of a test that fails says so, and the command fails.
+What is validated, what it is held against that nobody wrote here, the figure obtained, and the test that does it.
+`make validate` writes this file again ([validation](../docs/validation.md)); a row of a test that fails says so.
 
 """
 

@@ -1,6 +1,6 @@
 """Predicted and achieved uncertainties of a campaign, side by side: the prediction checks the chain, and the chain it.
 
-Decision: docs/decisions/0050-predicted-against-achieved.md.
+Decision: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

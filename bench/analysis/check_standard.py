@@ -3,7 +3,7 @@
 What no data of one campaign can show, a common gain of the calibrator above all, moves the check standard too. So its
 results are a calibration of their own, which the history charts, and belong to nothing that is said of the unit.
 
-Source: ISO/IEC 17025:2017, 7.7.1; docs/decisions/0025-doubt.md.
+Source: ISO/IEC 17025:2017, 7.7.1; docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

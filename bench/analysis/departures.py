@@ -5,7 +5,7 @@ show, and how far each would move every estimate.
 
 A score is d' P e / |P d|, P the projection on what the fit leaves over; its threshold is shared by all columns that
 the data can show (union bound), and what the best leaves over is searched again.
-Source: docs/decisions/0052-departures.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

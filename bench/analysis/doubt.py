@@ -4,7 +4,7 @@ A check either holds a value against what is plausible, or gives the probability
 the model has it. The second kind must be rare by chance over the whole campaign, and must move a number: one check in
 three hundred is odd in most right campaigns, and what moves nothing costs nothing.
 
-Source: docs/decisions/0025-doubt.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Weighed:
 def weigh(evidence: Iterable[Evidence]) -> Weighed:
     """Sort the checks of a whole campaign, those that found nothing included: their number sets the level.
 
-    Source: the union bound; docs/decisions/0025-doubt.md.
+    Source: the union bound; docs/method-uncertainty.md.
     """
     heard = list(evidence)
     chances = sum(seen.probability > CERTAIN for seen in heard)

@@ -1,6 +1,6 @@
 """What a sequence expects of its values, whatever its analysis is: an estimate of each with its verdict, and doubt.
 
-Source: JCGM 100:2008 sections 4.2, 4.3 and 5.1 (type A, type B, both together); docs/decisions/0031.
+Source: JCGM 100:2008 sections 4.2, 4.3 and 5.1 (type A, type B, both together); docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Families of departures: those that labels of the readings make, and how a departure is said.
 
-Source: docs/decisions/0052-departures.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

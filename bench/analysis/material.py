@@ -6,7 +6,7 @@ its frames come right behind those of the first (docs/sequences.md), and both ar
 With it go why a record may not enter any estimate, and what the register of standards says of an instrument: its
 specification by range and age, and whether it still holds.
 
-Source: docs/decisions/0031-values-without-programming.md, docs/decisions/0036-standards-once.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

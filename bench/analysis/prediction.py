@@ -1,6 +1,6 @@
 """What an analysis knows of a campaign before its first hour, and the uncertainties that it will give.
 
-Decision: docs/decisions/0046-uncertainty-before-the-first-hour.md.
+Decision: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

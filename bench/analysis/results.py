@@ -3,7 +3,7 @@
 An acceptance says who released the value of a doubtful estimate, and why. It never gives an uncertainty or a verdict
 back, and holds no longer once the value or the reasons of the doubt are others than those that were looked at.
 
-Source: docs/decisions/0025-doubt.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

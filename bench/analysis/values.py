@@ -4,7 +4,7 @@ Values that a plan will read, as far as it says what they will be: readings in t
 
 Readings scatter as their ``scatter`` says, in an even pattern, so that their means have the uncertainties of a run. No
 fit through them is foreseen: departures of the points from their polynomial widen it, and only the unit shows them.
-Decision: docs/decisions/0046-uncertainty-before-the-first-hour.md.
+Decision: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

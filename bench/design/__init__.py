@@ -1,6 +1,6 @@
 """The shortest campaign that reaches an uncertainty: what is common to all analyses; each says what is free in its own.
 
-Decision: docs/decisions/0049-the-shortest-plan.md.
+Decision: docs/method-uncertainty.md.
 """
 
 from bench.design.edits import SequenceText

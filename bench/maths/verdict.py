@@ -106,7 +106,7 @@ def count_verdicts(verdicts: Iterable[str]) -> dict[Verdict, int]:
     Args:    verdicts: of single values.
     Returns: counts by verdict, {} if nothing is judged.
     Raises:  nothing.
-    Source:  docs/decisions/0025-doubt.md.
+    Source:  docs/method-uncertainty.md.
     """
     counts = Counter(verdicts)
     return {verdict: counts[verdict] for verdict in WORST_FIRST if counts[verdict]}
@@ -118,7 +118,7 @@ def worst(verdicts: Iterable[str]) -> Verdict:
     Args:    verdicts: of single values.
     Returns: the verdict; "none" if nothing is judged.
     Raises:  nothing.
-    Source:  docs/decisions/0025-doubt.md.
+    Source:  docs/method-uncertainty.md.
     """
     return next(iter(count_verdicts(verdicts)), "none")
 
@@ -129,7 +129,7 @@ def passed(verdicts: Iterable[str]) -> bool:
     Args:    verdicts: of single values.
     Returns: True also where nothing is judged.
     Raises:  nothing.
-    Source:  docs/decisions/0025-doubt.md.
+    Source:  docs/method-uncertainty.md.
     """
     return not any(verdict in MEANINGS and not meaning_of(verdict).accepts for verdict in verdicts)
 
@@ -185,7 +185,7 @@ def checked_rule(rule: object) -> str:
     Args:    rule: what a campaign names.
     Returns: the rule.
     Raises:  FitError B-FIT-041 for an unknown rule.
-    Source:  docs/decisions/0008-uncertainty-and-decision.md.
+    Source:  docs/method-uncertainty.md.
     """
     if rule in RULES:
         return str(rule)

@@ -2,7 +2,8 @@
 
 No other module loads ``fcntl``, ``termios``, ``pwd`` or ``resource``, or names Unix sockets, owners or flags of one
 system (tests/house). What is left out elsewhere costs convenience: a lower priority, the owner of a file, the name of
-a file on the disk after a loss of power. What a bench must not do without (docs/supported-systems.md) asks ``require``.
+a file on the disk after a loss of power. What a bench must not do without asks ``require``
+(docs/decisions/0035-minimal-install.md).
 
 Behind it the bench's own processes: every module that is started by its name. They are processes of their own so that a
 run cannot die of them, or so that they outlive it. None takes a module from the folder it happens to be started in

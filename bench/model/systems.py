@@ -6,7 +6,7 @@ An analysis of a lab folder belongs to no system: its one file holds its declara
 
 Behind them what no data of a campaign can show, by name: the assumption, the size that passes unseen, and what would
 show it. An effect that changes every reading as the wanted quantity would leaves no residual; it is said before the
-campaign by ``bench check`` and after it in results.json and the report (docs/decisions/0025-doubt.md).
+campaign by ``bench check`` and after it in results.json and the report (docs/method-uncertainty.md).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Points may end early: by declared noise, which fixes their length at once, or by the scatter of a first stage. That is
 several records without a gap and a decision behind them; its branches are one further record each, of several lengths.
-So whatever holds for decisions holds there. Decision: docs/decisions/0047-stop-rules.md.
+So whatever holds for decisions holds there. Decision: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

@@ -225,7 +225,7 @@ phases = Table(
 
 STATED = (states, phases)
 
-# The archive: where the recorded sessions are, and what they say of themselves (docs/decisions/0042-archive.md).
+# The archive: where the recorded sessions are, and what they say of themselves (docs/decisions/0009-history.md).
 archived_sessions = Table(
     "archived_sessions",
     METADATA,

@@ -36,5 +36,5 @@ NOT_RUN = {
     "bench history compare SESSION SESSION": "needs two calibrations; tests/runs/archive has them",
     "bench fit $S/": "ends with a move of files into the repository",
 }
-MOST_PARSED = 38  # command lines of all pages
-MOST_CHECKED = 25  # long runs, whose plans are compiled and checked instead; tests/runs and tests/systems run them
+MOST_PARSED = 35  # command lines of all pages
+MOST_CHECKED = 23  # long runs, whose plans are compiled and checked instead; tests/runs and tests/systems run them

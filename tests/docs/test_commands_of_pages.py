@@ -32,9 +32,9 @@ BLOCKS = [block for block in blocks("sh") if block.page != TUTORIAL]
 QUICK = {"first_check"}
 CHECKED: list[list[str]] = []  # of which plans are not checked again for each page
 SESSION_OF = {
-    "docs/fog-north.md": "20000101T000002Z_golden_fog_GOLDEN",
-    "docs/gnc-module.md": "20000101T000002Z_gnc_unit_test_GOLDEN",
-    "docs/ring-laser.md": "20000101T000000Z_golden_rlg_GOLDEN",
+    "docs/method-north.md": "20000101T000002Z_golden_fog_GOLDEN",
+    "docs/method-gnc.md": "20000101T000002Z_gnc_unit_test_GOLDEN",
+    "docs/method-ring-laser.md": "20000101T000000Z_golden_rlg_GOLDEN",
 }
 EXAMPLES = {  # what stands for the things of the reader
     "MAKE_UP_SESSION": "SESSION",
@@ -48,7 +48,7 @@ EXAMPLES = {  # what stands for the things of the reader
     "frames/my_device.yaml": "my_device.yaml",
     "$S/": f"{GOLDEN}/",
 }
-NOT_OURS = ("ssh ", "dask ", "export ", "OMP_NUM_THREADS=1 ", "rm ", "pip install -e . --no-deps", "cd our_lab")
+NOT_OURS = ("ssh ", "dask ", "export ", "rm ", "pip install -e . --no-deps", "cd our_lab", "pytest ")
 
 
 def reason(line: str) -> str:
@@ -133,6 +133,8 @@ def test_other_programs_are_known() -> None:
     ]
     targets = [words_of(line)[1] for line in lines if line.startswith("make ")]
     assert [target for target in targets if f"\n{target}:" not in makefile] == []
+    tests = [word for line in lines if line.startswith("pytest ") for word in words_of(line) if word[:6] == "tests/"]
+    assert [name for name in tests if not (ROOT / name).exists()] == []
     assert [line for line in lines if not line.startswith(("make ", *NOT_OURS))] == []
 
 

@@ -1,9 +1,8 @@
 """Wrong worlds by seeds, every estimate sorted by somebody who knows the truth: ``make doubt``.
 
 Each switch and size is a block of seeds, right worlds are blocks of fifty; a block is a row of rows.csv as soon as it
-is done, so it can be stopped at any time and goes on where the rows of this revision end. docs/doubt.md is then new.
-Exit status 1 if a number is confidently wrong that could have been seen, or that no assumption names, or if more than
-one right campaign in a hundred is doubted.
+is done, so it goes on where the rows of this revision end; tables.md is then new. Exit status 1 if a number is
+confidently wrong that could have been seen or that no assumption names, or if over 1 % of right campaigns are doubted.
 """
 
 import argparse

@@ -109,7 +109,7 @@ PAGES = [TOP / "README.md", TOP / "CHANGELOG.md", *sorted((TOP / "docs").rglob("
 MATRIX = TOP / "docs" / "faults.md"
 TEST = re.compile(r"`(tests/[a-z_0-9/]+\.py)::(test_\w+)`")
 ROWS = 30
-RECORD = TOP / "docs" / "validation.md"
+RECORD = TOP / "tests" / "validation.md"
 _ROW = re.compile(
     r"^\| (?P<what>[^|]+) \| (?P<against>[^|]+) \| (?P<figure>[^|]+) \| `(?P<test>[^`]+)` \|$", re.MULTILINE
 )

@@ -5,7 +5,7 @@ The register of standards, as the analyses of AF converters read it from the man
 Every standard enters once: each of its errors has one label, wherever it stands. What no data of a campaign can show
 is named with the size that passes unseen and what would show it; the drift that a closing repeat leaves is computed
 with the results.
-Source: docs/decisions/0025-doubt.md, 0036-standards-once.md; AF-converter paper sections 3 and 4.
+Source: docs/method-uncertainty.md; AF-converter paper sections 3 and 4.
 """
 
 from __future__ import annotations
@@ -368,7 +368,7 @@ def of_dmm_method(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what a campaign by the DMM method takes for granted, from the section "campaign" of its plan.
 
     Sizes were seen with a meter of 20 ppm and a gyro and an accelerometer channel at one temperature.
-    Source: docs/decisions/0007-dmm-method.md.
+    Source: docs/method-af-converter.md.
     """
     bound = min((float(channel.get("plausible_error", 0.05)) for channel in campaign.get("channels", ())), default=0.05)
     percent = 100.0 * bound

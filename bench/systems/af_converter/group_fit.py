@@ -6,7 +6,7 @@ What no converter channel can be: driven by the wrong polarity or none, on a clo
 
 Each counter must be moved by the stimulus of its own polarity, both clocks of a unit keep their ratio, and a
 scale-factor error must be one that a converter can have. Holds for every method that has levels of both polarities.
-Source: docs/decisions/0025-doubt.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class TemperaturePolynomial:
     what the polynomial leaves over where that is more, and of what the values share, of which ``effects`` (d + 1, j)
     are one sigma each. ``misfit`` (d + 1,): the first part, standard, with ``misfit_dof`` degrees of freedom; 0: noise.
     ``operator`` (d + 1, k) makes the coefficients of the values; ``residual`` (k,) value minus polynomial.
-    Source: AF-converter paper section 3.3 (temperature coefficients); docs/decisions/0004.
+    Source: AF-converter paper section 3.3 (temperature coefficients); docs/method-af-converter.md.
     """
 
     reference_degC: float
@@ -88,7 +88,7 @@ def fit_temperature(
              shared: (k, j) one-sigma effects of j independent errors that the values share.   reference_degC: T_ref.
     Returns: TemperaturePolynomial, or None for fewer than two temperatures.
     Raises:  FitError B-FIT-001 if the temperatures are not distinct.
-    Source:  AF-converter paper section 3.3; docs/decisions/0004.
+    Source:  AF-converter paper section 3.3; docs/method-af-converter.md.
     """
     degree = min(2, values.size - 1)
     if degree < 1:

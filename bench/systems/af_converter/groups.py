@@ -5,11 +5,12 @@ The temperature of the unit during a record is measured, or interpolated over a 
 A measuring point of a scale-factor campaign, as far as a stop rule asks: how well its mean current is known.
 
 Random is what differs from one measurement of the same point to the next: the fractions of a pulse at the ends of each
-piece, of the counts and of the AF clock, and the white noise of the converter. Source: docs/decisions/0004, 0047.
+piece, of the counts and of the AF clock, and the white noise of the converter. Source:
+docs/method-af-converter.md, method-uncertainty.md.
 
 Points that are measured in several records: how well their mean is known, and the records as one reading.
 
-Source: docs/decisions/0004 (quantisation, white noise), 0047 (stop rules).
+Source: docs/method-af-converter.md (quantisation, white noise), method-uncertainty.md (stop rules).
 """
 
 from __future__ import annotations
@@ -77,8 +78,8 @@ def random_A(converter: Converter, level_A: float, seconds: float, cuts: int) ->
 
     Args:    level_A: magnitude of the current.   seconds: that is measured in all, positive.
              cuts: pieces it is measured in; each begins and ends anywhere between two pulses.
-    Source:  docs/decisions/0004: two uniform residues of one pulse for each piece, of the counts and of the AF clock;
-             white / sqrt(2 seconds).
+    Source:  docs/method-af-converter.md: two uniform residues of one pulse for each piece, of the counts and of the
+             AF clock; white / sqrt(2 seconds).
     """
     of_pulse_A = converter.k0_C / seconds
     of_clock_A = level_A / (converter.af_clock_Hz * seconds)

@@ -1,6 +1,6 @@
 """What no data of a GNC module's calibration can show: it changes every reading as the wanted quantity would.
 
-Source: docs/decisions/0025-doubt.md; sizes from the sequence where it states them.
+Source: docs/method-uncertainty.md; sizes from the sequence where it states them.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ omega cos(latitude), more than the limit of 10 deg/h).
 
 What records at rest say against the biases found in them: the pose is the one named, nothing moves, nothing hangs.
 
-Source: docs/decisions/0025-doubt.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """imu_coefficients.json: what a navigation unit needs to compensate its inertial sensors and its magnetometer, and the
 same as a C99 header with the functions that apply it.
 
-A document of its own beside coefficients.json, which is about converters: docs/decisions/0016-imu-coefficients.md.
+A document of its own beside coefficients.json, which is about converters: docs/method-gnc.md.
 """
 
 from __future__ import annotations

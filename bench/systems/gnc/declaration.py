@@ -368,7 +368,7 @@ DECLARATION = System(
             ("exchanges",),
             made_of="tests",
             items=_ITEMS,
-            page="docs/gnc-module.md",
+            page="docs/method-gnc.md",
             predicted=f"{_HERE}.predicted:of_unit_test",
         ),
         AnalysisDeclaration(

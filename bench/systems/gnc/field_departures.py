@@ -3,7 +3,7 @@
 A reading is its distance from the surface; those of one part of a record that lie in one direction are a row. A turn
 beside attitudes is a section of their ellipsoid, whose field may have another size. The field may wander as much in
 each octave of time, by an amount that is not known.
-Source: docs/decisions/0025 (doubt), 0052 (departures).
+Source: docs/method-uncertainty.md (doubt, departures).
 """
 
 from __future__ import annotations

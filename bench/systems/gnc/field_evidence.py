@@ -1,7 +1,7 @@
 """What the readings of a magnetometer say against its ellipse and ellipsoid.
 
 The Earth's field has a size, and noise is shorter than the record; what departs from a surface: ``field_departures``.
-Source: docs/decisions/0025-doubt.md.
+Source: docs/method-uncertainty.md.
 
 Roll angle that a module returns over the link, against the table and against other coefficients.
 

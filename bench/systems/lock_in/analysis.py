@@ -1,7 +1,8 @@
 """Lock-in compensation of dithered ring lasers: random walk and alignment time before and after, by five methods.
 
 Source: paper 004 on the alignment time of inertial navigation and lock-in compensation of ring laser gyroscopes,
-equations (1) to (11) as restored in docs/ring-laser.md. Only ticks, levels and housekeeping of the records are read.
+equations (1) to (11) as restored in docs/method-ring-laser.md. Only ticks, levels and housekeeping of the records
+are read.
 
 Notes tell where a compensator does harm and what the numbers rest on.
 """

@@ -1,6 +1,6 @@
 """What no record of a ring laser can show, by name.
 
-Source: docs/decisions/0025-doubt.md; equations (2), (6) and (10) of docs/ring-laser.md.
+Source: docs/method-uncertainty.md; equations (2), (6) and (10) of docs/method-ring-laser.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The constants must be the same in every group of turnarounds, the output must be a random walk all along, and the walk
 before compensation must be the one that the constants make. Nothing of a laser's truth is needed for that.
-Source: docs/decisions/0025-doubt.md.
+Source: docs/method-uncertainty.md.
 
 What cannot be in a record of a ring laser: counts, time stamps, dither and lock-in beyond what one can have.
 
@@ -11,7 +11,7 @@ That needs no statistics.
 Groups of turnarounds are the rows of one fit of two constants of the lock-in. Readings are the constants that a group
 gives by itself, relative to those of the record: along them (size), then across (phase, rad). A group shares time,
 sense, phase and swing; noise is what turnarounds that follow each other differ by.
-Source: docs/ring-laser.md (model), docs/decisions/0052 (departures).
+Source: docs/method-ring-laser.md (model), method-uncertainty.md (departures).
 """
 
 from __future__ import annotations
@@ -215,7 +215,7 @@ RATIOS = ("random_walk_ratio", "alignment_time_ratio")
 BIASES = ("bias_instability", "bias_alignment_error")
 WALKS = ("angle_random_walk", "quantisation_noise", "alignment_time", "path_length_exponent", *BIASES, *RATIOS)
 _SENSOR_OFF = 0.05  # of the dither amplitude, five times what its sensor is good to
-_LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/ring-laser.md)
+_LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/method-ring-laser.md)
 _NO_LOCK_IN, _MOST_JUMP_rad = "implausible_lock_in", 0.5  # the fit is of first order in it
 _MOST_STEP_rad = 0.2  # of the phase in one step of the time stamps, where the rate is largest
 _MOST_REPEATED = 0.01  # of the blocks

@@ -52,7 +52,7 @@ def predicted(planned: Planned) -> Prediction:
             "B-RLG-010",
             "laser and dither are not declared, so nothing can be predicted",
             where="sequence: uut",
-            next_step="declare 'laser' in the section 'uut' (docs/ring-laser.md)",
+            next_step="declare 'laser' in the section 'uut' (docs/method-ring-laser.md)",
         )
     rows = [RecordRow(window, {}, 0, 0, 0, Quality.GOOD) for window in planned.windows]
     records = laser_records(Material(rows, planned.campaign, planned.standards))

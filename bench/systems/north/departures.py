@@ -8,7 +8,7 @@ magnet, a gain that goes with the angle of the table), which changes the amplitu
 adds to the signal at a place to be found, which turns north as much if it lies across.
 
 Beside the rows: a signal that drowns, and a table that turns otherwise than stated.
-Source: docs/decisions/0025 (doubt), 0052 (departures); FOG paper, equation (1).
+Source: docs/method-uncertainty.md (doubt, departures); FOG paper, equation (1).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The means of all values and their verdicts are made for every analysis alike (``bench.analysis``).
 
-Source: JCGM 100:2008 section 4.2 (pooled scatter); docs/decisions/0031.
+Source: JCGM 100:2008 section 4.2 (pooled scatter); docs/method-uncertainty.md.
 
 Of the fits that a sequence asks for: what speaks against them, tables, figures.
 
@@ -11,7 +11,7 @@ What plain readings will show of their repeatability, where their scatter is dec
 One search goes for what departs from a polynomial. Rows are the means of the points with the scatter of their readings;
 floors of the instruments are another error at each point, of which only the largest size is known, and one error of
 all, as gains are.
-Source: docs/decisions/0052-departures.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

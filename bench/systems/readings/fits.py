@@ -1,6 +1,6 @@
 """Fits of polynomials that a sequence asks for: their points, and estimates with verdicts.
 
-Source: docs/decisions/0031-values-without-programming.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Time offset between an EGI and the inertial unit at a radar antenna, from a recording of both through a manoeuvre.
 
-Method and requirements: docs/time-sync.md. The truth of a simulation enters nowhere.
+Method and requirements: docs/method-time-sync.md. The truth of a simulation enters nowhere.
 """
 
 from __future__ import annotations

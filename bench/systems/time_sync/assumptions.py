@@ -1,8 +1,8 @@
 """What no recording of two units can show, by name, with the size that passes unseen.
 
 Sizes are those that the checks of a recording see in half of all cases, for a turn of 90 deg in 8 s at 100 m/s and
-units as the sequences state them (docs/time-sync.md); larger stated errors hide as much more.
-Source: docs/decisions/0025-doubt.md.
+units as the sequences state them (docs/method-time-sync.md); larger stated errors hide as much more.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Readings are the differences between all solutions of the EGI and the unaided in
 over blocks, and the least delays of the frames of both ports in parts of the recording. Free are errors of the first
 state and biases, the offset, its drift, and a line of the delays of either port; the offset by receive stamps and the
 stated latencies is a row beside them. So filters and stamps are two opinions, of which either can be the wrong one.
-Source: docs/decisions/0025 (doubt), 0052 (departures).
+Source: docs/method-uncertainty.md (doubt, departures).
 """
 
 from __future__ import annotations

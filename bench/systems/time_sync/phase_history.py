@@ -1,7 +1,7 @@
 """A radar's image from an imported phase history: where its strongest target stands and how sharp it is.
 
 What the image shows of navigation is in the response: an error of the antenna's positions that is constant moves it,
-one that changes along the track widens it and lifts its side lobes (docs/time-sync.md).
+one that changes along the track widens it and lifts its side lobes (docs/method-time-sync.md).
 """
 
 from __future__ import annotations

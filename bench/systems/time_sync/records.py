@@ -127,7 +127,7 @@ def _stream(parts: Sequence[Samples | None], link: str, first_tick: int) -> Stre
         raise FitError(
             "B-SYNC-002",
             f"the frames of the link {link!r} carry no {', '.join(unknown)}",
-            next_step="use a frame with the fields of imu_200, egi_50 and sar_pulse; docs/time-sync.md names them",
+            next_step="use frames with the fields of imu_200, egi_50, sar_pulse; docs/method-time-sync.md names them",
         )
     counter = np.concatenate([part.counter for part in present])
     before = np.maximum.accumulate(np.concatenate(([np.iinfo(np.int64).min], counter)))[:-1]

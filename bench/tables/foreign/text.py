@@ -1,6 +1,6 @@
 """A binary log as the lines of a delimited one: a session holds text that needs no library to be read again.
 
-Numbers are written with all their digits, so nothing is rounded. Decision 0033.
+Numbers are written with all their digits, so nothing is rounded. Decision: docs/decisions/0028-python-api.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Truth of the sensors of one simulated module: errors drawn once from (seed, serial number), and the periods in
 which it had power, which warm it and give it a bias of their own. Every number and its reason stands in
-docs/gnc-simulation.md.
+docs/method-gnc.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Choices at the simulated bench of GNC modules: switches, and the faults that a module can have.
 
 Every switch is on where none is given. A fault has a number, says what is wrong and which unit tests must fail because
-of it; the table in docs/gnc-faults.md says the same, and a test holds the two against each other.
+of it; the table in docs/method-gnc.md says the same, and a test holds the two against each other.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _known(name: str) -> str:
     near = difflib.get_close_matches(name, FAULTS, n=1)
     meant = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
-        "B-SIM-002", f"no fault of the GNC module is called {name!r}", next_step=f"{meant}docs/gnc-faults.md lists them"
+        "B-SIM-002", f"no fault of the GNC module is called {name!r}", next_step=f"{meant}docs/method-gnc.md lists them"
     )
 
 

@@ -76,7 +76,7 @@ WORLD = World(path_m=0.28, clock_Hz=100_000_000, seconds=3.0, lock_in_deg_s=LOCK
 
 
 def random_walk_deg_rth() -> float:
-    """What the jumps of lock-in make of the angle, W_L / sqrt(K W_D) of docs/ring-laser.md, and the quantum noise."""
+    """Jumps of lock-in, W_L / sqrt(K W_D) of docs/method-ring-laser.md, and the quantum noise."""
     lock_in, dither = np.radians(LOCK_IN_deg_s), np.radians(100.0)
     jumps = 60.0 * np.degrees(lock_in / np.sqrt(WORLD.gain * dither))
     return float(np.hypot(jumps, WORLD.quantum_deg_rth))

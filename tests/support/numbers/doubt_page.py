@@ -1,4 +1,4 @@
-"""The tables of docs/doubt.md, from the rows of one revision, and what they must not show."""
+"""The tables of tests/doubt/tables.md, from the rows of one revision, and what they must not show."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from block_rows import ROOT
 from doubt_blocks import Bias, Block
 
-PAGE = ROOT / "docs" / "doubt.md"
+PAGE = ROOT / "tests" / "doubt" / "tables.md"
 BELOW = "<!-- Everything below is written by `make doubt`. -->"
 _DRAWN = "departures"  # worlds of a table and drawn ones: rows.csv alone has them
 MOST_DOUBTED = 0.01  # of right campaigns: designed for 0.2 %, five of 500 are what chance may bring

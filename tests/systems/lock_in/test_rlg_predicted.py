@@ -97,7 +97,7 @@ def test_the_shipped_lasers_are_predicted() -> None:
         due = 0.05 * (0.28 / path_m) ** 2 / np.sqrt(gain * np.radians(100.0)) * 60.0  # equation (6)
         raw = walks[path_m, 1e8, "raw"]
         assert raw.value == pytest.approx(np.hypot(due, 1.15e-4 * (0.28 / path_m) ** 2), rel=1e-9)
-        assert 0.01 < raw.std_uncertainty / raw.value < 0.04  # docs/ring-laser.md: 1.5 % where Q is known
+        assert 0.01 < raw.std_uncertainty / raw.value < 0.04  # docs/method-ring-laser.md: 1.5 % where Q is known
     (sentence,) = found.missing
     assert "comparators: not predicted" in sentence
     constants = [entry for entry in found.estimates if entry.quantity in ("lock_in_rate", "backscatter_phase")]
@@ -118,7 +118,7 @@ def test_the_shipped_lasers_are_predicted() -> None:
     ],
 )
 def test_ratios_are_those_of_integrated_lasers(phase_deg: float, clock_Hz: float, left: tuple[float, ...]) -> None:
-    """docs/ring-laser.md: integrated records of 20 s of 28 cm; standard uncertainties of the ratios are 4 to 8 %."""
+    """docs/method-ring-laser.md: integrated records of 20 s of 28 cm; ratios are known to 4 to 8 %."""
     (window,) = planned().windows
     of_28_cm = {"path_length_m": 0.28, "clock_Hz": clock_Hz, "backscatter_phase_deg": phase_deg}
     conditions = {**window.conditions, **of_28_cm}

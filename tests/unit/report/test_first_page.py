@@ -132,7 +132,7 @@ def test_what_the_laboratory_states_is_on_it(model: ReportModel, page: FirstPage
     assert "measured: 22.8 to 23.2 °C" in said["Environment"]
     assert "30 to 60 % relative humidity" in said["Environment"]
     assert "calibrator 5720A SIM-5720: SIM-0001, 1999-11-01" in said["Traceability"]
-    assert "docs/decisions/0004-scale-factor-equations.md" in said["Method"]
+    assert "docs/method-af-converter.md" in said["Method"]
     assert "relate only to the item" in said["Validity"]
     assert "replaces EX-2026-0001. Reason: The customer's number was wrong." in said["Replaces"]
     assert "as left" in said["Adjustment"]

@@ -1,6 +1,6 @@
 """The bias campaign: all channels with open inputs while the temperature goes up and down, and what to know of it.
 
-Source: AF-converter paper section 4; docs/decisions/0006-bias-and-hysteresis.md.
+Source: AF-converter paper section 4; docs/method-af-converter.md.
 
 Tables and figures of the report on a bias campaign: what lag does to the usual comparison, the fits, the budgets.
 
@@ -282,7 +282,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
              method: "joint" (driven by the chamber's air) or "joint_unit_sensor" (driven by the unit's own sensor).
     Returns: Analysis. Channels that are not determined have no estimate and are named in ``missing`` and ``notes``.
     Raises:  FitError B-FIT-008, -020, -022; that of the first channel if no channel at all is determined.
-    Source:  docs/decisions/0006-bias-and-hysteresis.md.
+    Source:  docs/method-af-converter.md.
     """
     campaign = read_campaign(material.campaign)
     records = ramp_records(material.rows, campaign.master_Hz)

@@ -3,8 +3,9 @@
 Free are the curve, the width and, in first order, lag and half-width as far as the bounds of their search let them. The
 noise is declared; nothing scatters beside it. General departures are of the bias, its slope and its loop; a second lag,
 a second play, a loop that is late or lost, and a bend are those of a ramp.
-Source: docs/decisions/0006 (joint fit), 0052 (departures); Krejci and Kuhnen, IEE Proc. Control Theory 148 (2001) 185
-(several play operators); two masses in a row answer like (t1 F1 - t2 F2) / (t1 - t2), a sum of two first-order lags.
+Source: docs/method-af-converter.md (joint fit), method-uncertainty.md (departures); Krejci and Kuhnen,
+IEE Proc. Control Theory 148 (2001) 185 (several play operators); two masses in a row answer like
+(t1 F1 - t2 F2) / (t1 - t2), a sum of two first-order lags.
 """
 
 from __future__ import annotations

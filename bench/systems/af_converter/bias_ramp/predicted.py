@@ -2,7 +2,7 @@
 
 Noise is the declared one, which the fit uses anyway. Width, half-width and lag of a unit without any are not
 determined by any ramp, so those of the unit are declared, and what is predicted holds for such a one.
-Source: docs/decisions/0046-uncertainty-before-the-first-hour.md.
+Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Where the calibrator is in the register too, both methods are compared, what both share being left out: they count the
 same pulses, and both standards may have been calibrated with the same one.
-Source: AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md; 0036-standards-once.md; ISO/IEC 17043 for
+Source: AF-converter paper section 3.1.2; docs/method-af-converter.md; docs/method-uncertainty.md; ISO/IEC 17043 for
 E_n.
 """
 
@@ -160,7 +160,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     Returns: Analysis. Groups that are not determined have no estimate and are named in ``missing`` and ``notes``; that
              "as_printed" refuses K_N and K_P apart is a note with the rank.
     Raises:  FitError B-FIT-003, -004, -007, -008, -009; B-FIT-001, -005, -012 or -050 if no group is determined.
-    Source:  AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
+    Source:  AF-converter paper section 3.1.2; docs/method-af-converter.md.
     """
     constants, register = read_campaign(material.campaign), read_ranges(material.standards, METER)
     known = determine(material, method)

@@ -3,7 +3,7 @@
 Readings are counted currents, against those that the meter read. Free are both counters of each channel and
 temperature, a current of each visit and the leakage of the switch; errors of the meter are known as far as its
 specification. A point that is taken again must show the same unit against the same meter, so its rows are here too.
-Source: docs/decisions/0007-dmm-method.md (model), 0025 (doubt), 0052 (departures).
+Source: docs/method-af-converter.md (model), method-uncertainty.md (doubt, departures).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ rows of a level:
 ``1/2 [K_N (C_N+ + C_N-) - K_P (C_P+ + C_P-)] = 1/2 (i_DMM1 + i_DMM2) + c``
 
 b_R: zero of the meter's range, l: half the difference of the switch's leakages, c: half their sum minus i_AFbias.
-Source: AF-converter paper equations (12) to (18), corrected as in docs/decisions/0007-dmm-method.md.
+Source: AF-converter paper equations (12) to (18), corrected as in docs/method-af-converter.md.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def fit_dmm_method(
     Returns: DmmScaleFactor. Gains of the meter's ranges count as fully correlated in the uncertainty.
     Raises:  FitError B-FIT-001 (rank), B-FIT-003 (range not in the register), B-FIT-005 (a polarity is
              missing), B-FIT-050 (no row with a reading).
-    Source:  AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
+    Source:  AF-converter paper section 3.1.2; docs/method-af-converter.md.
     """
     readable = usable_rows(rows) & np.isfinite(meter.current_A) & np.isfinite(meter.std_A)
     usable = readable & _has_partner(rows, readable)
@@ -169,7 +169,7 @@ def reference_A_of(rows: Readings, meter: Meter, standard: Mapping[float, RangeS
     """Signed current the meter saw go to the unit, (m,): its readings corrected by its certificate.
 
     Raises: FitError B-FIT-003 for a range the register does not hold.
-    Source: AF-converter paper equations (15), (16), for a meter before the switch (docs/decisions/0007).
+    Source: AF-converter paper equations (15), (16), for a meter before the switch (docs/method-af-converter.md).
     """
     read = replace(rows, level_A=meter.current_A, range_A=meter.range_A)
     return reference_current_A(read, standard, np.isfinite(meter.zero_std_A))
@@ -178,7 +178,7 @@ def reference_A_of(rows: Readings, meter: Meter, standard: Mapping[float, RangeS
 def pair_rows(rows: Readings) -> tuple[Floats, Floats]:
     """Levels (p,) and the matrix (2 p, m) of half differences, then half sums, of each level's two polarities.
 
-    Source: AF-converter paper equations (14), (17); docs/decisions/0007 for the sums.
+    Source: AF-converter paper equations (14), (17); docs/method-af-converter.md for the sums.
     """
     levels = np.unique(rows.level_A)
     sides = [(rows.level_A == level) & (rows.polarity == sign) for sign in (1.0, -1.0) for level in levels]
@@ -192,7 +192,7 @@ def meter_parts(rows: Readings, meter: Meter, standard: Mapping[float, RangeSpec
 
     A zero that was measured leaves its noise, one that was not the floor of the specification.
     Raises: FitError B-FIT-003 for a range the register does not hold.
-    Source: docs/decisions/0007-dmm-method.md.
+    Source: docs/method-af-converter.md.
     """
     floor_A = np.array([specification(standard, float(range_A)).floor_A / 2.0 for range_A in meter.range_A])
     same_range = np.equal.outer(meter.range_A, meter.range_A)
@@ -225,7 +225,7 @@ def require_separable(relative_design: Floats, rows: str) -> None:
     Args:    relative_design: (m, p) in units of the stimulus.   rows: name of the rows for the message.
     Raises:  FitError B-FIT-001 with the rank, if the condition number is above ``LARGEST_CONDITION``: only the bias of
              the converter, which the equations take as constant, then keeps the columns apart.
-    Source:  docs/decisions/0007-dmm-method.md (rank of equations (17), (18)).
+    Source:  docs/method-af-converter.md (rank of equations (17), (18)).
     """
     condition, columns = condition_number(relative_design), relative_design.shape[1]
     if condition > LARGEST_CONDITION:
@@ -276,7 +276,7 @@ def _as_printed(problem: _Problem) -> _Solution:
 def by_range(error_A: Floats, range_A: Floats) -> Floats:
     """Return what an error (m,) makes of the rows of each range, (m, r).
 
-    Source: docs/decisions/0007-dmm-method.md (a gain of each range).
+    Source: docs/method-af-converter.md (a gain of each range).
     """
     return np.column_stack([error_A * (range_A == full_A) for full_A in np.unique(range_A)])
 

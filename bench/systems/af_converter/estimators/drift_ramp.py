@@ -3,7 +3,7 @@ the joint fit of lag and hysteresis for such a record, whose noise and history a
 
 Source: ordinary least squares with a cubic in temperature, a quadratic in time and a term that is +1/2 on a ramp up and
 -1/2 on a ramp down; intervals from the residuals' own correlation, noise by restricted likelihood
-(estimators.correlated_noise); docs/decisions/0006-bias-and-hysteresis.md (joint fit).
+(estimators.correlated_noise); docs/method-af-converter.md (joint fit).
 
 Noise that is white and, beside it, wanders and returns: its size from the residuals, and intervals that hold it.
 
@@ -398,7 +398,7 @@ def fit_ramp_hysteresis(
              reference_degC: of the polynomial.
     Returns: RampHysteresis; the numbers of ``fit`` are those of estimators.hysteresis.fit.fit_hysteresis.
     Raises:  FitError B-FIT-001 if the record does not determine the linear parameters, naming those.
-    Source:  docs/decisions/0006-bias-and-hysteresis.md.
+    Source:  docs/method-af-converter.md.
     """
     gates, bounds = Gates(blocks.start_s, blocks.end_s), search_bounds(blocks, drive)
     shape = ramp_shape(blocks, reference_degC)

@@ -4,7 +4,7 @@ Gates that follow each other cut the same charge: what the first misses the seco
 telescope, e_k = (rho_(k+1) - rho_k) / t, with the variance (q / t)^2 / 6 and the lag-1 correlation -1/2. White noise
 is independent from gate to gate, the random walk of the bias adds up over the whole series. Differences of
 neighbouring readings depend on nothing farther than two gates away, so their covariance has five diagonals.
-Source: docs/decisions/0004 (quantisation, white noise, random walk); Golub and Van Loan, Matrix Computations,
+Source: docs/method-af-converter.md (quantisation, white noise, random walk); Golub and Van Loan, Matrix Computations,
 section 4.3 (banded Cholesky factor).
 
 First-order thermal lag of a unit behind the air around it, exact for air measured now and then.

@@ -4,7 +4,7 @@ currents, covariance, the effects that rows share, and the bias of rows with the
 Independent part of the covariance: quantisation of the gated counts, white noise and random walk of the converter.
 Shared part: one unknown offset per calibrator range and one linearity error per level; both change sign with the
 polarity switch and are the same for every channel and temperature, so their sensitivities are kept by label.
-Source: docs/decisions/0004-scale-factor-equations.md; AF-converter paper equations (1) to (3), sections 3.3 and 4.1.
+Source: docs/method-af-converter.md; AF-converter paper equations (1) to (3), sections 3.3 and 4.1.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def clock_ratio(af_count: Floats, gate_s: Floats, af_clock_Hz: float) -> Floats:
     Args:    af_count: AF-clock pulses counted in each gate, (m,).   gate_s: nominal gate t_INT0 = master pulses over
              nominal master frequency, (m,), second.   af_clock_Hz: nominal AF clock, hertz.
     Returns: r, (m,), near 1; NaN where no AF pulse was counted.
-    Source:  AF-converter paper equation (1); docs/decisions/0004.
+    Source:  AF-converter paper equation (1); docs/method-af-converter.md.
     """
     counted = np.where(af_count > 0, af_count, np.nan)
     return af_clock_Hz * gate_s / counted
@@ -44,7 +44,7 @@ def master_clock_error(fg_count: Floats, gate_s: Floats, fg_Hz: float) -> Floats
     Args:    fg_count: function-generator pulses counted in each gate, (m,).   gate_s: nominal gate, (m,), second.
              fg_Hz: frequency of the function generator, hertz.
     Returns: dMSTR, (m,), dimensionless; NaN where the generator was off.
-    Source:  AF-converter paper section 4.1; docs/decisions/0004.
+    Source:  AF-converter paper section 4.1; docs/method-af-converter.md.
     """
     counted = np.where(fg_count > 0, fg_count, np.nan)
     return fg_Hz * gate_s / counted - 1.0
@@ -53,7 +53,7 @@ def master_clock_error(fg_count: Floats, gate_s: Floats, fg_Hz: float) -> Floats
 def count_noise(count: Floats) -> Floats:
     """Relative standard uncertainty of a gated count, (m,): difference of two uniform residues over the count.
 
-    Source: docs/decisions/0004 (quantisation); two uniform residues of one pulse have the variance 1/6.
+    Source: docs/method-af-converter.md (quantisation); two uniform residues of one pulse have the variance 1/6.
     """
     return np.asarray(1.0 / (np.sqrt(6.0) * np.where(count > 0, count, np.nan)))
 
@@ -146,7 +146,7 @@ def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Floats, Floa
 def quantisation_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of gated counts, (m,): the difference of two uniform residues of one pulse, (q / t)^2 / 6 per stretch.
 
-    Source: docs/decisions/0004; rectangular distribution of JCGM 100:2008 4.3.7.
+    Source: docs/method-af-converter.md; rectangular distribution of JCGM 100:2008 4.3.7.
     """
     return (converter.k0_C / rows.gate_s) ** 2 / 6.0 * (1.0 + rows.gaps)
 
@@ -263,7 +263,7 @@ def relative_errors(range_A: Floats, standard: Mapping[float, RangeSpecification
 
     Args:    range_A: range of the standard in use, (m,).   standard: its register.
     Raises:  FitError B-FIT-003 for a range the register does not hold.
-    Source:  docs/decisions/0036-standards-once.md.
+    Source:  docs/method-uncertainty.md.
     """
     of_rows = [specification(standard, float(full_A)).errors for full_A in range_A]
     labels = dict.fromkeys(label for errors in of_rows for label in errors)

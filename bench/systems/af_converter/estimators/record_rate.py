@@ -88,7 +88,7 @@ def gated(records: PulseRecords, converters: PulseConverters) -> RateEstimate:
     Args:    records: m records of c channels.   converters: their constants.
     Returns: RateEstimate; NaN without a gate or an AF clock.
     Raises:  nothing.
-    Source:  AF-converter paper equation (1); docs/decisions/0004 (quantisation); JCGM 100:2008 4.3.7.
+    Source:  AF-converter paper equation (1); docs/method-af-converter.md (quantisation); JCGM 100:2008 4.3.7.
     """
     gate_s = np.where(records.gate_s > 0, records.gate_s, np.nan)[:, None]
     n, p = records.n.count, records.p.count

@@ -3,11 +3,12 @@
 Model of a row with polarity s and level l on the calibrator range R:
 ``K0 (1 + DSF_N) C_N - K0 (1 + DSF_P) C_P = s l + s (b_R + e_l) + o_s``, where C = r N / t and o_s holds the leakage
 of the switch and the bias of the converter for that polarity.
-Source: AF-converter paper equations (4) to (11), corrected as in docs/decisions/0004-scale-factor-equations.md.
+Source: AF-converter paper equations (4) to (11), corrected as in docs/method-af-converter.md.
 
 In the Monte Carlo model of a group every input is drawn from its distribution and every draw fitted again. The counts
 stand in the design matrix of the fit, so the model is not linear; the draws show whether the linear budget holds all
-the same. Nothing of it uses the sensitivities of the budget. Source: JCGM 101:2008 section 5; docs/decisions/0008.
+the same. Nothing of it uses the sensitivities of the budget. Source: JCGM 101:2008 section 5;
+docs/method-uncertainty.md.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ def fit_scale_factor(
     Returns: ScaleFactor; its uncertainties follow from the same covariance model for every method.
     Raises:  FitError B-FIT-001 (rank), B-FIT-003 (range not in the register), B-FIT-004 (method unknown), B-FIT-005 (a
              polarity is missing), B-FIT-006 (a zero row is missing).
-    Source:  AF-converter paper equations (10), (11), corrected as in docs/decisions/0004.
+    Source:  AF-converter paper equations (10), (11), corrected as in docs/method-af-converter.md.
     """
     if method not in METHODS:
         raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of {', '.join(METHODS)}")
@@ -214,7 +215,7 @@ def scale_design(rows: Readings, n_A: Floats, p_A: Floats) -> Floats:
     """Design (m, 4): counted currents for DSF_N and DSF_P, and one offset per polarity.
 
     The counts, not the set-points, multiply the unknowns: set-points would bias DSF by -DSF^2.
-    Source: docs/decisions/0004, corrected equations (4) to (10).
+    Source: docs/method-af-converter.md, corrected equations (4) to (10).
     """
     return np.column_stack([n_A, -p_A, rows.polarity > 0, rows.polarity < 0]).astype(np.float64)
 
@@ -283,7 +284,7 @@ def gain_effects_ppm(
     """Effects (2,) in ppm of one standard deviation of each error in proportion to the calibrator's current, by label.
 
     They do not average over levels, channels or temperatures, so they never enter the weights of the fit.
-    Source: docs/decisions/0004 (common gain), 0036 (calibration of the calibrator).
+    Source: docs/method-af-converter.md (common gain), method-uncertainty.md (calibration of the calibrator).
     """
     errors = relative_errors(rows.range_A, standard)
     return {label: to_ppm @ (reference_A * relative) for label, relative in errors.items()}
@@ -332,7 +333,7 @@ class TrialModel:
         Args:    generator: seeded.   trials: how many.
         Returns: scale-factor errors, one row per trial.
         Raises:  FitError of ``zero_difference`` (B-FIT-006) for the methods that need zero rows.
-        Source:  docs/decisions/0004, corrected equations (4) to (11).
+        Source:  docs/method-af-converter.md, corrected equations (4) to (11).
         """
         problem = _set_up(self.rows.take(usable_rows(self.rows)), self.converter, self.standard, self.referral)
         rows = problem.rows

@@ -1,6 +1,6 @@
 """The scale-factor campaign: from records to estimates, residuals, budget and notes.
 
-Source: AF-converter paper section 3; docs/decisions/0004-scale-factor-equations.md.
+Source: AF-converter paper section 3; docs/method-af-converter.md.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
              method: "gls", "paper" (equation 11) or "ols" (equation 10).
     Returns: Analysis. Groups that are not determined have no estimate and are named in ``missing`` and ``notes``.
     Raises:  FitError B-FIT-003 to B-FIT-009; B-FIT-001, -005, -006 or -012 if no group at all is determined.
-    Source:  AF-converter paper section 3; docs/decisions/0004.
+    Source:  AF-converter paper section 3; docs/method-af-converter.md.
     """
     known = determine(material, method)
     constants, register, fitted, chosen = known.constants, known.standards, known.fitted, known.rows

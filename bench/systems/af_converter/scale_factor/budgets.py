@@ -2,7 +2,7 @@
 and fitted again; budgets as tables of the report.
 
 The components are those of which ``estimates`` makes the totals of results.json; their sensitivities come from the
-fit. What channels share carries one label in all budgets (docs/decisions/0008-uncertainty-and-decision.md).
+fit. What channels share carries one label in all budgets (docs/method-uncertainty.md).
 """
 
 from __future__ import annotations

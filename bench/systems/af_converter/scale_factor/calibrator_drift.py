@@ -1,7 +1,7 @@
 """Changes during a campaign: first visits and repeats of a channel, and what the session itself says of the
 calibrator's drift by a meter before and after the campaign or by the closing repeat.
 
-Decision: docs/decisions/0007-dmm-method.md.
+Decision: docs/method-af-converter.md.
 """
 
 from __future__ import annotations

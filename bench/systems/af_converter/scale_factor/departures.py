@@ -3,7 +3,7 @@
 Readings are counted currents, and what the halves of records differ by. Free are the coefficients of both counters, an
 offset of each polarity of each visit, and, as far as their priors go, errors of the calibrator and its drift. Beside
 them stands what no converter can be, and counts that go in steps of several pulses.
-Source: docs/decisions/0004 (model), 0025 (doubt), 0052 (departures).
+Source: docs/method-af-converter.md (model), method-uncertainty.md (doubt, departures).
 """
 
 from __future__ import annotations

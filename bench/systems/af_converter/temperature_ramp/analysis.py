@@ -7,7 +7,7 @@ The blocks of a reading are the rows of one search for what departs, as in a bia
 rows of the joint one, which holds the other but for its up/down term. The noise of a log is not declared: what is alike
 for hours scatters, by up to what the fit left over, and a misfit would be taken for it; so its size is that which fits
 best, without a departure and with it.
-Source: docs/decisions/0006 (joint fit), 0052 (departures).
+Source: docs/method-af-converter.md (joint fit), method-uncertainty.md (departures).
 """
 
 from __future__ import annotations

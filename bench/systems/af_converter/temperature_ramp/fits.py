@@ -5,7 +5,7 @@ Rows of an imported log that are not what they seem: single ones unlike their ne
 columns that stand still.
 
 One bad row among thousands is named, left out and counted; a column that stands still makes every result doubtful.
-Source: docs/decisions/0025-doubt.md; Hampel, J. Am. Stat. Assoc. 69 (1974) 383 (median of the neighbourhood).
+Source: docs/method-uncertainty.md; Hampel, J. Am. Stat. Assoc. 69 (1974) 383 (median of the neighbourhood).
 """
 
 from __future__ import annotations

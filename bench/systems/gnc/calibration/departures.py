@@ -3,7 +3,7 @@
 Free are the matrix, which both sets share, and a bias of each set; a bias wanders from record to record, at most by the
 bias stability of the specification. Beside the rows stand a sensor that does not answer mainly to its own axis, and one
 that has noise elsewhere and stands still.
-Source: docs/decisions/0025 (doubt), 0052 (departures).
+Source: docs/method-uncertainty.md (doubt, departures).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 What an imported log of an inertial unit says against the numbers that are found in it.
 
-Each sensor moves as its noise makes it and answers mainly to its own axis. Source: docs/decisions/0025-doubt.md.
+Each sensor moves as its noise makes it and answers mainly to its own axis. Source: docs/method-uncertainty.md.
 """
 
 from __future__ import annotations

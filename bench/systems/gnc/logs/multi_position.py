@@ -84,7 +84,7 @@ def searches_of(fit: NormFit, means: Floats, middle_s: Floats, entries: Estimate
     Rests that leave nothing over say nothing.
 
     Args:   means: (n, 3) reading of each rest.   middle_s: (n,).   entries: that follow from the ellipsoid are judged.
-    Source: docs/decisions/0052-departures.md.
+    Source: docs/method-uncertainty.md.
     """
     judged = ("accel_sensitivity", "accel_zero", "accel_matrix")
     stated = [entry for entry in entries if entry.quantity in judged and entry.expanded_uncertainty]

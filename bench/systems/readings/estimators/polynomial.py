@@ -73,7 +73,7 @@ def fit_polynomial(x: Points, y: Points, powers: Sequence[int]) -> Curve:
              scatter and floor explain, and the errors of both instruments: gains as one error each, floors both as one
              error of all points and as another at each, because a specification does not say which it is.
     Raises:  FitError B-FIT-001 if the points do not determine the polynomial.
-    Source:  JCGM 100:2008 annex H.3 (calibration curve); docs/decisions/0031.
+    Source:  JCGM 100:2008 annex H.3 (calibration curve); docs/method-uncertainty.md.
     """
     powers, names = tuple(powers), [f"c{order}" for order in powers]
     if x.mean.size < len(powers):
@@ -174,7 +174,7 @@ def function_of(name: str, unit: str) -> Function:
     Args:    name: of the function.   unit: of the quantity.
     Returns: Function.
     Raises:  KeyError for another name.
-    Source:  docs/decisions/0031-values-without-programming.md.
+    Source:  docs/method-uncertainty.md.
     """
     zero = ZERO_K if unit == "degC" else 0.0
     return {

@@ -1,4 +1,4 @@
 """The shortest bias ramp: what of one is free, what the rules keep, and how it is written.
 
-Decision: docs/decisions/0049-the-shortest-plan.md.
+Decision: docs/method-uncertainty.md.
 """

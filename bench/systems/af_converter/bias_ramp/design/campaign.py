@@ -2,7 +2,7 @@
 
 Windows stay as long as they are, both branches and the range stay. What is faster shows the lag better and the noise
 less, so that the shortest ramp follows from the fit of each candidate and from the rivals that it would still tell.
-Decision: docs/decisions/0049-the-shortest-plan.md.
+Decision: docs/method-uncertainty.md.
 
 How surely a ramp would show what else could be true is asked of the departures of its search, on a nominal ramp.
 """

@@ -4,7 +4,7 @@ The loop between the two ends of a ramp has a width at a temperature, curves of 
 comparison of a rising and a falling ramp, one polynomial each with no word about lag or play, is here so that a reader
 can be shown what lag does: against the chamber's temperature the difference of the branches holds 2 rate lag dy/dT on
 top of the hysteresis.
-Source: docs/decisions/0006-bias-and-hysteresis.md; JCGM 100:2008 (uncertainty of a fit); geometry of the play operator;
+Source: docs/method-af-converter.md; JCGM 100:2008 (uncertainty of a fit); geometry of the play operator;
 AF-converter paper section 4 (up and down ramp).
 """
 
@@ -98,7 +98,7 @@ def fit_hysteresis(
              level: what b0 means where the noise has no level of its own (a random walk); None: b0 as it stands.
     Returns: HysteresisFit.
     Raises:  FitError B-FIT-001 if the readings do not determine the linear parameters, naming those.
-    Source:  docs/decisions/0006-bias-and-hysteresis.md; Golub and Pereyra (1973).
+    Source:  docs/method-af-converter.md; Golub and Pereyra (1973).
     """
     shape, bounds = shape or ModelShape(), bounds or Bounds()
     problem = Problem(HysteresisModel(gates, drive, shape), readings, whiten)

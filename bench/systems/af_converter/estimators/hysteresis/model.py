@@ -4,7 +4,7 @@ Model: y = sum b_k x^k + W s + extra columns + noise, x = T - T_ref, T the lagge
 play in units of its full width: -1/2 on a rising branch, +1/2 on a falling one. So W = 2 h r is the hysteresis width,
 falling minus rising, and linear; the lag and r are the only nonlinear parameters. The play operator is the elementary
 rate-independent hysteresis, a piston with slack. Where the noise is a random walk, b0 is its mean over the readings.
-Source: docs/decisions/0006-bias-and-hysteresis.md; Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989),
+Source: docs/method-af-converter.md; Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989),
 section 2 (generalised play); Cressie, Statistics for Spatial Data (1993), section 3.4 (universal kriging).
 """
 

@@ -3,7 +3,7 @@
 The linear parameters are solved inside (variable projection). The solution is that at one pair of nonlinear parameters,
 or averaged over the half-width.
 Source: Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413 (variable projection); JCGM 100:2008 (uncertainty of a
-fit); docs/decisions/0006-bias-and-hysteresis.md.
+fit); docs/method-af-converter.md.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The orders in which temperatures may be visited: from one of them out, back to it in the middle, and back at the end.
 
 The reference channels are read there three times, so that a drift shows over the whole campaign and its two parts.
-Source: docs/decisions/0025-doubt.md; Daniel and Wilcoxon, Technometrics 8 (1966), on orders robust against drift.
+Source: docs/method-uncertainty.md; Daniel and Wilcoxon, Technometrics 8 (1966), on orders robust against drift.
 
 Writes a campaign as a sequence: the given text with other tables, record length, temperatures and repeats.
 """

@@ -23,7 +23,7 @@ from sim_instruments.worlds.gnc.processor import SECTOR, SIZE, Memories, ModuleD
 from sim_instruments.worlds.gnc.truth import _variance_of_mean, estimates
 
 ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
-TABLE = Path(__file__).resolve().parents[5] / "docs" / "gnc-faults.md"
+TABLE = Path(__file__).resolve().parents[5] / "docs" / "method-gnc.md"
 ROW = re.compile(r"^\| (\d+) \| `(\w+)` \| (.+) \| ([\w, ]+) \|$", re.MULTILINE)
 
 
