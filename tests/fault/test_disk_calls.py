@@ -97,8 +97,8 @@ def test_killed_at_each_call(tmp_path: Path, call: str) -> None:
 
 
 WRITE_FAILS = [f"write:error={error}:when={n}" for n in range(3, CALLS, 14) for error in ("ENOSPC", "EIO")]
-# every write of some seconds fails; before the twentieth there is no session yet: it is refused
-FULL_FOR_A_WHILE = [f"write:error=ENOSPC:when={n}..{n + 12}" for n in range(20, CALLS, 20)]
+# writes of some 20 min of the bench fail, 30 min are waited for; before the twentieth it is refused: no session yet
+FULL_FOR_A_WHILE = [f"write:error=ENOSPC:when={n}..{n + 5}" for n in range(20, CALLS, 20)]
 # the page cache may have dropped what it could not write: nothing more goes to that file, a new segment begins
 FSYNC_FAILS = [f"fsync:error=EIO:when={n}" for n in range(1, CALLS, 14)]
 SLOW = "fsync:delay_exit=500000:when=5..9"
