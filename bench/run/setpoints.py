@@ -181,25 +181,27 @@ def stimulus_again(
 ) -> list[Step]:
     """Return steps that bring stimulus and routes to what step ``number`` finds, levels before switches; a settle time.
 
-    Left out is what the plan switches anew before anything is recorded or read, and a level that it sets anew before it
-    switches on. Of raw text, which may have switched anything, the last of each command word is done again. None inside
-    ``finally``. Args: ``roles``: those that are looked at, None for all.
+    Left out is an instrument that the plan switches off, or switches anew as a whole, before anything is recorded or
+    read, and a level that it sets anew before it switches on. Of raw text, which may have switched anything, the last
+    of each command word is done again. None inside ``finally``. ``roles``: those that are looked at, None for all.
     """
     if number == len(steps) or steps[number].phase == "finally":
         return []
     again: list[Step] = []
+    noted = _noted(steps, number, drivers)
     for role, actions in drivers.items():
-        if _DRIVEN.isdisjoint(action.effect for action in actions.values()) or (
-            roles is not None and role not in roles
-        ):
+        if roles is not None and role not in roles:
             continue
         own = [step for step in steps if step.role == role and step.number not in left_out]
-        done, coming = ([step for step in own if (step.number < number) is before] for before in (True, False))
+        done = [step for step in own if step.number < number]
+        coming = own[len(done) :]
         levels, switches = _in_force(done, actions)
-        if any(step.effects(actions) & _SWITCHED for step in coming if step.number < _noted(steps, number, drivers)):
-            switches = []
-        again += [step for step in levels if switches or _is_used(step, coming, actions)]
-        again += switches
+        anew = [step for step in coming if step.number < noted and step.effects(actions) & _SWITCHED]
+        replaced = switches.keys() <= {_identity(step, actions) for step in anew}
+        if replaced or any(_turns_off(step, actions) for step in anew):
+            switches = {}
+        again += [step for step in levels.values() if switches or _is_used(step, coming, actions)]
+        again += switches.values()
     again.sort(key=lambda step: (Effect.STIMULUS_SET not in step.effects(drivers[step.role]), step.number))
     waits = [wait for step in again for wait in _settle_behind(steps, step.number, number)]
     return [*again, *sorted(waits, key=lambda step: -step.duration_s)[:1]]
@@ -217,28 +219,39 @@ def _noted(steps: Steps, number: int, drivers: Drivers) -> int:
     )
 
 
-def _in_force(done: Steps, actions: Mapping[str, Action]) -> tuple[list[Step], list[Step]]:
-    """Return the last steps of an instrument that set each level, and that switched since all of it was off."""
+def _in_force(done: Steps, actions: Mapping[str, Action]) -> tuple[dict[Any, Step], dict[Any, Step]]:
+    """Return the last steps of an instrument that set each level, and that switched since all of it was off.
+
+    Both by what a later step replaces (``_identity``).
+    """
     levels: dict[Any, Step] = {}
     switches: dict[Any, Step] = {}
     for step in done:
         effects = step.effects(actions)
-        if isinstance(step, PlannedCall) and effects & DE_ENERGISING:
+        if _turns_off(step, actions):
             switches = {}
         elif effects & _SWITCHED:
             switches[_identity(step, actions)] = step
         elif Effect.STIMULUS_SET in effects:
             levels[_identity(step, actions)] = step
-    return list(levels.values()), list(switches.values())
+    return levels, switches
+
+
+def _turns_off(step: Step, actions: Mapping[str, Action]) -> bool:
+    """Return whether behind a step the whole instrument is off; nobody knows that of raw text."""
+    return isinstance(step, PlannedCall) and not DE_ENERGISING.isdisjoint(step.effects(actions))
 
 
 def _identity(step: Step, actions: Mapping[str, Action]) -> Any:
     """Return what a later step of the same replaces: an action of the same choices, a route, a word of raw text."""
     if isinstance(step, PlannedSend):
         return step.text.split(maxsplit=1)[0]
-    if Effect.ROUTE in step.effects(actions) or not isinstance(step, PlannedCall):
+    if not isinstance(step, PlannedCall):
+        return step.kind, step.name
+    if Effect.ROUTE in step.effects(actions):
         return Effect.ROUTE  # it closes one and opens every other one
-    return step.name, *(step.arguments.get(one.name) for one in actions[step.name].parameters if one.choices)
+    choices = [parameter.name for parameter in actions[step.name].parameters if parameter.choices]
+    return step.name, *(step.arguments.get(name) for name in choices)
 
 
 def _is_used(level: Step, coming: Steps, actions: Mapping[str, Action]) -> bool:

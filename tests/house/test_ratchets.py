@@ -8,11 +8,11 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 965_909,
+    "tokens": 965_457,
     "tokens a line": 10.57,
     "files": 734,
     "dict[str, Any]": 476,
-    "lines of tests": 91_357,
+    "lines of tests": 91_354,
     "tests of several deep modules": 129,
     "words of docs": 103_394,
 }

@@ -106,8 +106,6 @@ def test_what_the_search_sees_is_what_is_compiled() -> None:
     ours, theirs = reached(problem().estimates(candidate, length_s)), reached(predicted(plan).estimates)
     for key in (key for key in theirs if key[:2] in problem().wanted):
         assert ours[key] == pytest.approx(theirs[key], rel=1e-4), key
-    for key, U in problem().at_least(candidate, length_s).items():
-        assert 0.9 * theirs[key] <= U <= theirs[key], key
 
 
 def test_the_rules_hold_and_break() -> None:

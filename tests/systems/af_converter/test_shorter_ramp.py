@@ -100,9 +100,7 @@ def test_the_rules_hold_and_break() -> None:
         "hold_top of 30 windows": Candidate((10, 12), (72, 30, 60)),
         "0.21 degC/min": Candidate((10, 21), (60, 42, 60)),
         "0.32 degC short of an end": Candidate((14, 14), (60, 36, 60)),
-        "begun at hour 10, 1.5 times as large as one (gyro) that costs 1 U of a result": Candidate(
-            (10, 12), (72, 42, 60)
-        ),
+        "1.5 times a daily rhythm begun at hour 10 (gyro) that costs 1 U": Candidate((10, 12), (72, 42, 60)),
         "second thermal lag (gyro) that costs 1 U of bias": Candidate((10, 20), (60, 42, 60)),
     }
     for word, each in blind.items():

@@ -251,7 +251,7 @@ def test_the_band_is_the_product_of_two_butterworth_filters(frequency_Hz: float)
 
 
 def test_the_band_takes_a_third_harmonic_away_and_turns_what_is_not_in_its_middle() -> None:
-    """What it is worth before a lock-in (docs/method-north.md): by the poles of both filters, in the plane of s."""
+    """Compare its worth before a lock-in (docs/method-north.md) with the poles of both filters, in the plane of s."""
     band = BandPass([(0, (Channel("HP", 0.5), Channel("LP", 2.0)))])
     assert butterworth(3.0, 0.5, True) * butterworth(3.0, 2.0, False) < 0.04
     times_s = (np.arange(60_000) + 0.5) / 1000.0

@@ -169,6 +169,7 @@ ON, OFF, RECORD = "calibrator.operate", "calibrator.standby", "port_a.record"
         ((LEVEL, RECORD, ON, RECORD), 1, (LEVEL,)),  # what will be switched on with it
         ((LEVEL, ON, "switch.route", OFF, "switch.open_all", RECORD), 5, ()),
         (("calibrator A 1", "calibrator B 1", "settle", RECORD), 3, ("calibrator A 1", "calibrator B 1", "settle")),
+        (("calibrator A", "calibrator B 1", RECORD, "calibrator A 2"), 3, ("calibrator A", "calibrator B 1")),
         (("calibrator OUT 1 mA", OFF, RECORD), 2, ()),
         ((LEVEL, ON, RECORD, "finally"), 3, ()),
     ],

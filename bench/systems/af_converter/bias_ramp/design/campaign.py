@@ -31,13 +31,14 @@ from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.wording import kind_name
 
 QUANTITIES = ("bias", "bias_tc1", "hysteresis_width", "play_half_width", "thermal_lag")
+_RHYTHM, _ANY_RESULT = "rhythm", "a result"
 _RIVALS = {
     "step": "a step",
     "drift": "a linear drift",
     SECOND_LAG: "a second thermal lag",
     SECOND_PLAY: "several play operators",
     RELAXATION: "a loop that relaxes",
-    "rhythm": "a daily rhythm, begun at hour {0[hour]}, 1.5 times as large as one",
+    _RHYTHM: "1.5 times a daily rhythm begun at hour {0[hour]}",
 }
 _DAY_h, _HOURS = 24.0, 12  # half a day later the same rhythm begins with the other sign
 _BELIEVED = 1.5  # expanded uncertainties off, from which on a sound result counts as wrong
@@ -183,7 +184,11 @@ class Ramps:
             of_all = np.vstack([powers(residuals, departures, share)[: -len(rhythms)], of_rhythms[-len(rhythms) :]])
             wanted = [_is_wanted(entry, channel) for entry in residuals.stated]
             seen += [
-                (f"{_RIVALS[one.shape].format(one.about)} ({kind})", one.of or entry.quantity, float(power))
+                (
+                    f"{_RIVALS[one.shape].format(one.about)} ({kind})",
+                    _ANY_RESULT if one.shape == _RHYTHM else entry.quantity,
+                    float(power),
+                )
                 for one, of_it in zip(departures, of_all, strict=True)
                 if one.carrier == "bias" and one.shape in _RIVALS
                 for power, entry in compress(zip(of_it, residuals.stated, strict=True), wanted)
@@ -229,9 +234,7 @@ def _rhythms(channel: ChannelFit) -> list[Departure]:
     gates = channel.readings.gates
     of_day = 2.0 * np.pi / _DAY_h * ((gates.middle_s - gates.start_s[0]) / 3600.0 + np.arange(_HOURS)[:, None])
     effects = np.stack([np.sin(of_day), np.cos(of_day)], axis=-1)
-    return [
-        Departure("bias", "rhythm", "A", effect, {"hour": hour}, of="a result") for hour, effect in enumerate(effects)
-    ]
+    return [Departure("bias", _RHYTHM, "A", effect, {"hour": hour}) for hour, effect in enumerate(effects)]
 
 
 def _is_wanted(entry: Estimate, channel: ChannelFit) -> bool:

@@ -17,20 +17,17 @@ import numpy as np
 
 from bench.analysis import Departure, Estimates, Material, Planned, powers
 from bench.design import Given, Key, Power, blind, reached, slot_s, weakest
-from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.model.units import format_quantity
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.estimators.scale_factor import METHODS
-from bench.systems.af_converter.group_fit import QUANTITIES
 from bench.systems.af_converter.nominal import stimulated_row
 from bench.systems.af_converter.scale_factor.departures import SHARE, residuals_of
 from bench.systems.af_converter.scale_factor.design.template import (
     COEFFICIENTS,
     Point,
-    Stop,
     Template,
     Tour,
     is_monotone,
@@ -47,8 +44,7 @@ from bench.systems.af_converter.wording import kind_name
 
 _PARAMETERS = 2  # of a polarity: scale-factor error and offset
 _SPARE_LEVELS, _SPARE_TEMPERATURES = 2, 1
-_NEARLY = 0.99  # of an uncertainty that is computed without a fit
-_SHORTEST_s, _STEP_s, _COARSE_s = 20.0, 1.0, 10.0  # of records
+_SHORTEST_s, _STEP_s = 20.0, 1.0  # of records
 _STEP = "gain: step ("  # what repeats are for
 _SMALL = {"channel", "polarity", "temperature", "visit"}  # of what a candidate may leave out
 Levels = tuple[float, ...]
@@ -210,30 +206,8 @@ class Campaigns:
         return Planned(list(self._windows(candidate, length_s, alike)), self._given.plan.campaign, self._register)
 
     def at_least(self, candidate: Candidate, length_s: float) -> dict[Key, float]:
-        """Return about the least uncertainty of the coefficients, by that of a visit, which no tour changes.
-
-        That of a visit is computed for a length in whole tens of seconds, which is the same for many candidates. Of
-        some candidates that break a rule, and are refused anyway, the fit says less by some percent.
-        """
-        usual = replace(candidate, stops=self.tours[0], again=(self._firsts, self._firsts))
-        estimates = self.estimates(usual, _COARSE_s * math.ceil(length_s / _COARSE_s))
-        known, at_s = reached(estimates), self._stops_at_s(candidate, length_s)
-        resolved_ppm = max(
-            entry.std_uncertainty
-            for entry in estimates
-            if entry.quantity == "calibrator_drift" and entry.conditions["channel"] in candidate.again[1]
-        )
-        bounds = {key: _NEARLY * known[key] for key in known if key[:2] in self.wanted and "_tc" not in key.quantity}
-        for group in self._template.groups:
-            kind = self._campaign.channel(group[0]).kind
-            for name in QUANTITIES:
-                noise_ppm = known[Key(name, "random", kind)] / coverage_factor()
-                of_orders = _coefficients_at_least(
-                    candidate.stops, at_s, noise_ppm, resolved_ppm, self._campaign.reference_temperature_degC
-                )
-                for order, U in enumerate(of_orders, start=1):
-                    bounds[Key(f"{name}_tc{order}", "", kind)] = _NEARLY * U
-        return bounds
+        """Return nothing: a bound would save a quarter of the search."""
+        return {}
 
     def broken(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return the rules that a campaign breaks."""
@@ -346,13 +320,6 @@ class Campaigns:
         longest, slot = max(template.steps_degC(template.stops)), max(template.slots_s)
         return [slot if step <= longest else math.inf for step in template.steps_degC(stops)]
 
-    def _stops_at_s(self, candidate: Candidate, length_s: float) -> list[float]:
-        at_s, now_s = [], 0.0
-        for number, slot in enumerate(self._slots_s(candidate.stops, candidate.by_lag)):
-            at_s.append(now_s + slot + self._visit_s(candidate, length_s, candidate.again[1][0]) / 2.0)
-            now_s += slot + self._stop_s(candidate, length_s, number)
-        return at_s
-
     def _windows(self, candidate: Candidate, length_s: float, wanted: Iterable[int]) -> Iterator[RecordWindow]:
         """Yield the records of some channels at their times."""
         now_s, number, chosen = self._template.begin_s, 0, set(wanted)
@@ -370,23 +337,6 @@ class Campaigns:
                     link = self._given.plan.measurement_link
                     yield RecordWindow(number, link, 0, 0, begin_ns, end_ns, conditions)
                     now_s += point.lead_s + length_s
-
-
-def _coefficients_at_least(
-    stops: Sequence[Stop], at_s: Sequence[float], noise_ppm: float, resolved_ppm: float, reference_degC: float
-) -> tuple[float, float]:
-    """Return about what the coefficients of first and second order are uncertain by, 95 %: to choose what is fitted.
-
-    Args:    noise_ppm: standard uncertainty of a visit.   resolved_ppm: that of the change between first and last stop.
-    """
-    visits = [number for number, stop in enumerate(stops) if not stop.repeat]
-    warmth = np.array([stops[number].temperature_degC for number in visits]) - reference_degC
-    operator = np.linalg.pinv(np.vander(warmth, 3, increasing=True))[1:]
-    share = (np.array(at_s)[visits] - at_s[0]) / (at_s[-1] - at_s[0])
-    noise = noise_ppm * np.sqrt(np.sum(operator**2, axis=1))
-    drift = coverage_factor() * resolved_ppm / 2.0 * np.abs(operator @ share)
-    first, second = coverage_factor() * np.hypot(noise, drift)
-    return float(first), float(second)
 
 
 def _is_kept(departure: Departure) -> bool:
