@@ -102,7 +102,9 @@ def _known(name: str) -> str:
     near = difflib.get_close_matches(name, FAULTS, n=1)
     meant = f"did you mean {near[0]!r}? " if near else ""
     raise InputError(
-        "B-SIM-002", f"no fault of the GNC module is called {name!r}", next_step=f"{meant}docs/method-gnc.md lists them"
+        "B-SIM-002",
+        f"faults: none of the GNC module is called {name!r}",
+        next_step=f"{meant}docs/method-gnc.md lists them",
     )
 
 

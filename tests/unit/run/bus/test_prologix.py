@@ -42,7 +42,7 @@ def test_a_short_session_behind_an_adapter(monkeypatch: pytest.MonkeyPatch) -> N
         with pytest.raises(InstrumentError, match=r"serial poll: 0"):
             supply.bus.query("VOLT?", str, 0.2, repeatable=False)
         faults.mute = False
-        for connection in list(served.servers._adapter._threads):
+        for connection in [one for one, thread in served.servers._adapter._threads.items() if thread.is_alive()]:
             connection.shutdown(2)  # SHUT_RDWR
         assert supply.ask("VOLT?", float) == 3.0
         assert meter.ask("ID?", str) == "HP3458A"
