@@ -12,9 +12,9 @@ CEILINGS = {
     "tokens a line": 10.57,
     "files": 734,
     "dict[str, Any]": 476,
-    "lines of tests": 91_357,
+    "lines of tests": 91_354,
     "tests of several deep modules": 129,
-    "words of docs": 103_394,
+    "words of docs": 76_720,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 59,
