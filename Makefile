@@ -62,12 +62,12 @@ coverage: $(VENV)/.dev
 soak: $(VENV)/.dev
 	$(PY) tests/soak/run.py $(N) $(CAMPAIGN)
 
-# 200 losses of the network, up to five minutes and for good, six benches side by side (docs/faults.md); what stands in
+# 200 losses of the network, up to five minutes and for good, six benches side by side (tests/fault/matrix.md); what stands in
 # tests/fault/losses.csv is not done again. WORDS: of tests/support/losses/loss_drill.py, for example --count 20.
 losses: $(VENV)/.dev
 	$(PY) tests/support/losses/loss_drill.py $(WORDS)
 
-# N sessions of years (docs/archive.md), refitted here, on one worker and on two: the same bytes, and exactly the
+# N sessions of years (docs/history.md), refitted here, on one worker and on two: the same bytes, and exactly the
 # certificates that a wrong standard concerns. What is recorded in build/archive-drill is not recorded again.
 archive-drill: $(VENV)/.dev
 	$(PY) -m benchmarks.archive $(N)

@@ -19,7 +19,7 @@ from bench.report import grouped
 from bench.store import StoredTrial
 
 Row = Mapping[str, Any]
-# In another environment floats agree to this, and no better: less is no change (docs/certificate.md).
+# In another environment floats agree to this, and no better: less is no change (docs/report.md).
 REL_TOL = 1e-9
 _SHARES = (0.0, 5.0, 50.0, 95.0, 100.0)  # percentiles
 

@@ -175,7 +175,7 @@ class Whose:
 def whose(module: str, path: Path) -> Whose:
     """Return how errors name a file of the lab folder, by the name of its module."""
     place = f"{module.removeprefix(MODULES).replace('.', '/')}.py"
-    cure = "correct the file; docs/lab-folder.md says what it holds"
+    cure = "correct the file; docs/user-guide.md says what it holds"
     return Whose(place, str(path), path, "B-LAB-006", "B-LAB-008", cure)
 
 

@@ -149,7 +149,7 @@ class GuardLimits(StrictModel):
 
 
 class Guard(StrictModel):
-    """Limits beyond which the guard acts (docs/guard.md)."""
+    """Limits beyond which the guard acts (docs/unattended.md)."""
 
     limits: GuardLimits = GuardLimits()
     silence: Annotated[float, *quantity("s", 1.0, 3.0)] = 2.0  # how long the controller may be silent

@@ -18,7 +18,7 @@ _QUOTED = re.compile(r"(: |-> )'([^']*)'")  # annotations are text
 def api_page() -> str:
     """Return the page as Markdown: every public name with its signature and what it says of itself."""
     lines = ["# Python interface", "", *_said_of(bench.api)]
-    lines += ["Names and arguments are stable: they gain some, they lose none. [Python and other tools](../python.md)"]
+    lines += ["Names and arguments are stable: they gain some, they lose none. [Interfaces for code](../api.md)"]
     lines += ["shows them in use.", ""]
     for name in bench.api.__all__:
         lines += _entry(f"bench.{name}", getattr(bench.api, name))

@@ -21,7 +21,7 @@ def page(driver: str, manual: Manual) -> str:
             "",
             f"What the driver `{driver}` sends, as its file `instruments/{driver}.yaml` has it. "
             + ", ".join(f"{count} {state}" for state, count in counts.items())
-            + "; none of it was tried on hardware by us: [first contact](../first-contact.md).",
+            + "; none of it was tried on hardware by us: [first contact](../instruments.md#first-contact).",
             "",
             *(f"* {key}: {text}" for key, text in manual.sources.items()),
             "",

@@ -106,7 +106,7 @@ def test_every_mutant_finds_its_text_and_its_tests() -> None:
 
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 PAGES = [TOP / "README.md", TOP / "CHANGELOG.md", *sorted((TOP / "docs").rglob("*.md"))]
-MATRIX = TOP / "docs" / "faults.md"
+MATRIX = TOP / "tests" / "fault" / "matrix.md"
 TEST = re.compile(r"`(tests/[a-z_0-9/]+\.py)::(test_\w+)`")
 ROWS = 30
 RECORD = TOP / "tests" / "validation.md"

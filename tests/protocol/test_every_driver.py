@@ -66,7 +66,7 @@ CASES = [
 
 def test_every_driver_is_known_to_the_walk_and_listed() -> None:
     assert set(MODULES) - SHARED == set(DRIVERS) == set(IDENTIFY) == set(MAKE_SAFE)
-    listed = (TOP / "docs" / "supported-instruments.md").read_text(encoding="utf-8")
+    listed = (TOP / "docs" / "instruments.md").read_text(encoding="utf-8")
     assert [name for name in DRIVERS if f"| [`{name}`](" not in listed] == []
 
 

@@ -128,7 +128,7 @@ def test_a_run_that_ended_early_raises_what_ended_it(monkeypatch: pytest.MonkeyP
 
 
 def test_the_example_of_the_page_is_executed(short: tuple[Path, Any]) -> None:
-    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     source = page.partition("```python\n")[2].partition("```")[0]
     shown = page.partition("prints\n\n```\n")[2].partition("```")[0]
     done = subprocess.run(

@@ -34,7 +34,7 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
     manual = manual_of(entry.driver)
     if manual is None:
         text = f"the driver {entry.driver!r} has no table of its commands"
-        raise InputError("B-COM-001", text, next_step=f"write {entry.driver}.yaml beside it: docs/first-contact.md")
+        raise InputError("B-COM-001", text, next_step=f"write {entry.driver}.yaml beside it: docs/instruments.md")
     out, clock = console(), WallClock()
     out.print(f"{manual.instrument} at {entry.resource}: {len(manual.commands)} commands, harmless ones first")
 

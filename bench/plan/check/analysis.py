@@ -149,7 +149,7 @@ class _Asked:
             conditions = asked.conditions_of_open
         if missing := [name for name in conditions if name not in stated]:
             message = f"asks for the condition {', '.join(missing)}, which the record does not have"
-            self._fail(step, message, "docs/sequences.md says what each analysis asks for")
+            self._fail(step, message, "docs/analyses.md says what each analysis asks for")
             return
         for name, words in asked.words.items():
             if stated[name] not in words:

@@ -41,7 +41,7 @@ from bench.plan.station import (
 ADAPTER = "adapters"  # in place of a library, for an instrument behind one
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
-_GIVES = "reach it over GPIB, VXI-11 or HiSLIP, or over USB with 'visa: \"@ivi\"' (docs/buses.md)"
+_GIVES = "reach it over GPIB, VXI-11 or HiSLIP, or over USB with 'visa: \"@ivi\"' (docs/instruments.md)"
 _KINDS = ("INSTR", "SOCKET", "RAW", "BACKPLANE", "MEMACC", "SERVANT", "INTFC")
 
 

@@ -303,7 +303,7 @@ def test_the_end_of_a_recording_that_takes_long_to_read_holds_nobody_up(
 
 
 ROOT = Path(__file__).resolve().parents[4]
-PAGE = (ROOT / "docs" / "ways-out.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "unattended.md").read_text(encoding="utf-8")
 BOARD = (ROOT / "docs" / "grafana" / "bench.json").read_text(encoding="utf-8")
 NAME = re.compile(r"\bbench_[a-z_]+\b")
 
