@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -143,6 +144,9 @@ def judge(name: str, seed: int) -> str:
         assert not rack.is_energised, "safe state"
     except InstrumentError as error:
         fault = "" if rack.is_named(str(error)) else f"blames something else: {error}"
+        with suppress(InstrumentError):  # as a run ends
+            driver.make_safe()
+        fault = f"left on after {error}" if rack.is_energised else fault
     except AssertionError as error:
         fault = f"wrong without a word: {str(error).splitlines()[0]}"
     else:
