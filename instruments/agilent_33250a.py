@@ -43,11 +43,12 @@ class Agilent33250A(ScpiInstrument):
 
     @action(bus_s=0.2)
     def output_on(self) -> None:
-        """Set the output on, if the waveform still reads back, and confirm it.
+        """Set the output on, if the waveform still reads back, and confirm it; what was altered by hand is set again.
 
         Raises: InstrumentError B-INST-010 before ``square``, B-INST-011.
         """
         self.require_kept("output_on", "waveform was", "set the waveform")
+        self.bring("output_on")
         self._recheck()
         self.switch_output_on()
 

@@ -107,10 +107,14 @@ class SrsSr830(BaseInstrument):
     def set_phase(self, phase: float) -> None:
         """Set the phase of the reference, degree, and read it back within 0.01 deg, turns aside.
 
+        What was altered by hand since ``configure`` is set again, or refused, before the time in which it settles.
+
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
         self._ready()
         self.kept = tuple(setting for setting in self.kept if setting.query != "PHAS?")
+        self.bring("set_phase")
+        self.confirm_kept()
         setting = self.put(Setting("PHAS?", phase, _PHASE_STEP_DEG, "deg", _TURN_DEG), plain_form)
         self.confirm(*setting)
         self.kept += (setting,)

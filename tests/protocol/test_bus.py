@@ -244,7 +244,7 @@ def test_a_command_in_doubt_is_read_back_and_sent_again_once_if_it_had_no_effect
 
 
 SET = does("identify"), does("__setattr__", "programmed_A", 0.01)
-OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | <timeout> | <silent> | "
+OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | CUR_POST? -> NORMAL | <timeout> | <silent> | "
 TRIP = 'ISR? -> 4096 | FAULT? -> 501 | <ok> | EXPLAIN? 501 -> "Compliance" | STBY'
 DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
 NO_POST = "CUR_POST? -> <timeout> | <silent>"

@@ -20,16 +20,17 @@ ROWS: list[Row] = []
 
 
 NAME = "agilent_33250a"
-PLAIN = "<start> | BURS:STAT? -> 0 | SWE:STAT? -> 1 | SWE:STAT OFF! | SWE:STAT? -> 0"
+PLAIN = "BURS:STAT? -> 0 | SWE:STAT? -> 1 | SWE:STAT OFF! | SWE:STAT? -> 0"
 PLAIN += "".join(f" | {mode}:STAT? -> 0" for mode in ("AM", "FM", "FSK")) + " | FUNC:SQU:DCYC? -> +5.0000000000000E+01"
 PLAIN += " | VOLT:OFFS? -> +0.0000000000000E+00 | FUNC? -> SIN"
-SQUARE = f"{PLAIN} | FUNC SQU! | FUNC? -> SQU | OUTP:LOAD? -> +9.9000000000000E+37 | VOLT:UNIT? -> VPP"
-SQUARE += " | VOLT:RANG:AUTO? -> 1 | OUTP:POL? -> NORM | FREQ 1.2345678E+07! | VOLT 2.5E+00!"
+BROUGHT = f"{PLAIN} | FUNC SQU! | FUNC? -> SQU | OUTP:LOAD? -> +9.9000000000000E+37 | VOLT:UNIT? -> VPP"
+BROUGHT += " | VOLT:RANG:AUTO? -> 1 | OUTP:POL? -> NORM"
+SQUARE = f"<start> | {BROUGHT} | FREQ 1.2345678E+07! | VOLT 2.5E+00!"
 BACK = "FREQ? -> +1.234567800000E+07 | VOLT? -> +2.500000000000E+00"
 ON_OFF = "OUTP ON! | OUTP? -> 1 | OUTP OFF! | OUTP? -> 0"
-CONFLICT = f'{PLAIN} | FUNC SQU | SYST:ERR? -> -221,"Settings conflict" | <ok>'
+CONFLICT = f'<start> | {PLAIN} | FUNC SQU | SYST:ERR? -> -221,"Settings conflict" | <ok>'
 ROWS += [
-    row(NAME, "a frequency goes out with every digit", f"{SQUARE} | {BACK} | {BACK} | {ON_OFF}",
+    row(NAME, "a frequency goes out with every digit", f"{SQUARE} | {BACK} | {BROUGHT} | {BACK} | {ON_OFF}",
         does("square", 12_345_678, 2.5), does("output_on"), does("output_off")),
     row(NAME, "a rounded frequency is noticed", f"{SQUARE} | FREQ? -> +1.23457E+07",
         refuses("B-INST-011", "12345678", "square", 12_345_678.0, 2.5)),
@@ -328,7 +329,7 @@ BACK = "OUT? -> 1.000000E-02,A,0E+00"
 UNLOCKED = "RANGELCK OFF!"
 OUT = f"<start> | {UNLOCKED} | OUT 1.0E-02 A, 0 HZ!"
 SET = f"{OUT} | {BACK}"
-READY = f"{SET} | <ok> | {BACK} | ISR? -> 4096"
+READY = f"{SET} | <ok> | {BACK} | ISR? -> 4096 | CUR_POST? -> NORMAL"
 ON, SETTLED, STANDBY = "ISR? -> 1", "ISR? -> 4097", "ISR? -> 4096"
 OUTPUT, OPERATE = does("output", 0.01), does("operate")
 OTHER = "OUT? -> {0} | <clear>"
