@@ -6,8 +6,9 @@ comes back with it. What else a last user may have left stands in the state tabl
 
 Source: HP 6631B/6632B/6633B/6634B operating and programming guides (VOLTage, CURRent, VOLTage:PROTection,
 CURRent:PROTection:STATe, OUTPut, OUTPut:PROTection:DELay, questionable status bits 0, 1, 4, 9, MEASure); libsigrok,
-src/hardware/scpi-pps/profiles.c (OUT 0 of the 6632A, tried on a 6632B after SYST:LANG COMP). The model ends at 20.475 V; a 28 V unit needs the 6633B. Not confirmed on hardware: programming ranges 20.475 V, 5.1188 A and 22 V
-over-voltage, and the read-back resolutions.
+src/hardware/scpi-pps/profiles.c (OUT 0 of the 6632A, for a 6632B after SYST:LANG COMP). The model ends at 20.475 V; a
+28 V unit needs the 6633B. Not confirmed on hardware: programming ranges 20.475 V, 5.1188 A and 22 V over-voltage, and
+the read-back resolutions.
 """
 
 from __future__ import annotations
