@@ -71,7 +71,6 @@ class BaseInstrument(Commands):
         self.options = {**self.default_options, **(options or {})}
         self.identity: Identity | None = None
         self.seen: dict[str, object] = {}
-        self.mended = {}
         self.kept = ()
         if manual := manual_of(type(self).__module__.rpartition(".")[2]):
             self.states = manual.states

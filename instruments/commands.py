@@ -59,8 +59,7 @@ class Commands:
     """Commands with their checks; ``timeout_s`` limits a plain command, 1.5 s is the most.
 
     ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt. ``kept`` is
-    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file);
-    ``mended``: what of it was not right, with the reply that showed it, and was set.
+    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file).
     """
 
     timeout_s: ClassVar[float] = 1.0
@@ -71,7 +70,6 @@ class Commands:
     seen: dict[str, object]
     kept: tuple[Setting, ...]
     states: Mapping[str, Condition] = {}
-    mended: dict[str, str]
 
     def __init_subclass__(cls, **named: Any) -> None:
         """Let each action of a driver refuse what its declaration does not allow, before anything is sent."""
@@ -211,7 +209,6 @@ class Commands:
             reply = again()  # neither the one nor the other: it may be garbled
         if not condition.is_right(reply):
             raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
-        self.mended[name] = before.strip()
 
     def switch(self, query: str, wanted: int) -> ReadBack:
         """Return the read-back of something that is on (1) or off (0)."""

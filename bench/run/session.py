@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from bench.frame import FrameDefinition, LinkCounts
 from bench.model.clock import Clock, utc_stamp
@@ -50,7 +50,16 @@ from bench.run.watch.environment import PERIOD_S, note_temperatures
 CLOCK_PAIR_S = 600.0
 
 Beside = Callable[[RunContext], AbstractContextManager[object]]
-Judge = Callable[[Plan, OpenBench, Clock, Path], Preflight | None]
+
+
+class Judge(Protocol):
+    """The pre-flight of a run: it looks before anything is prepared, and judges before a session exists."""
+
+    def look(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> None:
+        """Look at a bench that is safe and as its last user left it."""
+
+    def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> Preflight | None:
+        """Judge a bench that is prepared; what is returned becomes an event."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +157,8 @@ def conduct(
                 error.add_note("Nothing was sent to the bench, and no session was begun.")
             raise
         try:
-            resumed, identities = _identified(bench, clock, resumed)
+            look = (lambda: None) if preflight is None else partial(preflight.look, plan, bench, clock, out)
+            resumed, identities = _identified(bench, clock, resumed, look)
             judged = None if preflight is None else preflight(plan, bench, clock, out)
             writer, manifest = _begin(plan, clock, seed, out, identities, resumed)
             lock.name_session(writer.folder.name)
@@ -170,11 +180,11 @@ def conduct(
 
 
 def _identified(
-    bench: OpenBench, clock: Clock, resumed: Resumption | None
+    bench: OpenBench, clock: Clock, resumed: Resumption | None, look: Callable[[], None]
 ) -> tuple[Resumption | None, dict[str, dict[str, str]]]:
     """Return the identities, the bench safe; a resumption learns what is set otherwise than the session left it."""
     readings = {} if resumed is None else read_back(bench.instruments, clock)
-    identities = identities_of(begin_safely(bench, clock))
+    identities = identities_of(begin_safely(bench, clock, look))
     if resumed is None:
         return None, identities
     same_instruments(resumed.manifest, identities)

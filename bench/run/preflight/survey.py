@@ -148,20 +148,37 @@ class Preflight:
     tell: Callable[[str], None] = lambda text: None
     host: Host = field(default_factory=Host)
     uncommissioned: str = ""
+    left: tuple[Finding, ...] = ()
+
+    def look(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> None:
+        """Tell what the last user left and the run will set, before it does; under the virtual clock nobody is told.
+
+        What no command mends is a warning here: the action refuses that relies on it, and not every run has that.
+        """
+        if clock.virtual:
+            return
+        found = of_instruments.settings(replace(self._context(plan, bench, clock, out), asks_only=True), None)
+        mild = {Status.FAIL: Status.WARN}
+        self.left = tuple(replace(finding, status=mild.get(finding.status, finding.status)) for finding in found)
+        for finding in self.left:
+            if of_instruments.SETS in finding.value:
+                self.tell(f"pre-flight: {told(finding)}")
 
     def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> events.Preflight | None:
         """Judge an opened bench whose instruments were identified and made safe."""
-        context = PreflightContext(
-            plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host,
-            uncommissioned=self.uncommissioned,
-        )  # fmt: skip
-        report = survey(context)
+        report = Report((*self.left, *survey(self._context(plan, bench, clock, out)).findings))
         for finding in report.of(Status.WARN):
             self.tell(f"pre-flight, warning: {told(finding)}")
         refusal = report.refusal()
         if refusal is not None:
             raise refusal
         return None if clock.virtual else report.event()
+
+    def _context(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> PreflightContext:
+        return PreflightContext(
+            plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host,
+            uncommissioned=self.uncommissioned,
+        )  # fmt: skip
 
 
 class OverdueError(Exception):
