@@ -137,7 +137,12 @@ ROWS += [
     *[row(NAME, f"rail {rail} does not take {voltage} V, {limit} A", "",
           refuses("B-INST-008", f"rail {rail} takes", "configure", rail, voltage, limit))
       for rail, voltage, limit in
-      ((1, 6.19, 1.0), (1, -0.1, 1.0), (2, 15.0, 1.04), (3, 15.0, 0.5), (2, -15.0, 0.5))],
+      ((1, 6.181, 1.0), (1, -0.001, 1.0), (2, 15.0, 1.031), (3, 0.001, 0.5), (2, -0.001, 0.5), (3, -15.0, 1.031))],
+    *[row(NAME, f"rail {rail} takes {voltage}",
+          f"<start> | INST:NSEL {rail}! | CURR {limit}E+00! | VOLT {voltage}! | CURR? -> {limit} | VOLT? -> {voltage}",
+          does("configure", rail, float(voltage), limit))
+      for rail, voltage, limit in
+      ((1, "6.18E+00", 5.15), (1, "0.0E+00", 5.15), (2, "2.575E+01", 1.03), (3, "-2.575E+01", 1.03))],
     row(NAME, "no output before a rail is set", "", refuses("B-INST-010", "", "output_on")),
     row(NAME, "a lost set-point is noticed", f"{RAIL_3} | CURR? -> 0.5 | VOLT? -> -1.20000000E+01",
         refuses("B-INST-011", "", "configure", 3, -15.0, 0.5), leaves={"configured": {}}),
@@ -154,7 +159,9 @@ ROWS += [
         leaves={"test_clock.now_ns": 3 * NS // 4, "identity.model": "3458A"}),
     *[row(NAME, f"{largest} A is within {sent}", READY.format(sent, sent), does("configure_current", largest))
       for largest, sent in
-      ((0.12, "1.0E-01"), (0.2, "1.0E+00"), (1.05, "1.0E+00"), (3e-5, "1.0E-04"), (1e-9, "1.0E-07"))],
+      ((0.2, "1.0E+00"), (1.05, "1.0E+00"), (3e-5, "1.0E-04"), (1e-9, "1.0E-07"),
+       *((float(f"1.2e-{at}"), f"1.0E-0{at}") for at in range(1, 8)),
+       *((float(f"1.201e-{at}"), f"1.0E-0{at - 1}") for at in range(2, 8)))],
     row(NAME, "a range that was not taken is noticed", READY.format("1.0E-03", "1.0E-02"),
         refuses("B-INST-011", "RANGE", "configure_current", 1e-3)),
     row(NAME, "an error is told", f'{SET_UP.partition("! | INB")[0]} | ERRSTR? -> 105,"INVALID PARAMETER -- X" | <ok>',
@@ -181,7 +188,7 @@ ROWS += [
     row(NAME, "limits come first and the output last",
         f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> 0 | MEAS:VOLT? -> +1.49991E+01 | MEAS:CURR? -> +4.20000E-01 | {OFF}",
         CONFIGURE, does("output_on"), gives(14.9991, "measure_voltage"), gives(0.42, "measure_current"),
-        does("output_off")),
+        does("output_off"), leaves={"test_clock.now_ns": 90_000_000}),  # so long before its protections are asked
     *[row(NAME, f"protection {condition} that trips", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
           f"{condition} | {OFF}", CONFIGURE, refuses("B-INST-018", what, "output_on"))
       for condition, what in ((1, "over-voltage"), (3, "over-voltage and over-current"))],
@@ -216,6 +223,9 @@ ROWS += [
         does("route", 2, 1, 3), slot=[1, 3]),
     *[row(NAME, f"card {card} is none of them", "", refuses("B-INST-008", "", "route", 2, 1, card), slot=[1, 3])
       for card in (2, None)],
+    *[row(NAME, f"another {found} than the route, after a reopening",
+          f"{OPENED} | :CLOS (@1!1!3)! | :CLOS:STAT? -> (@1!1!3) | :CLOS:STAT? -> {found}", does("route", 3, 1),
+          refuses("B-INST-015", "1!1!3 was verified", "_recheck")) for found in ("(@1!2!3)", "(@)")],
     row(NAME, "a relay that stays closed stops the second route", "<start> | :OPEN ALL! | :CLOS:STAT? -> (@1!2!7)",
         refuses("B-INST-015", "1!2!7", "route", 3, 1)),
     row(NAME, "a relay that stays closed is not safe", "<who> | :OPEN ALL! | :CLOS:STAT? -> (@1!1!3)",
