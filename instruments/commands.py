@@ -155,15 +155,14 @@ class Commands:
         Raises: InstrumentError B-INST-019 (as it must not be, and no command mends it), B-INST-011, as ``set``.
         """
         replies: dict[str, str] = {}
-        for name, condition in self._due():
+        for name, condition, command, query in self._due():
             if when in condition.when:
-                self._bring(name, condition, replies)
+                self._bring(name, condition, command, query, replies)
 
     def state_rows(self) -> Iterator[StateRow]:
         """Ask what the last user left, row by row of the state table; nothing is set."""
         replies: dict[str, str] = {}
-        for name, condition in self._due():
-            command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+        for name, condition, command, query in self._due():
             if reply := self._asked(query, condition, replies):
                 advice = f"{condition.why}; {condition.person}"
                 sets_it = command or ", ".join(condition.by)
@@ -171,12 +170,12 @@ class Commands:
             elif command:
                 yield StateRow(name, command, "", None, "")
 
-    def _due(self) -> Iterator[tuple[str, Condition]]:
-        """Yield the rows of the state table that speak of what the station has."""
+    def _due(self) -> Iterator[tuple[str, Condition, str, str]]:
+        """Yield the rows of the state table that speak of what the station has, each with its command and question."""
         for name, condition in self.states.items():
             of_station = condition.of.items() <= self.options.items()
             if of_station and all(self.station_words[word] for word in condition.words):
-                yield name, condition
+                yield name, condition, *(text.format_map(self.station_words) for text in (condition.set, condition.ask))
 
     def judge(self, query: str, reply: str) -> None:
         """Raise InstrumentError B-INST-019 with every row of the state table that a reply shows as it must not be."""
@@ -192,8 +191,7 @@ class Commands:
             replies[query] = self.ask(query, condition.read)
         return replies.get(query, "")
 
-    def _bring(self, name: str, condition: Condition, replies: dict[str, str]) -> None:
-        command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+    def _bring(self, name: str, condition: Condition, command: str, query: str, replies: dict[str, str]) -> None:
         before = self._asked(query, condition, replies)
         if condition.is_right(before) if query else not command:
             return

@@ -79,14 +79,12 @@ class Hp6632B(ScpiSupply):
             message = f"{' and '.join(names)} latched: there is no voltage though OUTP? said on; the output is off"
             raise self.error("B-INST-018", message, "find the cause, then clear it by hand (OUTP:PROT:CLE)")
 
-    def _go_safe_unheard(self) -> None:
-        """Send OUTP OFF and, for one left in the language of the 6632A, OUT 0; nothing there tells whether it is off.
+    def _safe_command(self) -> str:
+        """Return OUTP OFF and, for one left in the language of the 6632A, OUT 0; nothing there tells whether it is off.
 
         Which of the two it speaks is not switched here: what SYST:LANG does to an output that is on is not public.
         """
-        super()._go_safe_unheard()
-        if self._safe_command():
-            self.bus.write("OUT 0", self.timeout_s)
+        return super()._safe_command() and "OUTP OFF\nOUT 0"
 
     @action(bus_s=0.3, returns="V")
     def measure_voltage(self) -> float:

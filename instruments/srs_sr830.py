@@ -99,8 +99,8 @@ class SrsSr830(BaseInstrument):
         for name, value in chosen.items():
             self.set(f"{name} {value}", self.number(f"{name}?", value, 0.0))
         self.keep(*(Setting(f"{name}?", float(value), 0.0, "") for name, value in chosen.items()))
-        rows = (row for row in self.states.values() if row.right.isdigit())
-        self.kept += (*(Setting(row.ask, float(row.right), 0.0, "") for row in rows), *phase)  # have read back
+        of_table = [Setting(row.ask, float(row.right), 0.0, "") for row in self.states.values() if row.right.isdigit()]
+        self.kept += (*of_table, *phase)  # have read back
         self._status()
 
     @action(Parameter("phase", "deg", -360.0, 729.99), bus_s=0.5)

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from bench.frame import FrameDefinition, LinkCounts
 from bench.model.clock import Clock, utc_stamp
@@ -50,16 +50,7 @@ from bench.run.watch.environment import PERIOD_S, note_temperatures
 CLOCK_PAIR_S = 600.0
 
 Beside = Callable[[RunContext], AbstractContextManager[object]]
-
-
-class Judge(Protocol):
-    """The pre-flight of a run: it looks before anything is prepared, and judges before a session exists."""
-
-    def look(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> None:
-        """Look at a bench that is safe and as its last user left it."""
-
-    def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> Preflight | None:
-        """Judge a bench that is prepared; what is returned becomes an event."""
+Judge = Callable[..., Preflight | None]  # plan, bench, clock, folder; prepared: whether the bench is
 
 
 @dataclass(frozen=True)
@@ -142,7 +133,8 @@ def conduct(
     """Run a plan on its station and close the session, or go on with one that was interrupted.
 
     Args:   beside: what goes on beside the sequencer, entered before the first step and left after the last one.
-            preflight: judges the opened bench before a session exists; what it returns becomes an event.
+            preflight: looks at the bench as it was left, then judges it before a session exists; what it returns then
+            becomes an event.
     The bench is always left safe; how the run ended is in the outcome. Only what happens before the session exists
     (a bench that does not open, a wrong identity) is raised.
     """
@@ -157,9 +149,9 @@ def conduct(
                 error.add_note("Nothing was sent to the bench, and no session was begun.")
             raise
         try:
-            look = (lambda: None) if preflight is None else partial(preflight.look, plan, bench, clock, out)
-            resumed, identities = _identified(bench, clock, resumed, look)
-            judged = None if preflight is None else preflight(plan, bench, clock, out)
+            judge = partial(preflight or (lambda *_, **__: None), plan, bench, clock, out)
+            resumed, identities = _identified(bench, clock, resumed, partial(judge, prepared=False))
+            judged = judge(prepared=True)
             writer, manifest = _begin(plan, clock, seed, out, identities, resumed)
             lock.name_session(writer.folder.name)
             recorder = Recorder(writer, keep_events)
@@ -180,7 +172,7 @@ def conduct(
 
 
 def _identified(
-    bench: OpenBench, clock: Clock, resumed: Resumption | None, look: Callable[[], None]
+    bench: OpenBench, clock: Clock, resumed: Resumption | None, look: Callable[[], object]
 ) -> tuple[Resumption | None, dict[str, dict[str, str]]]:
     """Return the identities, the bench safe; a resumption learns what is set otherwise than the session left it."""
     readings = {} if resumed is None else read_back(bench.instruments, clock)

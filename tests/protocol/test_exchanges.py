@@ -128,7 +128,7 @@ ROWS += [
 NAME = "agilent_e3631a"
 SET = "CURR? -> +5.00000000E-01 | VOLT? -> -1.50000000E+01"
 RAIL_3 = "<start> | INST:NSEL 3! | CURR 5.0E-01! | VOLT -1.5E+01!"
-NOUGHT = "VOLT 0! | VOLT? -> +0.00000000E+00"
+NOUGHT = "VOLT 0.0E+00! | VOLT? -> +0.00000000E+00"
 OTHERS = f"INST:NSEL 1! | {NOUGHT} | INST:NSEL 2! | {NOUGHT} | INST:NSEL 3! | {SET} | OUTP ON! | OUTP? -> 1"
 ROWS += [
     row(NAME, "the other rails are at nought before it is on",

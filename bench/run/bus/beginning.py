@@ -19,7 +19,7 @@ SPACE_FACTOR = 2
 SILENT = "B-INST-001"
 
 
-def begin_safely(bench: OpenBench, clock: Clock, look: Callable[[], None] = lambda: None) -> dict[str, Identity]:
+def begin_safely(bench: OpenBench, clock: Clock, look: Callable[[], object] = lambda: None) -> dict[str, Identity]:
     """Bring the whole bench to its safe state, then prepare every instrument: a run starts from a known one.
 
     Nothing is set at an instrument that is on: who is there is asked first, then what is on goes off. ``look`` is

@@ -65,8 +65,7 @@ def _tried(instrument: Any, form: str, manual: Manual, ask: Ask) -> Tried:
     if dangerous and not ask(f"{command.example!r} {dangerous}: is nobody and nothing in danger, may it be sent?"):
         return Tried(form, "", "", command.reply, NOT_TRIED)
     known = manual.in_order(instrument.options)
-    showing = {asked: form for asked, form in command.shown.items() if manual.find(asked) in known}
-    due = dict([*showing.items()][:1])
+    due = dict([row for row in command.shown.items() if manual.find(row[0]) in known][:1])
     said: list[str] = []
     outcome, problems = AS_DOCUMENTED, []
     try:

@@ -97,31 +97,31 @@ def _identity(context: PreflightContext, role: str) -> Finding:
     return Finding(name, Status.OK, value, due, remark)
 
 
-def settings(context: PreflightContext, limit_s: float | None = ANSWER_S) -> list[Finding]:
+def settings(context: PreflightContext, worst: Status = Status.FAIL) -> list[Finding]:
     """Tell what the last user left: what a run relies on, sets, or refuses; nothing is set to find that out.
 
     Instruments that were identified for a run are prepared already: they were asked before that.
-    Args: limit_s: how long one may take to answer, who is not asked again then, second; None: as in a run.
+    Args: worst: what it is that no command mends, and an answer that is missing; as a warning it is waited for.
     """
     if not context.asks_only:
         return []
     known = {role: each for role, each in context.instruments.items() if getattr(each, "identity", None)}
     resources = {role: context.station.instruments[role].resource for role in known}
-    found = asked(resources, lambda role: _settings(role, known[role], limit_s), context.clock)
+    found = asked(resources, lambda role: _settings(role, known[role], worst), context.clock)
     return [finding for finding in found.values() if finding is not None]
 
 
-def _settings(role: str, instrument: Instrument, limit_s: float | None) -> Finding | None:
+def _settings(role: str, instrument: Instrument, worst: Status) -> Finding | None:
     name = f"settings of {role}"
     try:
-        with hurried(instrument, limit_s):
+        with hurried(instrument, ANSWER_S if worst is Status.FAIL else None):
             rows = list(instrument.state_rows())
     except InstrumentError as error:
-        return Finding(name, Status.FAIL, error.code, "", error.message, of_bench=True)
+        return Finding(name, worst, error.code, "", error.message, of_bench=True)
     refused = [row for row in rows if row.right is False and not row.command]
     if refused:
         value = ", ".join(f"{row.name} ({row.reply})" for row in refused)
-        return Finding(name, Status.FAIL, value, "", "; ".join(row.advice for row in refused), of_bench=True)
+        return Finding(name, worst, value, "", "; ".join(row.advice for row in refused), of_bench=True)
     changed = [f"{row.name} ({row.reply} now)" for row in rows if row.right is False]
     unseen = [row.name for row in rows if row.right is None]
     parts = [f"{len(rows) - len(unseen)} asked"]

@@ -150,35 +150,30 @@ class Preflight:
     uncommissioned: str = ""
     left: tuple[Finding, ...] = ()
 
-    def look(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> None:
-        """Tell what the last user left and the run will set, before it does; under the virtual clock nobody is told.
+    def __call__(
+        self, plan: Plan, bench: OpenBench, clock: Clock, out: Path, *, prepared: bool
+    ) -> events.Preflight | None:
+        """Judge an opened bench whose instruments were identified and made safe; tell before what the run will set.
 
-        What no command mends is a warning here: the action refuses that relies on it, and not every run has that.
+        What no command mends is a warning then: the action refuses that relies on it, and not every run has that.
         """
-        if clock.virtual:
-            return
-        found = of_instruments.settings(replace(self._context(plan, bench, clock, out), asks_only=True), None)
-        mild = {Status.FAIL: Status.WARN}
-        self.left = tuple(replace(finding, status=mild.get(finding.status, finding.status)) for finding in found)
-        for finding in self.left:
-            if of_instruments.SETS in finding.value:
-                self.tell(f"pre-flight: {told(finding)}")
-
-    def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> events.Preflight | None:
-        """Judge an opened bench whose instruments were identified and made safe."""
-        report = Report((*self.left, *survey(self._context(plan, bench, clock, out)).findings))
+        context = PreflightContext(
+            plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host,
+            uncommissioned=self.uncommissioned, asks_only=not prepared,
+        )  # fmt: skip
+        if not prepared:
+            self.left = () if clock.virtual else tuple(of_instruments.settings(context, Status.WARN))
+            for finding in self.left:
+                if of_instruments.SETS in finding.value:
+                    self.tell(f"pre-flight: {told(finding)}")
+            return None
+        report = Report((*self.left, *survey(context).findings))
         for finding in report.of(Status.WARN):
             self.tell(f"pre-flight, warning: {told(finding)}")
         refusal = report.refusal()
         if refusal is not None:
             raise refusal
         return None if clock.virtual else report.event()
-
-    def _context(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> PreflightContext:
-        return PreflightContext(
-            plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host,
-            uncommissioned=self.uncommissioned,
-        )  # fmt: skip
 
 
 class OverdueError(Exception):

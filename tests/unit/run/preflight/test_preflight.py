@@ -132,7 +132,7 @@ def test_a_rehearsal_asks_no_instrument_and_writes_nothing_of_the_machine(tmp_pa
         for instrument in bench.instruments.values():
             instrument.identify()
         sent.clear()
-        assert Preflight(told.append, Machine())(plan, bench, clock, tmp_path) is None
+        assert Preflight(told.append, Machine())(plan, bench, clock, tmp_path, prepared=True) is None
     finally:
         bench.close()
     assert (told, set(sent)) == ([], {"<close>"})
@@ -149,9 +149,9 @@ def test_warnings_are_told_and_the_run_goes_on(tmp_path: Path, monkeypatch: pyte
     bench: Any = SimpleNamespace(instruments=instruments, links={})
     told: list[str] = []
     judge = Preflight(told.append, Machine())
-    judge.look(served_plan(), bench, WallClock(), tmp_path)
+    judge(served_plan(), bench, WallClock(), tmp_path, prepared=False)
     assert told == ["pre-flight: settings of dmm: 1 asked; a run sets unit (F now)"], "before anything is set"
-    event = judge(served_plan(), bench, WallClock(), tmp_path)
+    event = judge(served_plan(), bench, WallClock(), tmp_path, prepared=True)
     warnings = ["settings of rail_dmm: terminals (REAR), press Front", *["two: not so fine"] * 3]
     assert told[1:] == [f"pre-flight, warning: {each}" for each in warnings]
     assert (event.ok, event.warn) == (4, 4)
