@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from bench.model.ports import Figure, Parameter, Tells, action, is_one
 from instruments.commands import Setting
-from instruments.scpi import ScpiInstrument
+from instruments.scpi import ScpiOutput
 from instruments.values import read_number
 
 _FREQUENCY_STEP_HZ = 1e-6
 _AMPLITUDE_STEP_V = 1e-3
 
 
-class Agilent33250A(ScpiInstrument):
+class Agilent33250A(ScpiOutput):
     """Control of a square wave symmetric about zero."""
 
     identity_pattern = r".*,33250A"
@@ -43,23 +43,18 @@ class Agilent33250A(ScpiInstrument):
 
     @action(bus_s=0.2)
     def output_on(self) -> None:
-        """Set the output on, if the waveform still reads back, and confirm it.
+        """Set the output on, if the waveform still reads back, and confirm it; what was altered by hand is set again.
 
         Raises: InstrumentError B-INST-010 before ``square``, B-INST-011.
         """
         self.require_kept("output_on", "waveform was", "set the waveform")
+        self.bring("output_on")
         self._recheck()
         self.switch_output_on()
 
     @action(bus_s=0.2)
     def output_off(self) -> None:
         """Set the output off and confirm it. Raises: InstrumentError B-INST-009."""
-        self.switch_output_off()
-
-    def _safe_command(self) -> str:
-        return "OUTP OFF"
-
-    def _go_safe(self) -> None:
         self.switch_output_off()
 
 

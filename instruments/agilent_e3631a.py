@@ -49,7 +49,7 @@ class AgilentE3631A(ScpiSupply):
             message = f"configure: rail {rail} takes {low_V} to {high_V} V and up to {high_A} A, not {voltage!r} V, "
             raise self.refusal(f"{message}{current_limit!r} A")
         with self.bus.lock:
-            self._forget_rail(rail)
+            self.configured = {other: set_ for other, set_ in self.configured.items() if other != rail}
             self._select(rail)
             wanted = (
                 Setting("CURR?", current_limit, _CURRENT_STEP_A, "A"),
@@ -71,8 +71,7 @@ class AgilentE3631A(ScpiSupply):
         with self.bus.lock:
             for rail in sorted(set(_RAILS) - set(self.configured)):
                 self._select(rail)
-                self.set("VOLT 0", self.number("VOLT?", 0.0, _VOLTAGE_STEP_V))
-                self.confirm("VOLT?", 0.0, _VOLTAGE_STEP_V, "V")
+                self.confirm(*self.put(Setting("VOLT?", 0.0, _VOLTAGE_STEP_V, "V")))
             for rail in self.configured:
                 self._select(rail)
                 self.confirm_kept()
@@ -97,9 +96,6 @@ class AgilentE3631A(ScpiSupply):
         if self.selected:
             self.confirm("INST:NSEL?", self.selected, 0, "")
         self.confirm_kept()
-
-    def _forget_rail(self, rail: int) -> None:
-        self.configured = {kept: set_ for kept, set_ in self.configured.items() if kept != rail}
 
     def _forget(self) -> None:
         super()._forget()

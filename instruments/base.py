@@ -71,7 +71,6 @@ class BaseInstrument(Commands):
         self.options = {**self.default_options, **(options or {})}
         self.identity: Identity | None = None
         self.seen: dict[str, object] = {}
-        self.mended = {}
         self.kept = ()
         if manual := manual_of(type(self).__module__.rpartition(".")[2]):
             self.states = manual.states
@@ -229,12 +228,12 @@ class BaseInstrument(Commands):
         self.kept = ()
 
     def _safe_command(self) -> str:
-        """Return the command towards the safe state, "" without one; sent unconfirmed to an instrument that is mute."""
+        """Return what leads to the safe state, a command a line; sent unconfirmed to an instrument that is mute."""
         return ""
 
     def _go_safe_unheard(self) -> None:
         """Send what leads to the safe state to one that does not answer."""
-        if command := self._safe_command():
+        for command in self._safe_command().splitlines():
             self.bus.write(command, self.timeout_s)
 
     def _go_safe_somehow(self) -> None:

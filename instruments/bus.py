@@ -166,7 +166,7 @@ class BusSession(Wire):
             age_s = (self._clock.now_ns() - self.heard_ns) / NS
             message = f"{question!r} was not asked: nobody is there, the last answer came {age_s:.1f} s ago"
             raise InstrumentError(self.lost, message, where=self.where, next_step=_LOOK_AT_DEVICE)
-        if not self.in_step:
+        if not self.in_step or self.came_unasked():
             self.clear()
         self._require_step(question)
         self.write(question, timeout_s)

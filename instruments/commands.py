@@ -59,8 +59,7 @@ class Commands:
     """Commands with their checks; ``timeout_s`` limits a plain command, 1.5 s is the most.
 
     ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt. ``kept`` is
-    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file);
-    ``mended``: what of it was not right, with the reply that showed it, and was set.
+    what this run has set, has read back and relies on. ``states``: the state table of the model (its YAML file).
     """
 
     timeout_s: ClassVar[float] = 1.0
@@ -71,7 +70,6 @@ class Commands:
     seen: dict[str, object]
     kept: tuple[Setting, ...]
     states: Mapping[str, Condition] = {}
-    mended: dict[str, str]
 
     def __init_subclass__(cls, **named: Any) -> None:
         """Let each action of a driver refuse what its declaration does not allow, before anything is sent."""
@@ -157,15 +155,14 @@ class Commands:
         Raises: InstrumentError B-INST-019 (as it must not be, and no command mends it), B-INST-011, as ``set``.
         """
         replies: dict[str, str] = {}
-        for name, condition in self._due():
+        for name, condition, command, query in self._due():
             if when in condition.when:
-                self._bring(name, condition, replies)
+                self._bring(name, condition, command, query, replies)
 
     def state_rows(self) -> Iterator[StateRow]:
         """Ask what the last user left, row by row of the state table; nothing is set."""
         replies: dict[str, str] = {}
-        for name, condition in self._due():
-            command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+        for name, condition, command, query in self._due():
             if reply := self._asked(query, condition, replies):
                 advice = f"{condition.why}; {condition.person}"
                 sets_it = command or ", ".join(condition.by)
@@ -173,12 +170,12 @@ class Commands:
             elif command:
                 yield StateRow(name, command, "", None, "")
 
-    def _due(self) -> Iterator[tuple[str, Condition]]:
-        """Yield the rows of the state table that speak of what the station has."""
+    def _due(self) -> Iterator[tuple[str, Condition, str, str]]:
+        """Yield the rows of the state table that speak of what the station has, each with its command and question."""
         for name, condition in self.states.items():
             of_station = condition.of.items() <= self.options.items()
             if of_station and all(self.station_words[word] for word in condition.words):
-                yield name, condition
+                yield name, condition, *(text.format_map(self.station_words) for text in (condition.set, condition.ask))
 
     def judge(self, query: str, reply: str) -> None:
         """Raise InstrumentError B-INST-019 with every row of the state table that a reply shows as it must not be."""
@@ -194,8 +191,7 @@ class Commands:
             replies[query] = self.ask(query, condition.read)
         return replies.get(query, "")
 
-    def _bring(self, name: str, condition: Condition, replies: dict[str, str]) -> None:
-        command, query = (text.format_map(self.station_words) for text in (condition.set, condition.ask))
+    def _bring(self, name: str, condition: Condition, command: str, query: str, replies: dict[str, str]) -> None:
         before = self._asked(query, condition, replies)
         if condition.is_right(before) if query else not command:
             return
@@ -211,7 +207,6 @@ class Commands:
             reply = again()  # neither the one nor the other: it may be garbled
         if not condition.is_right(reply):
             raise self.error("B-INST-011", f"{query!r} reads back {reply!r} after {command!r}: {name} is not right")
-        self.mended[name] = before.strip()
 
     def switch(self, query: str, wanted: int) -> ReadBack:
         """Return the read-back of something that is on (1) or off (0)."""

@@ -97,14 +97,14 @@ class Fluke5720A(BaseInstrument):
         """Set the output on and return when it is on and settled.
 
         Refused (B-INST-010) unless ``output`` was set before; the fault queue must be empty, the set-point must read
-        back and nothing may alter it (B-INST-019). Raises: InstrumentError B-INST-013 if it trips,
-        B-INST-012 if it does not settle; standby was sent then.
+        back, and what may alter it is set again or refused (B-INST-019). Raises: InstrumentError B-INST-013 if it
+        trips, B-INST-012 if it does not settle; standby was sent then.
         """
         if self.programmed_A is None:
             raise self.error("B-INST-010", "operate refused: no output was set by this run", "set the output first")
         self.check_errors("OPER (before)")
         self._confirm_output(self.programmed_A)
-        self._status()
+        self.bring("operate")  # somebody may have been at its keys since it was prepared
         try:
             on = either(self._is_operating, True)
             self.settle("OPER", on, lambda command: self.bus.write(command, self.timeout_s))

@@ -5,9 +5,10 @@ stays latched while OUTP? says on; clearing it is a decision of a person (``OUTP
 comes back with it. What else a last user may have left stands in the state table.
 
 Source: HP 6631B/6632B/6633B/6634B operating and programming guides (VOLTage, CURRent, VOLTage:PROTection,
-CURRent:PROTection:STATe, OUTPut, OUTPut:PROTection:DELay, questionable status bits 0, 1, 4, 9, MEASure). The model ends
-at 20.475 V; a 28 V unit needs the 6633B. Not confirmed on hardware: programming ranges 20.475 V, 5.1188 A and 22 V
-over-voltage, and the read-back resolutions.
+CURRent:PROTection:STATe, OUTPut, OUTPut:PROTection:DELay, questionable status bits 0, 1, 4, 9, MEASure); libsigrok,
+src/hardware/scpi-pps/profiles.c (OUT 0 of the 6632A, for a 6632B after SYST:LANG COMP). The model ends at 20.475 V; a
+28 V unit needs the 6633B. Not confirmed on hardware: programming ranges 20.475 V, 5.1188 A and 22 V over-voltage, and
+the read-back resolutions.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class Hp6632B(ScpiSupply):
     """Control of the supply with current limit, over-current and over-voltage protection."""
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),6632B"
-    language = "SCPI (SYST:LANG SCPI by hand)"
+    language = "SCPI (switch its output off at the front panel, then SYST:LANG SCPI by hand)"
     tells = Tells(
         {"OUTP?": is_one},
         {"MEAS:VOLT?": Figure("voltage", "V", read_number), "MEAS:CURR?": Figure("current", "A", read_number)},
@@ -77,6 +78,13 @@ class Hp6632B(ScpiSupply):
             self.switch_output_off()
             message = f"{' and '.join(names)} latched: there is no voltage though OUTP? said on; the output is off"
             raise self.error("B-INST-018", message, "find the cause, then clear it by hand (OUTP:PROT:CLE)")
+
+    def _safe_command(self) -> str:
+        """Return OUTP OFF and, for one left in the language of the 6632A, OUT 0; nothing there tells whether it is off.
+
+        Which of the two it speaks is not switched here: what SYST:LANG does to an output that is on is not public.
+        """
+        return super()._safe_command() and "OUTP OFF\nOUT 0"
 
     @action(bus_s=0.3, returns="V")
     def measure_voltage(self) -> float:

@@ -80,7 +80,20 @@ class ScpiInstrument(BaseInstrument):
         return self.bus.query("SYST:ERR?", read_scpi_error, self.timeout_s, repeatable=False)
 
 
-class ScpiSupply(ScpiInstrument):
+class ScpiOutput(ScpiInstrument):
+    """An instrument with an output that goes off in the safe state, unless the option ``safe_state`` keeps it."""
+
+    def _safe_command(self) -> str:
+        return "" if self.options.get("safe_state") == "keep" else "OUTP OFF"
+
+    def _go_safe(self) -> None:
+        if self._safe_command():
+            self.switch_output_off()
+        else:
+            self.drain_errors()
+
+
+class ScpiSupply(ScpiOutput):
     """A supply, whose output goes off in the safe state (option ``safe_state`` off) or stays as it is (keep)."""
 
     safe_state = "output off (OUTP OFF), confirmed by OUTP?; with option safe_state keep as it is"
@@ -91,12 +104,3 @@ class ScpiSupply(ScpiInstrument):
     def output_off(self) -> None:
         """Set the output off, of all rails if there are more, and confirm it. Raises: InstrumentError B-INST-009."""
         self.switch_output_off()
-
-    def _safe_command(self) -> str:
-        return "OUTP OFF" if self.options["safe_state"] == "off" else ""
-
-    def _go_safe(self) -> None:
-        if self.options["safe_state"] == "off":
-            self.switch_output_off()
-        else:
-            self.drain_errors()

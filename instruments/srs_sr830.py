@@ -99,18 +99,22 @@ class SrsSr830(BaseInstrument):
         for name, value in chosen.items():
             self.set(f"{name} {value}", self.number(f"{name}?", value, 0.0))
         self.keep(*(Setting(f"{name}?", float(value), 0.0, "") for name, value in chosen.items()))
-        rows = (row for row in self.states.values() if row.right.isdigit())
-        self.kept += (*(Setting(row.ask, float(row.right), 0.0, "") for row in rows), *phase)  # have read back
+        of_table = [Setting(row.ask, float(row.right), 0.0, "") for row in self.states.values() if row.right.isdigit()]
+        self.kept += (*of_table, *phase)  # have read back
         self._status()
 
     @action(Parameter("phase", "deg", -360.0, 729.99), bus_s=0.5)
     def set_phase(self, phase: float) -> None:
         """Set the phase of the reference, degree, and read it back within 0.01 deg, turns aside.
 
+        What was altered by hand since ``configure`` is set again, or refused, before the time in which it settles.
+
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
         self._ready()
         self.kept = tuple(setting for setting in self.kept if setting.query != "PHAS?")
+        self.bring("set_phase")
+        self.confirm_kept()
         setting = self.put(Setting("PHAS?", phase, _PHASE_STEP_DEG, "deg", _TURN_DEG), plain_form)
         self.confirm(*setting)
         self.kept += (setting,)

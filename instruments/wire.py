@@ -30,6 +30,7 @@ RETURN_S = 0.3  # a call comes back that long after its time limit at the latest
 MESSAGE_AVAILABLE = 1 << 4  # status byte, IEEE Std 488.2
 SLICE_S = 0.5  # longest wait without a sign of life; a run may be silent for 1.5 s
 _ECHO_S = 1.0
+_UNASKED_S = 0.001  # the least that pyvisa-py waits on a socket
 _QUIET_S = 0.25
 _MOST_LATE_S = 10.0  # a reply that is not there by then never comes
 _MOST_STALE = 16
@@ -253,6 +254,13 @@ class Wire:
     def clear(self) -> None:
         """Get back into step: by device clear, or by asking who is there until that is answered."""
         self.in_step = self._device_cleared() or (not self.hurried and self._echoed())
+
+    def came_unasked(self) -> bool:
+        """Return whether something stands on a stream before a question: a reply that came twice is no answer to it.
+
+        Elsewhere the protocol of messages throws it away; a bench inside this process has no such streams.
+        """
+        return self.stream and not self._clock.virtual and self._unused(_UNASKED_S) is not None
 
     def owe(self, question: str) -> None:
         """Note a question without an answer in time, if its late reply may be mistaken for an echo."""

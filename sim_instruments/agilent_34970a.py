@@ -66,6 +66,7 @@ _BY_CHANNEL = settings_of("""
 [:SENSe]:RESistance:NPLCycles                          | cycles        | 1.  | by _read_cycles | +.8E | FRES
 [:SENSe]:TEMPerature:NPLCycles                         | cycles        | 1.  | by _read_cycles | +.8E | TEMP
 [:SENSe]:VOLTage:DC:NPLCycles                          | cycles        | 1.  | by _read_cycles | +.8E | VOLT
+[:SENSe]:VOLTage:DC:RANGe:AUTO                         | ranges_itself | ON  |                 |      | VOLT
 [:SENSe]:TEMPerature:TRANsducer:TCouple:TYPE           | type          | J   | B, E, J, K, N, R, S, T
 [:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction      | fixed_degC    | 0.  | -20 80          | +.8E
 [:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE | junction      | FIX | FIXed, INTernal, EXTernal

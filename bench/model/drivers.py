@@ -8,9 +8,10 @@ them at a real instrument, and what a driver sends in the tests must stand in it
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -41,9 +42,12 @@ class Command(StrictModel):
     state: State = Field("confirmed", description="read there; concluded from it; or assumed")
     reply: str = Field("", description="regular expression of the whole reply; NUMBER stands for one in figures")
     touch: Touch = Field("asks", description="what sending it does to the bench")
+    of: dict[str, str] = Field({}, description="options of the station whose model has it, such as a dialect")
     example: str = Field("", alias="try", description="as it may be sent at a first contact; empty: never alone")
     after: str = Field("", description="command sent before it, where it is refused otherwise")
-    shown: dict[str, str] = Field({}, description="questions that show what it did: forms of their replies")
+    shown: dict[str, str] = Field(
+        {}, description="questions that show what it did, and their replies: the first that the station's model has"
+    )
 
 
 def replies_so(form: str, reply: str) -> bool:
@@ -121,9 +125,10 @@ class Manual(StrictModel):
         forms = [form for form in self.commands if _says(form, sent.strip(_CONTROLS))]
         return max(forms, key=lambda form: len(_ARGUMENT.sub("", form)), default=None)
 
-    def in_order(self) -> list[tuple[str, Command]]:
-        """Return forms and commands in the order of a first contact: harmless ones first."""
-        return sorted(self.commands.items(), key=lambda row: TOUCHES.index(row[1].touch))
+    def in_order(self, options: Mapping[str, Any]) -> dict[str, Command]:
+        """Return what a model with these options has, by form, in the order of a first contact: harmless first."""
+        rows = sorted(self.commands.items(), key=lambda row: TOUCHES.index(row[1].touch))
+        return {form: command for form, command in rows if command.of.items() <= options.items()}
 
     @property
     def unconfirmed(self) -> tuple[str, ...]:

@@ -50,7 +50,7 @@ from bench.run.watch.environment import PERIOD_S, note_temperatures
 CLOCK_PAIR_S = 600.0
 
 Beside = Callable[[RunContext], AbstractContextManager[object]]
-Judge = Callable[[Plan, OpenBench, Clock, Path], Preflight | None]
+Judge = Callable[..., Preflight | None]  # plan, bench, clock, folder; prepared: whether the bench is
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,8 @@ def conduct(
     """Run a plan on its station and close the session, or go on with one that was interrupted.
 
     Args:   beside: what goes on beside the sequencer, entered before the first step and left after the last one.
-            preflight: judges the opened bench before a session exists; what it returns becomes an event.
+            preflight: looks at the bench as it was left, then judges it before a session exists; what it returns then
+            becomes an event.
     The bench is always left safe; how the run ended is in the outcome. Only what happens before the session exists
     (a bench that does not open, a wrong identity) is raised.
     """
@@ -148,8 +149,9 @@ def conduct(
                 error.add_note("Nothing was sent to the bench, and no session was begun.")
             raise
         try:
-            resumed, identities = _identified(bench, clock, resumed)
-            judged = None if preflight is None else preflight(plan, bench, clock, out)
+            judge = partial(preflight or (lambda *_, **__: None), plan, bench, clock, out)
+            resumed, identities = _identified(bench, clock, resumed, partial(judge, prepared=False))
+            judged = judge(prepared=True)
             writer, manifest = _begin(plan, clock, seed, out, identities, resumed)
             lock.name_session(writer.folder.name)
             recorder = Recorder(writer, keep_events)
@@ -170,11 +172,11 @@ def conduct(
 
 
 def _identified(
-    bench: OpenBench, clock: Clock, resumed: Resumption | None
+    bench: OpenBench, clock: Clock, resumed: Resumption | None, look: Callable[[], object]
 ) -> tuple[Resumption | None, dict[str, dict[str, str]]]:
     """Return the identities, the bench safe; a resumption learns what is set otherwise than the session left it."""
     readings = {} if resumed is None else read_back(bench.instruments, clock)
-    identities = identities_of(begin_safely(bench, clock))
+    identities = identities_of(begin_safely(bench, clock, look))
     if resumed is None:
         return None, identities
     same_instruments(resumed.manifest, identities)

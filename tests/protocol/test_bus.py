@@ -244,7 +244,7 @@ def test_a_command_in_doubt_is_read_back_and_sent_again_once_if_it_had_no_effect
 
 
 SET = does("identify"), does("__setattr__", "programmed_A", 0.01)
-OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | <timeout> | <silent> | "
+OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | CUR_POST? -> NORMAL | <timeout> | <silent> | "
 TRIP = 'ISR? -> 4096 | FAULT? -> 501 | <ok> | EXPLAIN? 501 -> "Compliance" | STBY'
 DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
 NO_POST = "CUR_POST? -> <timeout> | <silent>"
@@ -307,14 +307,14 @@ def test_in_a_hurry_the_first_silence_is_told_and_afterwards_the_session_gets_in
     [
         ("fluke_5720a", b"STBY\n"),
         ("keithley_7002", b":OPEN ALL\n"),
-        ("hp_6632b", b"OUTP OFF\n"),
+        ("hp_6632b", b"OUTP OFF\nOUT 0\n"),  # in the one or the other of its languages
         ("agilent_e3631a", b"OUTP OFF\n"),
         ("agilent_33250a", b"OUTP OFF\n"),
         ("thermotron_3800", b"HOLD\n"),
     ],
 )
 def test_a_mute_instrument_that_nobody_has_identified_hears_the_safe_command(name: str, command: bytes) -> None:
-    script = [(IDENTIFY[name][0][0], TIMEOUT), (command, None)]
+    script = [(IDENTIFY[name][0][0], TIMEOUT), *((line, None) for line in command.splitlines(keepends=True))]
     with scripted(name, script) as driver, driver.quick(0.4), refused("B-INST-001"):
         driver.make_safe()
 

@@ -20,16 +20,17 @@ ROWS: list[Row] = []
 
 
 NAME = "agilent_33250a"
-PLAIN = "<start> | BURS:STAT? -> 0 | SWE:STAT? -> 1 | SWE:STAT OFF! | SWE:STAT? -> 0"
+PLAIN = "BURS:STAT? -> 0 | SWE:STAT? -> 1 | SWE:STAT OFF! | SWE:STAT? -> 0"
 PLAIN += "".join(f" | {mode}:STAT? -> 0" for mode in ("AM", "FM", "FSK")) + " | FUNC:SQU:DCYC? -> +5.0000000000000E+01"
 PLAIN += " | VOLT:OFFS? -> +0.0000000000000E+00 | FUNC? -> SIN"
-SQUARE = f"{PLAIN} | FUNC SQU! | FUNC? -> SQU | OUTP:LOAD? -> +9.9000000000000E+37 | VOLT:UNIT? -> VPP"
-SQUARE += " | VOLT:RANG:AUTO? -> 1 | OUTP:POL? -> NORM | FREQ 1.2345678E+07! | VOLT 2.5E+00!"
+BROUGHT = f"{PLAIN} | FUNC SQU! | FUNC? -> SQU | OUTP:LOAD? -> +9.9000000000000E+37 | VOLT:UNIT? -> VPP"
+BROUGHT += " | VOLT:RANG:AUTO? -> 1 | OUTP:POL? -> NORM"
+SQUARE = f"<start> | {BROUGHT} | FREQ 1.2345678E+07! | VOLT 2.5E+00!"
 BACK = "FREQ? -> +1.234567800000E+07 | VOLT? -> +2.500000000000E+00"
 ON_OFF = "OUTP ON! | OUTP? -> 1 | OUTP OFF! | OUTP? -> 0"
-CONFLICT = f'{PLAIN} | FUNC SQU | SYST:ERR? -> -221,"Settings conflict" | <ok>'
+CONFLICT = f'<start> | {PLAIN} | FUNC SQU | SYST:ERR? -> -221,"Settings conflict" | <ok>'
 ROWS += [
-    row(NAME, "a frequency goes out with every digit", f"{SQUARE} | {BACK} | {BACK} | {ON_OFF}",
+    row(NAME, "a frequency goes out with every digit", f"{SQUARE} | {BACK} | {BROUGHT} | {BACK} | {ON_OFF}",
         does("square", 12_345_678, 2.5), does("output_on"), does("output_off")),
     row(NAME, "a rounded frequency is noticed", f"{SQUARE} | FREQ? -> +1.23457E+07",
         refuses("B-INST-011", "12345678", "square", 12_345_678.0, 2.5)),
@@ -127,7 +128,7 @@ ROWS += [
 NAME = "agilent_e3631a"
 SET = "CURR? -> +5.00000000E-01 | VOLT? -> -1.50000000E+01"
 RAIL_3 = "<start> | INST:NSEL 3! | CURR 5.0E-01! | VOLT -1.5E+01!"
-NOUGHT = "VOLT 0! | VOLT? -> +0.00000000E+00"
+NOUGHT = "VOLT 0.0E+00! | VOLT? -> +0.00000000E+00"
 OTHERS = f"INST:NSEL 1! | {NOUGHT} | INST:NSEL 2! | {NOUGHT} | INST:NSEL 3! | {SET} | OUTP ON! | OUTP? -> 1"
 ROWS += [
     row(NAME, "the other rails are at nought before it is on",
@@ -136,7 +137,12 @@ ROWS += [
     *[row(NAME, f"rail {rail} does not take {voltage} V, {limit} A", "",
           refuses("B-INST-008", f"rail {rail} takes", "configure", rail, voltage, limit))
       for rail, voltage, limit in
-      ((1, 6.19, 1.0), (1, -0.1, 1.0), (2, 15.0, 1.04), (3, 15.0, 0.5), (2, -15.0, 0.5))],
+      ((1, 6.181, 1.0), (1, -0.001, 1.0), (2, 15.0, 1.031), (3, 0.001, 0.5), (2, -0.001, 0.5), (3, -15.0, 1.031))],
+    *[row(NAME, f"rail {rail} takes {voltage}",
+          f"<start> | INST:NSEL {rail}! | CURR {limit}E+00! | VOLT {voltage}! | CURR? -> {limit} | VOLT? -> {voltage}",
+          does("configure", rail, float(voltage), limit))
+      for rail, voltage, limit in
+      ((1, "6.18E+00", 5.15), (1, "0.0E+00", 5.15), (2, "2.575E+01", 1.03), (3, "-2.575E+01", 1.03))],
     row(NAME, "no output before a rail is set", "", refuses("B-INST-010", "", "output_on")),
     row(NAME, "a lost set-point is noticed", f"{RAIL_3} | CURR? -> 0.5 | VOLT? -> -1.20000000E+01",
         refuses("B-INST-011", "", "configure", 3, -15.0, 0.5), leaves={"configured": {}}),
@@ -153,7 +159,9 @@ ROWS += [
         leaves={"test_clock.now_ns": 3 * NS // 4, "identity.model": "3458A"}),
     *[row(NAME, f"{largest} A is within {sent}", READY.format(sent, sent), does("configure_current", largest))
       for largest, sent in
-      ((0.12, "1.0E-01"), (0.2, "1.0E+00"), (1.05, "1.0E+00"), (3e-5, "1.0E-04"), (1e-9, "1.0E-07"))],
+      ((0.2, "1.0E+00"), (1.05, "1.0E+00"), (3e-5, "1.0E-04"), (1e-9, "1.0E-07"),
+       *((float(f"1.2e-{at}"), f"1.0E-0{at}") for at in range(1, 8)),
+       *((float(f"1.201e-{at}"), f"1.0E-0{at - 1}") for at in range(2, 8)))],
     row(NAME, "a range that was not taken is noticed", READY.format("1.0E-03", "1.0E-02"),
         refuses("B-INST-011", "RANGE", "configure_current", 1e-3)),
     row(NAME, "an error is told", f'{SET_UP.partition("! | INB")[0]} | ERRSTR? -> 105,"INVALID PARAMETER -- X" | <ok>',
@@ -180,7 +188,7 @@ ROWS += [
     row(NAME, "limits come first and the output last",
         f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> 0 | MEAS:VOLT? -> +1.49991E+01 | MEAS:CURR? -> +4.20000E-01 | {OFF}",
         CONFIGURE, does("output_on"), gives(14.9991, "measure_voltage"), gives(0.42, "measure_current"),
-        does("output_off")),
+        does("output_off"), leaves={"test_clock.now_ns": 90_000_000}),  # so long before its protections are asked
     *[row(NAME, f"protection {condition} that trips", f"{ON} | OUTP? -> 1 | STAT:QUES:COND? -> "
           f"{condition} | {OFF}", CONFIGURE, refuses("B-INST-018", what, "output_on"))
       for condition, what in ((1, "over-voltage"), (3, "over-voltage and over-current"))],
@@ -215,6 +223,9 @@ ROWS += [
         does("route", 2, 1, 3), slot=[1, 3]),
     *[row(NAME, f"card {card} is none of them", "", refuses("B-INST-008", "", "route", 2, 1, card), slot=[1, 3])
       for card in (2, None)],
+    *[row(NAME, f"another {found} than the route, after a reopening",
+          f"{OPENED} | :CLOS (@1!1!3)! | :CLOS:STAT? -> (@1!1!3) | :CLOS:STAT? -> {found}", does("route", 3, 1),
+          refuses("B-INST-015", "1!1!3 was verified", "_recheck")) for found in ("(@1!2!3)", "(@)")],
     row(NAME, "a relay that stays closed stops the second route", "<start> | :OPEN ALL! | :CLOS:STAT? -> (@1!2!7)",
         refuses("B-INST-015", "1!2!7", "route", 3, 1)),
     row(NAME, "a relay that stays closed is not safe", "<who> | :OPEN ALL! | :CLOS:STAT? -> (@1!1!3)",
@@ -328,7 +339,7 @@ BACK = "OUT? -> 1.000000E-02,A,0E+00"
 UNLOCKED = "RANGELCK OFF!"
 OUT = f"<start> | {UNLOCKED} | OUT 1.0E-02 A, 0 HZ!"
 SET = f"{OUT} | {BACK}"
-READY = f"{SET} | <ok> | {BACK} | ISR? -> 4096"
+READY = f"{SET} | <ok> | {BACK} | ISR? -> 4096 | CUR_POST? -> NORMAL"
 ON, SETTLED, STANDBY = "ISR? -> 1", "ISR? -> 4097", "ISR? -> 4096"
 OUTPUT, OPERATE = does("output", 0.01), does("operate")
 OTHER = "OUT? -> {0} | <clear>"

@@ -12,6 +12,7 @@ from instruments.srs_sr830 import SENSITIVITIES_V, TIME_CONSTANTS_S
 NAME = "srs_sr830"
 FIXED = ("FMOD 0", "RSLP 1", "HARM 1", "ISRC 0", "IGND 0", "ICPL 1", "ILIN 0", "RMOD 0")
 CHOSEN = ("SENS 26", "OFSL 3", "OFLT 10", "SYNC 1")
+ALL = *CHOSEN, *FIXED
 QUIET, SNAPSHOT = "LIAS? -> 0", "SNAP? 1,2,9 -> "
 EXPAND = "OEXP? 1 -> 0.00,0 | OEXP? 2 -> 0.00,0"
 
@@ -31,10 +32,11 @@ def configured(*chosen: str) -> str:
     return f"<start> | {told(*FIXED)} | {EXPAND} | {orders(*chosen)} | {told(*chosen)} | {QUIET}"
 
 
-def phased(phase: str, back: str) -> str:
-    return f"PHAS {phase}! | PHAS? -> {back} | {QUIET}"
+def phased(phase: str, back: str, *kept: str) -> str:
+    return f"{FIXED_TOLD} | {told(*kept)} | PHAS {phase}! | PHAS? -> {back} | {QUIET}"
 
 
+FIXED_TOLD = f"{told(*FIXED)} | {EXPAND}"
 SET_UP = does("configure", 1.0, 24, 1.0, "on")
 PLAIN = {"x_V": 0.664867, "y_V": -0.240767, "frequency_Hz": 1.0002, "overload": False, "unlocked": False}
 DIVIDED = {"x_V": pytest.approx(0.664867, rel=1e-12), "y_V": pytest.approx(-0.240767, rel=1e-12)}
@@ -50,11 +52,11 @@ NOT_LISTED = [
     ((1.0, 24, 0.6, "on"), "sensitivity 0.6 V is none of its settings; the nearest is 0.5 V"),
     ((1.0, 24, 10.0, "on"), "sensitivity 10.0 V is none of its settings; the nearest is 1 V"),
 ]
-IN_DOUBT = f"PHAS 180 | *ESR? -> {LOST} | PHAS? -> 90.00 | PHAS 180! | PHAS? -> 180.00 | PHAS? -> 180.00 | {QUIET}"
+IN_DOUBT = f"{FIXED_TOLD} | PHAS 180 | *ESR? -> {LOST} | PHAS? -> 90.00 | PHAS 180! | PHAS? -> 180.00 | PHAS? -> 180.00"
 
 ROWS = [
     row(NAME, "a set-up, a phase and a reading",
-        f"{configured(*CHOSEN)} | {phased('-270', '90.00')} | {SNAPSHOT}0.664867,-0.240767,1.0002 | {QUIET}",
+        f"{configured(*CHOSEN)} | {phased('-270', '90.00', *ALL)} | {SNAPSHOT}0.664867,-0.240767,1.0002 | {QUIET}",
         SET_UP, does("set_phase", -270.0), gives(PLAIN, "measure")),
     row(NAME, "voltages and sensitivity are those before the divider",
         f"{configured('SENS 23', 'OFSL 0', 'OFLT 12', 'SYNC 0')} | {SNAPSHOT}0.0664867,-0.0240767,1.0 | {QUIET}",
@@ -82,14 +84,14 @@ ROWS = [
     row(NAME, "an output that stays expanded is noticed",
         configured(*CHOSEN).partition("OEXP? 1")[0] + "OEXP? 1 -> 0.00,1 | OEXP 1,0,0! | OEXP? 1 -> 0.00,1",
         refuses("B-INST-011", "expand", "configure", 1.0, 24, 1.0, "on")),
-    row(NAME, "another phase is noticed", "<start> | PHAS 90! | PHAS? -> 90.03",
+    row(NAME, "another phase is noticed", "<start> | " + phased("90", "90.03").replace(f" | {QUIET}", ""),
         refuses("B-INST-011", r"90\.03", "set_phase", 90.0)),
     *[row(NAME, f"not in its lists: {message.partition(' is')[0]}", "",
           refuses("B-INST-008", message, "configure", *arguments)) for arguments, message in NOT_LISTED],
     row(NAME, "a refused setting is told with its registers",
         "<start> | FMOD? -> 1 | FMOD 0 | *ESR? -> 48 | ERRS? -> 64",
         refuses("B-INST-005", "execution error; command error; DSP failure", "configure", 1.0, 24, 1.0, "on")),
-    row(NAME, "a phase that did not arrive is sent again", f"<start> | {phased('90', '90.00')} | {IN_DOUBT}",
+    row(NAME, "a phase that did not arrive is sent again", f"<start> | {phased('90', '90.00')} | {IN_DOUBT} | {QUIET}",
         does("set_phase", 90.0), does("set_phase", 180.0)),
     row(NAME, "a phase beyond its range is not sent", "", refuses("B-INST-008", "", "set_phase", 730.0),
         refuses("B-INST-008", "", "set_phase", -360.01)),
@@ -106,7 +108,7 @@ def test_the_lists_are_those_of_the_manual() -> None:
     assert (len(TIME_CONSTANTS_S), *(TIME_CONSTANTS_S[at] for at in (0, 10, 19))) == (20, 1e-5, 1.0, 3e4)
 
 
-SETTINGS = told(*CHOSEN, *FIXED)
+SETTINGS = told(*ALL)
 OWN = "<clear> | <start:1>"
 
 
@@ -123,7 +125,7 @@ def test_after_a_reopening_settings_and_phase_must_still_stand_on_this_amplifier
 ) -> None:
     """It was off for a moment: set as after power-on, its readings would be of another phase."""
     again: Any = Scripts([exchange(NAME, answers)])
-    script = f"{configured(*CHOSEN)} | {phased('-90', '-90.00')} | SNAP? 1,2,9 -> <bus error>"
+    script = f"{configured(*CHOSEN)} | {phased('-90', '-90.00', *ALL)} | SNAP? 1,2,9 -> <bus error>"
     lock_in = make(NAME, exchange(NAME, script), rungs={"reopen": again})
     lock_in.configure(1.0, 24, 1.0, "on")
     lock_in.set_phase(-90.0)

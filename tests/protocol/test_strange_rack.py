@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -24,7 +25,9 @@ def calibrator(driver: Any, rack: Any, draw: random.Random) -> None:
     for _ in range(3):
         current_A = draw.choice((1.0, 2.15, 1.23456)) * 10.0 ** draw.randint(-4, -1)
         driver.output(current=current_A)
+        rack.state.post = draw.choice(("NORMAL", "AUX"))  # by hand, behind what was set up
         driver.operate()
+        assert rack.state.post == "NORMAL", "posts"
         step_A = next(step_A for step_A in rack.steps_A if current_A <= step_A) / 2.2e6
         assert rack.current_A == pytest.approx(current_A, abs=step_A), "current at the posts"
         assert rack.clock.now_ns() >= rack.settled_ns, "before it is settled"
@@ -70,6 +73,7 @@ def generator(driver: Any, rack: Any, draw: random.Random) -> None:
     for _ in range(2):
         frequency, amplitude = draw.choice((0.5, 1e3, 345678.9, 30e6)), draw.choice((0.05, 1.0, 5.0, 20.0))
         driver.square(frequency=frequency, amplitude=amplitude)
+        rack.state |= {"offset": draw.choice((0.0, 0.5)), "burst": draw.random() < 0.5}  # by hand
         driver.output_on()
         square = {"output": True, "shape": "SQU", "Hz": frequency, "duty": 50.0, "polarity": "NORM"}
         assert rack.shows() == square | {"Vpp": amplitude, "offset": 0.0, "modes": []}, "waveform"
@@ -103,6 +107,7 @@ def supplies(driver: Any, rack: Any, draw: random.Random) -> None:
 def lock_in(driver: Any, rack: Any, draw: random.Random) -> None:
     sensitivity = draw.choice((0.05, 0.5, 1.0))
     driver.configure(time_constant=0.03, slope=24, sensitivity=sensitivity, synchronous="off")
+    rack.state.harmonic = draw.choice((1, 2))  # by hand
     driver.set_phase(phase=-75.0)
     rack.clock.sleep(2.0)
     seen, is_lost = driver.measure(), rack.state["unlocked"]
@@ -143,6 +148,9 @@ def judge(name: str, seed: int) -> str:
         assert not rack.is_energised, "safe state"
     except InstrumentError as error:
         fault = "" if rack.is_named(str(error)) else f"blames something else: {error}"
+        with suppress(InstrumentError):  # as a run ends
+            driver.make_safe()
+        fault = f"left on after {error}" if rack.is_energised else fault
     except AssertionError as error:
         fault = f"wrong without a word: {str(error).splitlines()[0]}"
     else:

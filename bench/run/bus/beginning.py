@@ -19,10 +19,11 @@ SPACE_FACTOR = 2
 SILENT = "B-INST-001"
 
 
-def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
+def begin_safely(bench: OpenBench, clock: Clock, look: Callable[[], object] = lambda: None) -> dict[str, Identity]:
     """Bring the whole bench to its safe state, then prepare every instrument: a run starts from a known one.
 
-    Nothing is set at an instrument that is on: who is there is asked first, then what is on goes off.
+    Nothing is set at an instrument that is on: who is there is asked first, then what is on goes off. ``look`` is
+    called when that is done and nothing is prepared yet.
 
     Whatever goes wrong, everything that can be made safe is made safe first; the error carries a note (PEP 678) for
     each instrument that is not confirmed safe.
@@ -37,6 +38,7 @@ def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
     unsafe = make_safe(bench.instruments, bench.station.safe_order, clock, mute)
     problem = next(iter(problems.values()), None) or next(iter(unsafe), None)
     if problem is None:
+        look()
         prepared = asked(resources, lambda role: _tried(bench.instruments[role].identify), clock)
         problem = next((answer for answer in prepared.values() if isinstance(answer, BenchError)), None)
     if problem is not None:

@@ -39,13 +39,13 @@ class Tried:
 
 
 def walk(instrument: Any, manual: Manual, ask: Ask, tell: Callable[[Tried], None]) -> list[Tried]:
-    """Try every command that may be sent alone; at the end again what had no answer, and questions that went wrong.
+    """Try what its model has and may be sent alone; at the end again what had no answer, and questions that went wrong.
 
     Args: instrument: a driver that was introduced.   ask: somebody at the bench, before what energises or moves.
           tell: gets each command as soon as it was tried.
     """
     tried: dict[str, Tried] = {}
-    for form, _ in manual.in_order():
+    for form in manual.in_order(instrument.options):
         tried[form] = _tried(instrument, form, manual, ask)
         tell(tried[form])
     for form, seen in list(tried.items()):
@@ -64,6 +64,8 @@ def _tried(instrument: Any, form: str, manual: Manual, ask: Ask) -> Tried:
     dangerous = next((touch for touch in touches if touch in ("energises", "moves")), "")
     if dangerous and not ask(f"{command.example!r} {dangerous}: is nobody and nothing in danger, may it be sent?"):
         return Tried(form, "", "", command.reply, NOT_TRIED)
+    known = manual.in_order(instrument.options)
+    due = dict([row for row in command.shown.items() if manual.find(row[0]) in known][:1])
     said: list[str] = []
     outcome, problems = AS_DOCUMENTED, []
     try:
@@ -72,9 +74,9 @@ def _tried(instrument: Any, form: str, manual: Manual, ask: Ask) -> Tried:
         reply = instrument.raw(command.example, answers=bool(command.reply)) or ""
         said += filter(None, [reply])
         problems = instrument.drain_errors()
-        shown = {question: instrument.raw(question, answers=True) or "" for question in command.shown}
+        shown = {question: instrument.raw(question, answers=True) or "" for question in due}
         said += [f"{question} {answer}" for question, answer in shown.items()]
-        forms = [(command.reply, reply), *((command.shown[question], answer) for question, answer in shown.items())]
+        forms = [(command.reply, reply), *((due[question], answer) for question, answer in shown.items())]
         if any(form and not replies_so(form, answer) for form, answer in forms):
             outcome = DIFFERS
     except BenchError as error:
@@ -88,7 +90,7 @@ def _tried(instrument: Any, form: str, manual: Manual, ask: Ask) -> Tried:
     if problems:
         said.append(told_once(problems))
         outcome = SILENT if outcome == SILENT else REFUSED
-    documented = "; ".join([command.reply, *(f"{asked} {answer}" for asked, answer in command.shown.items())])
+    documented = "; ".join([command.reply, *(f"{asked} {answer}" for asked, answer in due.items())])
     return Tried(form, command.example, "; ".join(said), documented.removeprefix("; "), outcome)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 from bench.model.clock import Clock, WallClock
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, InputError
-from bench.model.ports import Effect, Instrument, effects_of
+from bench.model.ports import Effect, Instrument, Parameter, Tells, actions_of, effects_of
 from bench.plan import Station, load_station
 from bench.run.bus.beginning import begin_safely
 from bench.run.bus.opener import OpenBench, open_bench
@@ -26,10 +26,10 @@ from bench.run.guard.diary import DIARY
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.start import GuardProcess
 from bench.run.observers import HeldTranscript
+from bench.run.setpoints import drives
 from bench.run.stop import SEQUENCER, Health, StopSwitch
 
 LEVEL_A = 0.0
-CHANNEL, POLARITY = 1, 1
 _LOOK_S = 0.1
 
 
@@ -52,22 +52,34 @@ def stimulate(bench: OpenBench) -> None:
     instruments = bench.instruments
     source = source_of(bench.station, {role: type(instrument) for role, instrument in instruments.items()})
     for instrument in instruments.values():
-        if Effect.ROUTE in effects_of(type(instrument)):
-            instrument.route(channel=CHANNEL, polarity=POLARITY)  # type: ignore[attr-defined]
-    output: Any = instruments[source]
-    output.output(current=LEVEL_A)
-    output.operate()
+        _call(instrument, Effect.ROUTE)
+    _call(instruments[source], Effect.STIMULUS_SET)
+    _call(instruments[source], Effect.STIMULUS_ON)
+
+
+def _call(instrument: Instrument, effect: Effect) -> None:
+    """Call the action of an instrument that has this effect, if there is one, with the least that it demands."""
+    for name, action in actions_of(type(instrument)).items():
+        if action.effect is effect:
+            getattr(instrument, name)(**{each.name: _least(each) for each in action.parameters if each.required})
+            return
+
+
+def _least(parameter: Parameter) -> object:
+    """Return 0 A for the level, of anything else the first choice or the lowest value."""
+    known = (*parameter.choices, *parameter.values)
+    return LEVEL_A if parameter.name == "current" else known[0] if known else parameter.low
 
 
 def stimulated(instruments: dict[str, Instrument]) -> dict[str, object]:
-    """Return what is on by read-back: roles in operate, closed routes; empty when nothing is."""
+    """Return what is on by read-back: sources and routes, by what they tell; empty when nothing is."""
     states: dict[str, object] = {}
     for role, instrument in instruments.items():
-        effects = effects_of(type(instrument))
-        if Effect.STIMULUS_ON in effects and instrument.operating():  # type: ignore[attr-defined]
-            states[role] = "operating"
-        if Effect.ROUTE in effects and (closed := instrument.closed()):  # type: ignore[attr-defined]
-            states[role] = f"closed: {', '.join(closed)}"
+        tells: Tells | None = getattr(instrument, "tells", None)
+        if drives(type(instrument)) and tells is not None:
+            for question, is_on in tells.on.items():
+                if is_on(reply := instrument.raw(question, answers=True)):  # type: ignore[attr-defined]
+                    states[role] = f"on by {question} {reply}"
     return states
 
 

@@ -18,6 +18,7 @@ MARGIN = timedelta(days=1)  # holds, retakes and a late start
 LAB_DEGC, LAB_WITHIN_DEGC = 23.0, 1.0  # the certificates of calibrator and meter hold for it
 HOUR_S = 3600.0
 ANSWER_S = 1.0
+SETS = "a run sets"
 _CONTACT = "'bench commission ROLE' makes one, --uncommissioned REASON goes on without"
 
 
@@ -96,41 +97,36 @@ def _identity(context: PreflightContext, role: str) -> Finding:
     return Finding(name, Status.OK, value, due, remark)
 
 
-def settings(context: PreflightContext) -> list[Finding]:
+def settings(context: PreflightContext, worst: Status = Status.FAIL) -> list[Finding]:
     """Tell what the last user left: what a run relies on, sets, or refuses; nothing is set to find that out.
 
-    Instruments that were identified for a run are prepared already: what they were found with is told.
+    Instruments that were identified for a run are prepared already: they were asked before that.
+    Args: worst: what it is that no command mends, and an answer that is missing; as a warning it is waited for.
     """
     if not context.asks_only:
-        told = {
-            role: [f"{name} ({reply} before)" for name, reply in getattr(each, "mended", {}).items()]
-            for role, each in context.instruments.items()
-        }
-        return [
-            Finding(f"settings of {role}", Status.OK, f"set {', '.join(rows)}") for role, rows in told.items() if rows
-        ]
+        return []
     known = {role: each for role, each in context.instruments.items() if getattr(each, "identity", None)}
     resources = {role: context.station.instruments[role].resource for role in known}
-    found = asked(resources, lambda role: _settings(role, known[role]), context.clock)
+    found = asked(resources, lambda role: _settings(role, known[role], worst), context.clock)
     return [finding for finding in found.values() if finding is not None]
 
 
-def _settings(role: str, instrument: Instrument) -> Finding | None:
+def _settings(role: str, instrument: Instrument, worst: Status) -> Finding | None:
     name = f"settings of {role}"
     try:
-        with hurried(instrument, ANSWER_S):
+        with hurried(instrument, ANSWER_S if worst is Status.FAIL else None):
             rows = list(instrument.state_rows())
     except InstrumentError as error:
-        return Finding(name, Status.FAIL, error.code, "", error.message, of_bench=True)
+        return Finding(name, worst, error.code, "", error.message, of_bench=True)
     refused = [row for row in rows if row.right is False and not row.command]
     if refused:
         value = ", ".join(f"{row.name} ({row.reply})" for row in refused)
-        return Finding(name, Status.FAIL, value, "", "; ".join(row.advice for row in refused), of_bench=True)
+        return Finding(name, worst, value, "", "; ".join(row.advice for row in refused), of_bench=True)
     changed = [f"{row.name} ({row.reply} now)" for row in rows if row.right is False]
     unseen = [row.name for row in rows if row.right is None]
     parts = [f"{len(rows) - len(unseen)} asked"]
-    parts += [f"a run sets {', '.join(changed)}"] if changed else []
-    parts += [f"a run sets unseen: {', '.join(unseen)}"] if unseen else []
+    parts += [f"{SETS} {', '.join(changed)}"] if changed else []
+    parts += [f"{SETS} unseen: {', '.join(unseen)}"] if unseen else []
     return Finding(name, Status.OK, "; ".join(parts)) if rows else None
 
 

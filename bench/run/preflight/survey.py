@@ -148,14 +148,26 @@ class Preflight:
     tell: Callable[[str], None] = lambda text: None
     host: Host = field(default_factory=Host)
     uncommissioned: str = ""
+    left: tuple[Finding, ...] = ()
 
-    def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> events.Preflight | None:
-        """Judge an opened bench whose instruments were identified and made safe."""
+    def __call__(
+        self, plan: Plan, bench: OpenBench, clock: Clock, out: Path, *, prepared: bool
+    ) -> events.Preflight | None:
+        """Judge an opened bench whose instruments were identified and made safe; tell before what the run will set.
+
+        What no command mends is a warning then: the action refuses that relies on it, and not every run has that.
+        """
         context = PreflightContext(
             plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host,
-            uncommissioned=self.uncommissioned,
+            uncommissioned=self.uncommissioned, asks_only=not prepared,
         )  # fmt: skip
-        report = survey(context)
+        if not prepared:
+            self.left = () if clock.virtual else tuple(of_instruments.settings(context, Status.WARN))
+            for finding in self.left:
+                if of_instruments.SETS in finding.value:
+                    self.tell(f"pre-flight: {told(finding)}")
+            return None
+        report = Report((*self.left, *survey(context).findings))
         for finding in report.of(Status.WARN):
             self.tell(f"pre-flight, warning: {told(finding)}")
         refusal = report.refusal()

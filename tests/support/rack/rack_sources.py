@@ -181,6 +181,11 @@ class Hp6632B(Rack):
     }
     peak_V = 0.0
 
+    def take(self, text: str) -> None:
+        if self.state.language == "COMP" and text in ("OUT 0", "OUT 1"):
+            self.state.output = text == "OUT 1"
+        super().take(text)
+
     def legal(self) -> None:
         self.state.inhibited &= self.state.ri != "OFF"
         super().legal()

@@ -83,21 +83,6 @@ def test_a_connection_that_is_gone_is_opened_again(supply: Supply) -> None:
     assert sum(line == "tx OUTP ON" for line in supply.lines) == 1
 
 
-def test_on_a_raw_socket_the_late_reply_is_told_from_the_echo() -> None:
-    """No clear reaches an instrument there: what was asked is answered in order, so the echo comes after it."""
-    with serve() as served:
-        supply = Supply(served, served.servers.sockets()["supply"])
-        supply.driver.identify()
-        supply.driver.timeout_s = 0.2
-        faults = served.world.faults.instrument("supply")
-        faults.late_s, faults.late_replies = 0.5, 1
-        before = len(supply.lines)
-        assert supply.driver.ask("VOLT?", float) == 0.0
-    heard = [line for line in supply.lines[before:] if line.startswith("rx ") and "No error" not in line]
-    assert heard[-3:-1] == ["rx <not used: 0.00000E+00>", "rx <not used: HEWLETT-PACKARD,6632B,SIM6632,A.03.01>"]
-    assert heard[-1] == "rx 0.00000E+00"
-
-
 @pytest.mark.parametrize("gateway", [False, True])
 def test_a_first_reply_that_is_late_is_no_answer_to_a_later_question(gateway: bool) -> None:
     """Three supplies at a time; behind a gateway opening again does not lose what still comes."""

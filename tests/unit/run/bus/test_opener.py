@@ -378,5 +378,6 @@ def test_a_run_prepares_nothing_before_the_whole_bench_is_safe() -> None:
     entries = {role: SimpleNamespace(resource=f"GPIB0::{at}::INSTR", standard=None) for at, role in enumerate("ab", 1)}
     station: Any = SimpleNamespace(instruments=entries, safe_order=("a", "b"))
     instruments: Any = {role: _Order(role, notes) for role in entries}
-    begin_safely(OpenBench(station, instruments, {}, None, lambda: None), VirtualClock())
-    assert notes == ["who", "who", "safe", "safe", "prepared", "prepared"]
+    opened = OpenBench(station, instruments, {}, None, lambda: None)
+    begin_safely(opened, VirtualClock(), lambda: notes.append("what was left"))
+    assert notes == ["who", "who", "safe", "safe", "what was left", "prepared", "prepared"]

@@ -9,6 +9,7 @@ import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -17,16 +18,17 @@ import pytest
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, RunError
 from bench.model.lab import find_shipped
-from bench.model.ports import Effect, action
+from bench.model.ports import Effect, Parameter, Tells, action
 from bench.model.posix import user_name
-from bench.plan import load_station
+from bench.plan import Station, load_station
 from bench.plan.language.notices import Notify
+from bench.run.bus.opener import OpenBench
 from bench.run.guard import last_words as last_words_module
 from bench.run.guard.act import act
 from bench.run.guard.decision import Action, Address, Brief, Watched
 from bench.run.guard.diary import Diary, guard_word, read_diary
 from bench.run.guard.drill import drill, latest_drill
-from bench.run.guard.drill_controller import source_of
+from bench.run.guard.drill_controller import source_of, stimulate, stimulated
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.last_words import guard_lines, last_words, terminal_of, write_to_terminal
 from bench.run.guard.notice import notice_command
@@ -266,7 +268,9 @@ def test_a_bench_in_this_process_needs_no_lock() -> None:
         pass
 
 
-def test_a_drill_of_a_bench_in_this_process(tmp_path: Path) -> None:
+@pytest.mark.parametrize("limits", [{"chamber_air_degC": 65.0}, {}])
+def test_a_drill_of_a_bench_in_this_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: Any) -> None:
+    monkeypatch.setattr(Station, "guard_limits_degC", limits)
     path = find_shipped("stations", "af_bench_sim")
     station = load_station(path)
     assert latest_drill(tmp_path, station) is None
@@ -277,6 +281,34 @@ def test_a_drill_of_a_bench_in_this_process(tmp_path: Path) -> None:
     newest = latest_drill(tmp_path, station)
     assert newest["utc"] == found["utc"]
     assert newest["identities"]["calibrator"]["model"] == "5720A"
+
+
+class Lab:
+    """A source of a lab's own driver, whose words are its own."""
+
+    tells = Tells({"LEVEL?": lambda reply: reply != "off"})
+    state: Any = "off"
+
+    @action(
+        Parameter("current", "A", -1.0, 1.0), Parameter("span", choices=("low", "high")), effect=Effect.STIMULUS_SET
+    )
+    def drive(self, current: float, span: str) -> None:
+        self.set_to = f"{current} A {span}"
+
+    @action(effect=Effect.STIMULUS_ON)
+    def connect(self) -> None:
+        self.state = self.set_to
+
+    def raw(self, command: str, *, answers: bool) -> str:
+        return self.state  # type: ignore[no-any-return]
+
+
+def test_a_drill_drives_a_source_by_what_its_driver_declares() -> None:
+    instruments: Any = {"source": Lab()}
+    station: Any = SimpleNamespace(safe_order=["source"], name="s")
+    assert stimulated(instruments) == {}
+    stimulate(OpenBench(station, instruments, {}, None, lambda: None))
+    assert stimulated(instruments) == {"source": "on by LEVEL? 0.0 A low"}
 
 
 def test_a_bench_without_a_stimulus_has_no_drill() -> None:

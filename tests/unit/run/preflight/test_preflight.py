@@ -132,7 +132,7 @@ def test_a_rehearsal_asks_no_instrument_and_writes_nothing_of_the_machine(tmp_pa
         for instrument in bench.instruments.values():
             instrument.identify()
         sent.clear()
-        assert Preflight(told.append, Machine())(plan, bench, clock, tmp_path) is None
+        assert Preflight(told.append, Machine())(plan, bench, clock, tmp_path, prepared=True) is None
     finally:
         bench.close()
     assert (told, set(sent)) == ([], {"<close>"})
@@ -142,11 +142,19 @@ def test_a_rehearsal_asks_no_instrument_and_writes_nothing_of_the_machine(tmp_pa
 def test_warnings_are_told_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("ALWAYS", "ON_THE_BUS", "ON_THE_MACHINE"):
         monkeypatch.setattr(surveying, name, (Check(name, lambda _: [OK, WARN]),))
-    bench: Any = SimpleNamespace(instruments={}, links={})
+    rows = [StateRow("unit", "UNIT C", "F", False, ""), StateRow("terminals", "", "REAR", False, "press Front")]
+    left = {role: calls([row]) for role, row in zip(("dmm", "rail_dmm"), rows, strict=True)}
+    who = Identity("maker", "model", "0", "1")
+    instruments = {role: Instrument(who, state_rows=each) for role, each in left.items()}
+    bench: Any = SimpleNamespace(instruments=instruments, links={})
     told: list[str] = []
-    event = Preflight(told.append, Machine())(served_plan(), bench, WallClock(), tmp_path)
-    assert told == ["pre-flight, warning: two: not so fine"] * 3
-    assert (event.ok, event.warn) == (3, 3)
+    judge = Preflight(told.append, Machine())
+    judge(served_plan(), bench, WallClock(), tmp_path, prepared=False)
+    assert told == ["pre-flight: settings of dmm: 1 asked; a run sets unit (F now)"], "before anything is set"
+    event = judge(served_plan(), bench, WallClock(), tmp_path, prepared=True)
+    warnings = ["settings of rail_dmm: terminals (REAR), press Front", *["two: not so fine"] * 3]
+    assert told[1:] == [f"pre-flight, warning: {each}" for each in warnings]
+    assert (event.ok, event.warn) == (4, 4)
 
 
 IDENTITIES = [f"identity of {role}" for role in served_plan().station.instruments]
@@ -312,7 +320,6 @@ MUTE: dict[str, Any] = dict.fromkeys(("time_on_s", "self_calibration", "referenc
         (laboratory, "logger", {"scan": calls([21.99, 50.0, 50.0])}, Status.FAIL, ""),
         (laboratory, "logger", MUTE, Status.WARN, ""),
         (laboratory, "dmm", {}, Status.WARN, ""),  # nobody measures it
-        (settings, "dmm", {"mended": {"unit": "F"}}, Status.OK, "set unit (F before)"),
         (generators, "function_generator", {"square": None}, Status.SKIPPED, ""),  # the campaign measures it
     ],
 )
