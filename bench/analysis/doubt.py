@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bench.analysis.estimates import Document, Estimate, EvidenceInterval, Reason
-from bench.analysis.figures import with_uncertainty
+from bench.analysis.figures import number, with_uncertainty
 from bench.analysis.wording import say
 from bench.maths.verdict import INDETERMINATE
 
@@ -27,6 +27,8 @@ SOUND, DOUBTFUL, REFUSED = "sound", "doubtful", "refused"
 FALSE_DOUBT = 0.002  # of right campaigns, over all their checks together
 LEAST_MOVE = 0.3  # of the expanded uncertainty of the fit
 DEPARTS = "departs"  # code of a departure, each of which is one thing and has a line of its own
+_DOUBTFUL_DIGITS = 3
+_MOST_NAMED = 3  # quantities in a line
 CERTAIN = 0.0  # probability that a value beyond what is plausible comes from a right world
 
 
@@ -154,14 +156,17 @@ def is_sound(entry: Estimate) -> bool:
 
 
 def stated_value(entry: Estimate, scale: float = 1.0) -> str:
-    """Return value and expanded uncertainty of an estimate times ``scale``, or what is left of them."""
+    """Return value and expanded uncertainty of an estimate times ``scale``, or what is left of them.
+
+    A doubtful value has no more digits than sound ones of its kind have.
+    """
     value, expanded = entry.value, entry.expanded_uncertainty
     if value is None:
         return say("stated.refused")
+    if not is_sound(entry) and not entry.acceptance:
+        return say("stated.doubtful", value=number(float(f"{value * scale:.{_DOUBTFUL_DIGITS}g}")))
     text = with_uncertainty(value * scale, None if expanded is None else expanded * scale)
-    if is_sound(entry):
-        return text
-    return say("stated.accepted" if entry.acceptance else "stated.doubtful", value=text)
+    return text if is_sound(entry) else say("stated.accepted", value=text)
 
 
 def doubt_lines(entries: Iterable[Estimate]) -> list[str]:
@@ -169,18 +174,20 @@ def doubt_lines(entries: Iterable[Estimate]) -> list[str]:
     how many places more, and how many estimates it takes in. Empty for sound estimates.
     """
     by_kind: dict[tuple[str, str, str], dict[str, float]] = {}
-    taken_in: Counter[tuple[str, str, str]] = Counter()
+    taken_in: dict[tuple[str, str, str], Counter[str]] = {}
     for entry in entries:
         for reason in entry.reasons:
             kind = (entry.quality, reason.code, reason.sentence if reason.code == DEPARTS else "")
-            taken_in[kind] += 1
+            taken_in.setdefault(kind, Counter())[base_quantity(entry.quantity)] += 1
             by_kind.setdefault(kind, {})[reason.sentence] = abs(reason.figure or 0.0)
     lines: list[str] = []
     for (quality, code, thing), sentences in sorted(by_kind.items(), key=lambda item: item[0][0] != REFUSED):
         others = len(sentences) - 1
         more = say("doubt.more", count=others) if others > 1 else say("doubt.more_one") if others else ""
-        count = taken_in[quality, code, thing]
+        counts = taken_in[quality, code, thing]
+        names = [*list(counts)[:_MOST_NAMED], *["..."][: len(counts) > _MOST_NAMED]]
         worst = max(sentences, key=sentences.__getitem__)
-        key = f"doubt.{quality}" if count > 1 else f"doubt.{quality}_one"
-        lines.append(say(key, count=count, worst=worst, more=more, code=code))
+        key = f"doubt.{quality}" if (count := counts.total()) > 1 else f"doubt.{quality}_one"
+        of = ", ".join(names)
+        lines.append(say(key, count=count, of=of, worst=worst, more=more, code=code))
     return lines

@@ -17,7 +17,7 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from bench import analysis
-from bench.analysis import Analysis, Estimate, doubt_lines, estimates_of, limits_of, stated_value
+from bench.analysis import Analysis, Estimate, doubt_lines, estimates_of, is_sound, limits_of, stated_value
 from bench.commands.console import plain_table, warn
 from bench.maths.verdict import count_verdicts, passed, verdict_words, worst
 from bench.model.errors import BenchError, ExitStatus, InstallationError
@@ -31,7 +31,8 @@ WIDTH = 110
 _COLUMNS = (
     "channel", "kind", "set degC", "unit degC", "DSF_N ppm", "DSF_P ppm", "N - P ppm", "U 95 % ppm", "verdict",
 )  # fmt: skip
-_SCALE_FACTORS = {"dsf_n": "+.2f", "dsf_p": "+.2f", "dsf_asymmetry": "+.3f"}
+_SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
+_MARKS = {True: "", False: "?"}  # of a value that is not sound: why stands above the table
 _MOST_ROWS = 24
 _NOT_TESTED = "not tested"
 _VERDICTS = {"PASS": "green", "FAIL": "bold red", "CONDITIONAL FAIL": "bold red"}
@@ -188,7 +189,7 @@ def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
     return [
         (*_row(*place, group), _worst(verdicts[place]))
         for place, group in groups.items()
-        if group.keys() >= _SCALE_FACTORS.keys()
+        if group.keys() >= {*_SCALE_FACTORS}
     ]
 
 
@@ -200,7 +201,7 @@ def _row(channel: int, temperature_degC: float, group: Mapping[str, Estimate]) -
         str(known.conditions["kind"]),
         f"{temperature_degC:g}",
         "-" if measured_degC is None else f"{measured_degC:.2f}",
-        *(number_text(group[name].value, form) for name, form in _SCALE_FACTORS.items()),
+        *(_MARKS[is_sound(group[name])] + number_text(group[name].value, "+.1f") for name in _SCALE_FACTORS),
         number_text(_largest(group[name].expanded_uncertainty for name in ("dsf_n", "dsf_p")), ".1f"),
     )
 
