@@ -61,7 +61,7 @@ def own_steps(plan: Plan, folder: Path) -> float:
     context = RunContext(
         plan=plan, instruments=dict.fromkeys(roles, nothing), acquisition=nothing, cutters={}, clock=clock,
         observers=nothing, operator=nothing, stop=stop, timeline=Timeline(clock, stop, 0),
-        measurement_link=plan.measurement_link,
+        measurement_link=plan.measurement_link, watched=lambda context: nothing,
     )  # fmt: skip
     journal = Journal(folder)
     sequencer = Sequencer(context, journal, ())

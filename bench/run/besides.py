@@ -15,7 +15,6 @@ from bench.run.control.notify import notifications, user_notify
 from bench.run.control.systemd import service_notice
 from bench.run.session import Beside
 from bench.run.watch.deviations import deviations
-from bench.run.watch.interlocks import interlocks
 from bench.run.watch.outputs import outputs_watch
 from bench.run.watch.trend import trend_recorder
 
@@ -38,13 +37,13 @@ def besides(
         with ExitStack() as stack:
             stack.enter_context(trend_recorder(context))
             feed = stack.enter_context(live_feed(context, asking))
-            watch = stack.enter_context(interlocks(context, plan.interlocks))
+            stack.enter_context(context.interlocks.watching())
             stack.enter_context(outputs_watch(context))
             stack.enter_context(deviations(context, plan.interlocks))
             if not virtual:
                 if notify is not None:
                     stack.enter_context(notifications(context, notify, feed.bench_line, feed.state.is_shelved))
-                control = Control(context, lambda: watch.tripped, feed.state, asking)
+                control = Control(context, lambda: context.interlocks.tripped, feed.state, asking)
                 stack.enter_context(control.listening())
                 if plan.early is not None:
                     stack.enter_context(early_verdicts(context, plan.early))

@@ -13,11 +13,11 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import InitVar, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from bench.maths.relaxation import Lag
 from bench.model.clock import NS, Clock, to_ns
@@ -183,6 +183,23 @@ class InUse:
         return self._users[role] > 0
 
 
+class Interlocks(Protocol):
+    """The interlocks of a run, which keep it from going on while one is beyond its limit."""
+
+    @property
+    def tripped(self) -> Mapping[str, str]:
+        """Sentences on all that is beyond its limit now, by name of the interlock."""
+
+    def in_the_way(self) -> Mapping[str, str]:
+        """Return sentences on those that keep the run from going on, by name."""
+
+    def look_again(self) -> None:
+        """Read them anew, and hold the run for what is beyond its limit."""
+
+    def watching(self) -> AbstractContextManager[object]:
+        """Watch them while the run goes on."""
+
+
 def hottest_degC(temperatures_degC: Sequence[float]) -> float:
     """Return the highest of the known temperatures, NaN if none is known."""
     return max((degC for degC in temperatures_degC if not math.isnan(degC)), default=math.nan)
@@ -206,8 +223,8 @@ class RunContext:
     of instruments from before the session.
     ``decided``: what was read and decided, by the events written so far.
     ``operate`` does on a simulated bench what a person did by a prompt (name, value).
-    ``in_the_way`` gives the interlocks that keep the run from going on, by name; ``look_again`` reads them anew first,
-    and holds the run for what it finds.
+
+    Args: watched: makes the interlocks of the run, so that they are there before anybody goes by them.
     """
 
     plan: Plan
@@ -220,6 +237,7 @@ class RunContext:
     stop: StopSwitch
     timeline: Timeline
     measurement_link: str
+    watched: InitVar[Callable[[RunContext], Interlocks]]
     rows: PackedRows = field(default_factory=PackedRows)
     step: Step | None = None
     measured: set[int] = field(default_factory=set)
@@ -235,18 +253,18 @@ class RunContext:
     manifest: Mapping[str, Any] = field(default_factory=dict)
     earlier: tuple[tuple[str, str, str, int], ...] = ()
     operate: Callable[[str, Any], None] = lambda name, value: None
-    in_the_way: Callable[[], Mapping[str, str]] = dict
-    look_again: Callable[[], None] = lambda: None
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)
     decided: Decided = field(init=False)
+    interlocks: Interlocks = field(init=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, watched: Callable[[RunContext], Interlocks]) -> None:
         self.health = Health(self.clock)
         self.decided = Decided(self.plan.steps)
         self.stop.live.append(partial(self.health.alive, SEQUENCER))
         for name, reader in self.acquisition.readers.items():
             reader.listeners.append(partial(self.observers.batch, name))
+        self.interlocks = watched(self)
 
     def drop_open_records(self, count: int) -> None:
         """Forget the windows that are open, and every number given since ``count`` records were taken."""

@@ -63,7 +63,7 @@ def _asked(context: RunContext, roles: Iterable[str]) -> str:
     question = Question(text, arms=True, limit_s=LIMIT_S)
     with context.stop.deferring(), context.stop.at_once():  # another reason to hold is looked at behind it
         by = context.operator.ask(question).by
-    context.look_again()  # it may have taken hours
+    context.interlocks.look_again()  # it may have taken hours
     return by
 
 
@@ -146,7 +146,7 @@ def stand_still(context: RunContext, wish: Wish, step: int, first: int) -> int:
     armed = False
     while not armed:
         _until_nothing_holds(context, way, step, began_ns)
-        context.look_again()
+        context.interlocks.look_again()
         armed = not context.stop.holds.reasons and arm(context, step, first)
     held_ns = context.clock.now_ns() - began_ns
     context.event(Release(step=step, seconds=held_ns / NS))

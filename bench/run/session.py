@@ -46,6 +46,7 @@ from bench.run.steps.reentry import enter
 from bench.run.stop import StopSwitch, repeated
 from bench.run.watch.disk import disk_watch
 from bench.run.watch.environment import PERIOD_S, note_temperatures
+from bench.run.watch.interlocks import InterlockWatch
 
 CLOCK_PAIR_S = 600.0
 
@@ -309,8 +310,8 @@ class _Run:
         timeline = Timeline(clock, stop, clock.now_ns())
         context = RunContext(
             self.plan, self.bench.instruments, acquisition, self.cutters, clock, self.observers, operator, stop,
-            timeline, self.plan.measurement_link, folder=self.writer.folder, manifest=self.manifest,
-            earlier=self.earlier, operate=self.bench.operate,
+            timeline, self.plan.measurement_link, partial(InterlockWatch, self.plan.interlocks),
+            folder=self.writer.folder, manifest=self.manifest, earlier=self.earlier, operate=self.bench.operate,
         )  # fmt: skip
         if self.resumed is not None:
             context.record_count = self.resumed.records

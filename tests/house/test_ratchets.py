@@ -18,7 +18,7 @@ CEILINGS = {
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 59,
-    "files of a step": 87,
+    "files of a step": 86,
     "files of a check": 51,
     "changes in a decode": 20,
     "changes in a call": 144,

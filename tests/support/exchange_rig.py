@@ -20,6 +20,7 @@ from bench.run.bus.reader import LinkReader
 from bench.run.context import RunContext, Timeline
 from bench.run.observers import AtTerminal, Observers, Recorder
 from bench.run.stop import StopSwitch
+from bench.run.watch.interlocks import InterlockWatch
 
 FRAMES = Path(__file__).resolve().parents[2] / "frames"
 IDENTIFY, MEMORY, SCI = 0x01, 0x12, 0x18
@@ -159,7 +160,7 @@ def context_of(clock: Clock, link: ByteLink, steps: tuple[Step, ...] = ()) -> Ru
     )
     return RunContext(
         plan, {}, acquisition, {}, clock, Observers(clock, Recorder(sink), AtTerminal(Listener())), Operator(),
-        stop, Timeline(clock, stop, clock.now_ns()), "rs422",
+        stop, Timeline(clock, stop, clock.now_ns()), "rs422", lambda context: InterlockWatch((), context),
     )  # fmt: skip
 
 

@@ -28,6 +28,7 @@ from bench.run.observers import AtTerminal, Observers, Recorder
 from bench.run.operator import Answer, Question
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.stop import StopSwitch
+from bench.run.watch.interlocks import InterlockWatch
 
 ROOT = Path(__file__).resolve().parents[2]
 GATE_NS = NS // 100
@@ -277,6 +278,7 @@ class Rig:
         self.sink, self.listener, self.operator, self.stop = Sink(), Listener(), Operator(), StopSwitch()
         self.steps: list[Step] = []
         self.ticks: list[int] = []
+        self.watched: Callable[[RunContext], InterlockWatch] = lambda context: InterlockWatch((), context)
         self.on_tick: Callable[[int], None] = self.ticks.append
         self.safe_order: tuple[str, ...] = ()  # of what is switched off when the run stands still
         self._at_s = 0.0
@@ -318,7 +320,7 @@ class Rig:
         observers = Observers(self.clock, Recorder(self.sink), AtTerminal(self.listener))
         return RunContext(
             plan, dict(self.instruments), acquisition, {"port_a": cutter}, self.clock, observers, self.operator,
-            self.stop, Timeline(self.clock, self.stop, self.clock.now_ns()), "port_a",
+            self.stop, Timeline(self.clock, self.stop, self.clock.now_ns()), "port_a", self.watched,
         )  # fmt: skip
 
     def run(self, safe_order: tuple[str, ...] = (), operate: Callable[[str, Any], None] | None = None) -> Outcome:

@@ -114,7 +114,9 @@ class WaitingOperator:
 
     def _in_the_way(self) -> list[str]:
         context = self._context
-        return [] if context is None else [*context.stop.holds.reasons.values(), *context.in_the_way().values()]
+        if context is None:
+            return []
+        return [*context.stop.holds.reasons.values(), *context.interlocks.in_the_way().values()]
 
     def _announce(self, context: RunContext, asked: _Open) -> None:
         if self._terminal is not None:

@@ -119,7 +119,7 @@ class Control:
     def _resume(self, order: _Order) -> str:
         """Take the holds of people back; whoever does so at the bench has armed it for what follows."""
         holds, at_bench = self._context.stop.holds, _place(order.request) == BENCH
-        if holds.reasons and not at_bench and (trouble := self._context.in_the_way()):
+        if holds.reasons and not at_bench and (trouble := self._context.interlocks.in_the_way()):
             raise Refusal(f"not resumed from afar, an interlock is beyond its limit: {'; '.join(trouble.values())}")
         released = holds.let_go(RELEASABLE, armed_by=order.by if at_bench else "")
         still = holds.reasons

@@ -163,6 +163,21 @@ class InterlockWatch:
         finally:
             self._asking.release()
 
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Watch while the run goes on, under either clock."""
+        context = self._context
+        if any(state.rule.signal == RATE_STEP for state in self._all):
+            steps = {}
+            for link in context.cutters.keys() & context.acquisition.readers.keys():
+                reader = context.acquisition.readers[link]
+                steps[link] = RateStep(reader.definition.rate_Hz or math.nan)
+                reader.listeners.insert(0, steps[link].feed)  # before the cutter, which may end the record with it
+            context.observers.add(_RateOfRecords(self, steps, of_units=bool(context.plan.units)))
+        look_s = LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S
+        with repeated(context.clock, context.stop, (look_s, self.take), (look_s, self.ask)):
+            yield
+
     def _changed(self, state: InterlockState, change: Change, action: Action) -> None:
         if change == "lasting":
             if action not in ("retake", "skip"):
@@ -211,27 +226,6 @@ def _sentence(state: InterlockState) -> str:
         return f"no reading of {name} for more than {rule.stale_s:g} s"
     limits = " ... ".join("" if limit is None else f"{limit:g}" for limit in (rule.low, rule.high))
     return f"{name} is {state.value:.6g} {rule.unit}, limits {limits.strip()} {rule.unit}"
-
-
-@contextmanager
-def interlocks(context: RunContext, rules: Sequence[InterlockRule]) -> Iterator[InterlockWatch]:
-    """Watch the interlocks while the run goes on, under either clock."""
-    watch = InterlockWatch(rules, context)
-    context.in_the_way, context.look_again = watch.in_the_way, watch.look_again
-    if any(rule.signal == RATE_STEP for rule in rules):
-        _watch_records(watch, context)
-    look_s = LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S
-    with repeated(context.clock, context.stop, (look_s, watch.take), (look_s, watch.ask)):
-        yield watch
-
-
-def _watch_records(watch: InterlockWatch, context: RunContext) -> None:
-    steps = {}
-    for link in context.cutters.keys() & context.acquisition.readers.keys():
-        reader = context.acquisition.readers[link]
-        steps[link] = RateStep(reader.definition.rate_Hz or math.nan)
-        reader.listeners.insert(0, steps[link].feed)  # before the cutter, which may end the record with this batch
-    context.observers.add(_RateOfRecords(watch, steps, of_units=bool(context.plan.units)))
 
 
 class _RateOfRecords(Observer):

@@ -10,9 +10,8 @@ from top_sample import PLAN_START_S as START_S
 
 from bench.model.events import Phase, ThermalLag, event_of
 from bench.plan import PlannedSoak
-from bench.run.feed.alarms import MOST, Alarms
 from bench.run.feed.place import MARGIN_S, SHARE, PlannedRun, Remaining, early_s, end_of_run
-from bench.run.feed.run_state import RunState
+from bench.run.feed.run_state import MOST, Alarms, RunState
 
 KEYS = {
     "proto", "run", "boot_id", "title", "sequence", "station", "uut", "simulated", "clock", "source", "state",

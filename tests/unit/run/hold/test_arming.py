@@ -16,7 +16,7 @@ from bench.run.control.asking import AT_BENCH, WaitingOperator
 from bench.run.control.channel import Control
 from bench.run.hold import LIMIT_S, energised_again
 from bench.run.sequencer import Outcome
-from bench.run.watch.interlocks import interlocks
+from bench.run.watch.interlocks import InterlockWatch
 
 ROOT = Path(__file__).resolve().parents[4]
 HOT = InterlockRule(
@@ -155,8 +155,8 @@ def test_interlocks_are_read_again_before_it_goes_on(tmp_path: Path, place: str)
     rig.at(40.0, lambda: rig.say("resume", place))
     rig.at(100.0, lambda: rig.say("answer", "bench", value=True))
     rig.at(900.0, lambda: rig.say("answer", "bench", value=True))
-    rules = [HOT]
-    assert rig.carried_out(lambda context: interlocks(context, rules)).error is None
+    rig.watched = lambda context: InterlockWatch([HOT], context)
+    assert rig.carried_out(lambda context: context.interlocks.watching()).error is None
     sound(rig, 2)
     tripped = [event for event in rig.events("interlock") if event["state"] == "tripped"]
     assert [(event["name"], event["value"], event["action"]) for event in tripped] == [("hot", 60.0, "hold")]
@@ -168,11 +168,11 @@ def test_a_resume_from_afar_is_refused_while_an_interlock_is_beyond_its_limit(tm
     rig = Bench(tmp_path)
 
     def trouble() -> None:
-        rig.ran.in_the_way = lambda: {"hot": "chamber_air is 60 degC"}
+        rig.ran.interlocks.in_the_way = lambda: {"hot": "chamber_air is 60 degC"}  # type: ignore[method-assign]
 
     rig.at(20.0, trouble)
     rig.at(40.0, lambda: rig.say("resume", "afar"))
-    rig.at(50.0, lambda: setattr(rig.ran, "in_the_way", dict))
+    rig.at(50.0, lambda: setattr(rig.ran.interlocks, "in_the_way", dict))
     rig.at(60.0, lambda: rig.say("resume", "bench"))
     assert rig.carried_out().error is None
     assert "chamber_air is 60 degC" in rig.replies[1]["error"]

@@ -17,7 +17,7 @@ from bench.model.clock import NS
 from bench.model.errors import ExitStatus
 from bench.plan.language.interlocks import InterlockRule
 from bench.run.context import RunContext
-from bench.run.watch.interlocks import InterlockState, InterlockWatch, interlocks
+from bench.run.watch.interlocks import InterlockState, InterlockWatch
 from bench.run.watch.signals import FRESH_VIRTUAL_S
 
 
@@ -123,16 +123,13 @@ def watching(*rules: InterlockRule, kept: list[InterlockWatch] | None = None) ->
 
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
-        with interlocks(context, rules) as watch:
-            if kept is not None:
-                kept.append(watch)
+        context.interlocks = watch = InterlockWatch(rules, context)
+        if kept is not None:
+            kept.append(watch)
+        with watch.watching():
             yield
 
     return beside
-
-
-def watch_of(context: RunContext, rules: list[InterlockRule]) -> InterlockWatch:
-    return InterlockWatch(rules, context)
 
 
 def chamber_rig(folder: Path, points: int = 12) -> HoldRig:
@@ -237,8 +234,8 @@ def test_an_instrument_in_use_is_not_asked(tmp_path: Path) -> None:
 def test_what_comes_due_while_all_is_read_anew_waits_for_nobody(tmp_path: Path) -> None:
     rig = chamber_rig(tmp_path, 1)
     rig.instruments["chamber"].measure_air = lambda: rig.clock.sleep(70.0) or 20.0  # type: ignore[attr-defined]
-    context = rig.context()
-    with interlocks(context, [HOT]) as watch:
+    watch = InterlockWatch([HOT], rig.context())
+    with watch.watching():
         reading = threading.Thread(target=watch.look_again, daemon=True)
         reading.start()
         reading.join(30.0)
@@ -260,7 +257,7 @@ def test_a_step_that_begins_while_an_instrument_is_read_waits_for_its_bus(tmp_pa
 
     chamber.measure_air = measure  # type: ignore[method-assign]
     context = rig.context()
-    watch = watch_of(context, [HOT])
+    watch = InterlockWatch([HOT], context)
     watch.signals.ask()
     assert held == [True]
     assert lock.acquire(blocking=False)
@@ -323,7 +320,7 @@ def test_temperature_slope_is_that_of_the_last_minutes(tmp_path: Path) -> None:
     rig = chamber_rig(tmp_path, 1)
     rig.air_degC = lambda t_s: 20.0 + 0.7 * t_s / 60.0
     slope = above("chamber_slope", 0.5, 0.5, unit="degC/min")
-    watch = watch_of(rig.context(), [slope])
+    watch = InterlockWatch([slope], rig.context())
     seen = []
     for _ in range(4):
         watch.signals.ask()
@@ -338,7 +335,7 @@ def test_supply_and_unit_temperature_come_from_the_housekeeping(tmp_path: Path) 
     rig = HoldRig(tmp_path, 1)
     rules = [above(name, 1e9, 1e9, name=name) for name in ("supply_current", "supply_voltage", "unit_temperature")]
     context = rig.context()
-    watch = watch_of(context, rules)
+    watch = InterlockWatch(rules, context)
     rig.clock.sleep(5.0)
     watch.signals.look()
     assert [watch.signals.value(one) for one in rules] == [None] * 3  # nothing is decoded yet
@@ -354,12 +351,12 @@ def test_supply_and_unit_temperature_come_from_the_housekeeping(tmp_path: Path) 
 
 def test_nothing_is_judged_once_the_bench_is_made_safe(tmp_path: Path) -> None:
     rig = chamber_rig(tmp_path, 1)
-    watch = watch_of(rig.context(), [HOT])
+    watch = InterlockWatch([HOT], rig.context())
     watch.signals.put("chamber_air", 60.0)
     rig.stop.shield()
     watch.take()
     assert rig.events("interlock") == []
-    watch = watch_of(chamber_rig(tmp_path, 1).context(), [replace(HOT, action="abort")])
+    watch = InterlockWatch([replace(HOT, action="abort")], chamber_rig(tmp_path, 1).context())
     watch.signals.put("chamber_air", 60.5)
     watch.take()
     assert list(watch.tripped) == ["hot"]
