@@ -83,6 +83,13 @@ def init(
     """Make a laboratory's own folder: sequences, stations, frames and code of its own."""
 
 
+@app.command(work="lookup", epilog="Examples: bench explain B-PLAN-052 · bench explain tutorial")
+def explain(
+    topic: Annotated[str | None, Argument(metavar="CODE | PAGE", help="default: the names of the pages")] = None,
+) -> None:
+    """Say what an error code means and what to do; or show a page of the documentation."""
+
+
 @app.command("list", work="lab.listing", epilog="Examples: bench list sequences · bench list actions")
 def print_list(
     kind: Annotated[
@@ -109,7 +116,7 @@ def check(request: CheckRequest) -> None:
         gc.enable()
 
 
-@app.command(work="planning.plan", epilog="Example: bench plan scale_factor_38h --lag '27 min' --out shorter.yaml")
+@app.command(work="planning", epilog="Example: bench plan scale_factor_38h --lag '27 min' --out shorter.yaml")
 def plan(request: PlanRequest) -> None:
     """Find the shortest sequence that reaches an uncertainty, and say what each change buys and what is still seen."""
 
@@ -296,5 +303,7 @@ def main() -> NoReturn:
         problem = unforeseen(error)
         for line in (str(problem), *getattr(error, "__notes__", ())):
             _tell(line)
+        if sys.stderr.isatty():  # elsewhere one error stays one line
+            _tell(f"More of it: bench explain {problem.code}")
         sys.exit(problem.exit_status)
     sys.exit(status or 0)

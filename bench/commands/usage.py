@@ -58,6 +58,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "list": "what can be named, and where it comes from",
     },
     "This software": {
+        "explain": "what an error means; the pages of the documentation",
         "schema": "write JSON Schemas for editors",
         "version": "print the version",
     },

@@ -1,6 +1,7 @@
 """Errors that a technician reads: where, the value, the limit and what to do next.
 
-Every error has a stable code ``B-AREA-NNN`` (listed in docs/errors.md) and maps to one exit status of the contract.
+Every error has a stable code ``B-AREA-NNN``, which maps to one exit status of the contract. What happened and what
+to do about each stands in errors.json, from which ``bench explain`` and the site have it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ MAX_LISTED = 100
 
 
 class ExitStatus(IntEnum):
-    """Exit status of the ``bench`` command (docs/errors.md)."""
+    """Exit status of the ``bench`` command."""
 
     PASS = 0
     VERDICT_FAIL = 1

@@ -381,7 +381,7 @@ _PLAIN_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
-def shipped_folder(kind: Kind) -> Path:
+def shipped_folder(kind: str) -> Path:
     """Return the folder of shipped files: inside the installed package, or at the top of a checkout."""
     installed = _PACKAGE / "shipped" / kind
     return installed if installed.is_dir() else _PACKAGE.parent / kind

@@ -14,13 +14,20 @@ from pathlib import Path
 
 from api import api_page
 from commands import commands_page
+from errors import errors_page
 from manuals import manual_pages
 from schemas import TITLES, schema_pages
 
 TOP = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 FOLDERS = {"instruments": "Commands of each driver", "decisions": "Decisions"}
-GENERATED = ["reference/commands", *(f"reference/{kind}" for kind in TITLES), "reference/api", "instruments/index"]
+GENERATED = [
+    "reference/commands",
+    "reference/errors",
+    *(f"reference/{kind}" for kind in TITLES),
+    "reference/api",
+    "instruments/index",
+]
 
 
 def parts() -> dict[str, list[str]]:
@@ -37,6 +44,7 @@ def parts() -> dict[str, list[str]]:
 def generated_pages() -> dict[str, str]:
     """Return what is written from the software itself, by its place below docs/."""
     pages = {"reference/commands.md": commands_page(), "reference/api.md": api_page()}
+    pages["reference/errors.md"] = errors_page()
     pages |= {f"reference/{kind}.md": page for kind, page in schema_pages().items()}
     pages |= manual_pages()
     for folder, title in FOLDERS.items():

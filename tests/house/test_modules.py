@@ -23,13 +23,13 @@ from tree import (
     tree_of,
 )
 
+from bench.commands.lookup import error_codes
 from bench.model.errors import ExitStatus
 
 MOST_LINES_FILE = 500
 EVERY_FILE = python_files(*PACKAGES, "tests")
 CODE = re.compile(r"B-[A-Z]+-\d{3}")
-ROW = re.compile(r"\| (B-[A-Z]+-\d{3}) \| (\d+) \| (.+?) \| (.+?) \|")
-ERRORS = TOP / "docs" / "errors.md"
+ERRORS = TOP / "bench" / "model" / "errors.json"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -82,7 +82,7 @@ def raised() -> dict[str, str]:
 
 def listed() -> list[str]:
     """Return the codes of the table, row by row."""
-    return [match[1] for line in text_of(ERRORS).splitlines() if (match := ROW.fullmatch(line))]
+    return re.findall(r'^  "(B-[^"]+)": ', text_of(ERRORS), re.MULTILINE)
 
 
 def named_in_tests() -> set[str]:
@@ -94,10 +94,11 @@ def named_in_tests() -> set[str]:
 
 def test_every_code_is_listed_once_and_tested() -> None:
     assert len(raised()) > 20
-    assert sorted(listed()) == sorted(raised())
+    assert listed() == sorted(raised())
     assert sorted(raised().keys() - named_in_tests()) == []
 
 
 def test_rows_are_whole() -> None:
-    rows = [ROW.fullmatch(line) for line in text_of(ERRORS).splitlines() if line.startswith("| B-")]
-    assert {int(row[2]) if row else None for row in rows} <= {status.value for status in ExitStatus}
+    rows = error_codes().values()
+    assert {row["exit"] for row in rows} <= {status.value for status in ExitStatus}
+    assert all(row.keys() == {"exit", "what", "next"} and row["what"] and row["next"] for row in rows)

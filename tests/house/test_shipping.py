@@ -26,7 +26,7 @@ TRACES = re.compile(
 def test_every_package_is_in_the_wheel() -> None:
     found = {".".join(path.parent.relative_to(TOP).parts) for path in python_files(*PRODUCT) if path.parent != TOP}
     setuptools = PROJECT["tool"]["setuptools"]
-    assert set(setuptools["packages"]) == found | {f"bench.shipped.{kind}" for kind in SHIPPED}
+    assert set(setuptools["packages"]) == found | {f"bench.shipped.{kind}" for kind in (*SHIPPED, "docs")}
     for kind in SHIPPED:
         assert setuptools["package-dir"][f"bench.shipped.{kind}"] == kind
         assert setuptools["package-data"][f"bench.shipped.{kind}"] == ["*.yaml"]

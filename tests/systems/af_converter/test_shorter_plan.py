@@ -20,7 +20,7 @@ from trials import without_budgets
 
 from bench.analysis import Analysis, Material
 from bench.cli import main
-from bench.commands.planning import plan as command
+from bench.commands import planning as command
 from bench.commands.requests import PlanRequest
 from bench.design import Design, Key, Target, default_targets, reached
 from bench.design.shortest import misses

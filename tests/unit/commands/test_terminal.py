@@ -322,6 +322,15 @@ def test_help_and_version_are_options_too_and_a_mistyped_command_is_guessed(insi
     assert "'run'" in done.stderr
 
 
+def test_codes_and_pages_are_explained_or_the_nearest_is_named(inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert inside("explain", "b-fit-001").stdout.startswith("B-FIT-001, exit status 2\nThe rows do not determine")
+    assert "From pip to a first verdict" in inside("explain", "docs/tutorial.md").stdout
+    assert ", tutorial, " in inside("explain").stdout
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    said, hint = inside("explain", "B-FIT-011x").stderr.splitlines()
+    assert ("B-FIT-011" in said.partition("Next: ")[2], hint) == (True, "More of it: bench explain B-CLI-011")
+
+
 def test_commands_names_and_paths_are_completed(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "benches").mkdir()
     (tmp_path / "bench.yaml").touch()

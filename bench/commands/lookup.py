@@ -1,0 +1,49 @@
+"""``bench explain``: what an error code means and what to do, or a page of the documentation."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from importlib.resources import files
+from pathlib import Path
+
+from rich.markdown import Markdown
+
+from bench.commands.console import console, say
+from bench.model.errors import InputError
+from bench.model.lab import shipped_folder
+
+
+def error_codes() -> dict[str, dict[str, str]]:
+    """Return ``exit``, ``what`` happened and what to do ``next`` of every code."""
+    codes: dict[str, dict[str, str]] = json.loads((files("bench.model") / "errors.json").read_text(encoding="utf-8"))
+    return codes
+
+
+def pages() -> dict[str, Path]:
+    """Return the pages of the documentation by their names."""
+    return {path.stem: path for path in sorted(shipped_folder("docs").rglob("*.md"))}
+
+
+def explain(topic: str | None) -> None:
+    """Print what is known of a code, or a page as text; without a topic the names of the pages.
+
+    Raises: InputError B-CLI-011 for what is neither, with the nearest.
+    """
+    codes, known = error_codes(), pages()
+    if topic is None:
+        names = ", ".join(name for name in known if name[0].isalpha())  # decisions begin with their numbers
+        say(f"an error code, such as {next(iter(codes))}, or a page: {names}")
+        return
+    code, page = topic.upper(), Path(topic).stem
+    if code in codes:
+        row = codes[code]
+        say(f"{code}, exit status {row['exit']}\n{row['what']}\nNext: {row['next']}")
+    elif page in known:
+        out = console()
+        with out.pager():
+            out.print(Markdown(known[page].read_text(encoding="utf-8")))
+    else:
+        near = difflib.get_close_matches(code, codes, n=3) or difflib.get_close_matches(page, known, n=3)
+        meant = f"did you mean {' or '.join(near)}?" if near else "'bench explain' lists the pages"
+        raise InputError("B-CLI-011", f"there is no error code and no page {topic!r}", next_step=meant)

@@ -1,1 +1,0 @@
-"""``bench plan``: the shortest sequence that reaches an uncertainty."""
