@@ -98,7 +98,7 @@ DECLARATION = System(
             fields=("output", "encoder"),
             main=("azimuth_rms_error", "azimuth_error", "azimuth", "time_to_accuracy"),
             limits={"azimuth_error": Limit("deg", above_zero=True)},
-            assumptions="bench.systems.north.assumptions:assumptions",
+            assumptions="bench.systems.north.predicted:assumptions",
             predicted="bench.systems.north.predicted:predicted",
         ),
         AnalysisDeclaration(

@@ -2,22 +2,26 @@
 
 A nominal gyroscope turns steadily on a table whose pulses are where they should be; what its samples and the outputs of
 the lock-ins scatter is declared, and stands where an analysis takes what the fit leaves over.
+
+What the data cannot show (assumptions) is whatever turns the signal as another azimuth would. Its sizes are those of
+one standard uncertainty of noise where the noise decides, and said as such. Source: FOG paper, equations (1) to (14).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from bench.analysis import Bound, Document, Material, Planned, Prediction
 from bench.model.clock import NS
 from bench.model.quantities import Quality
+from bench.model.systems import Assumption, assumed
 from bench.record import RecordRow
 from bench.systems.north.analysis import azimuth_error_limit_deg, north_estimates
-from bench.systems.north.assumptions import EARTH_DEG_H
 from bench.systems.north.estimators.formulas import lock_in_noise
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import POSITIONS, oriented, phase_deg
@@ -33,6 +37,59 @@ from bench.systems.north.solution import (
 )
 from bench.systems.north.solve import HARMONICS, site_of, solved
 from bench.systems.north.wording import method_name, say
+
+EARTH_DEG_H = 15.041  # rate of the Earth's rotation
+_AZIMUTHS = ("azimuth", "azimuth_error", "azimuth_rms_error")
+
+
+def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
+    """Return what a campaign takes for granted, by its section "campaign"."""
+    site = campaign.get("site") or {}
+    latitude_deg = float(site.get("latitude_deg", 0.0))
+    mark_deg = float(site.get("azimuth_std_deg", 0.0))
+    return [
+        assumed(
+            say,
+            "magnetic_effect",
+            (*_AZIMUTHS, "index_placement", "scale"),
+            rate=0.01 * _horizontal_deg_h(latitude_deg),
+        ),
+        *_poses(latitude_deg, mark_deg, float(site.get("tilt_std_deg", 0.0))),
+        assumed(say, "zero_of_table", (*_AZIMUTHS, "index_placement")),
+        assumed(say, "dividing_head", (*_AZIMUTHS, "index_placement", "scale")),
+        assumed(say, "delay_of_lock_ins", _AZIMUTHS),
+        assumed(say, "scale_factor", ("scale",), rate=_horizontal_deg_h(latitude_deg)),
+    ]
+
+
+def _horizontal_deg_h(latitude_deg: float) -> float:
+    return EARTH_DEG_H * math.cos(math.radians(latitude_deg))
+
+
+def _poses(latitude_deg: float, mark_deg: float, tilt_deg: float) -> list[Assumption]:
+    tangent = abs(math.tan(math.radians(latitude_deg)))
+    stated = say("stated.angle", angle=mark_deg) if mark_deg else say("stated.not")
+    change_deg = math.degrees(1e-3 * math.radians(1.0)) * (1.0 + tangent**2)
+    return [
+        assumed(say, "azimuth_of_mark", (*_AZIMUTHS, "index_placement"), stated=stated),
+        assumed(
+            say,
+            "latitude",
+            _AZIMUTHS,
+            latitude=latitude_deg,
+            turn=math.degrees(1e-3 * tangent),
+            change=change_deg,
+        ),
+        assumed(
+            say,
+            "axis_of_table",
+            _AZIMUTHS,
+            taken="taken" if tilt_deg else "taken_unstated",
+            tilt=tilt_deg,
+            turn=math.degrees(1e-4 * tangent),
+        ),
+    ]
+
 
 _S_PER_H = 3600.0
 _DB_PER_POLE = 6

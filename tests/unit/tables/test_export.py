@@ -238,7 +238,7 @@ START_ns = 1_704_067_200_000_000_000
 
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.tables.foreign.arrays.BLOCK_ROWS", BLOCK_ROWS)
+    monkeypatch.setattr("bench.tables.foreign.opening.BLOCK_ROWS", BLOCK_ROWS)
 
 
 def npy(path: Path) -> None:

@@ -22,9 +22,9 @@ from bench.model.errors import FitError, InputErrors
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
 from bench.systems.north.analysis import analyse
-from bench.systems.north.assumptions import assumptions
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, likelihood_north, north_bound_deg
 from bench.systems.north.estimators.phasors import DOF, calibrate_index, eight_sample_north, half_width_deg, wrapped_deg
+from bench.systems.north.predicted import assumptions
 from bench.systems.north.sets import north_sets
 from bench.systems.north.solve import site_of, solve
 
