@@ -177,7 +177,7 @@ def import_(
 ) -> int:
     """Turn a log of another system into a session; results and report if the mapping names an analysis."""
     if guess:
-        from bench.commands.importing import guess as propose
+        from bench.commands.guess import guess as propose
 
         return propose(file or mapping)
     if file is None:

@@ -198,7 +198,7 @@ DECLARATION = System(
             main=_MAIN,
             assumptions=f"{_HERE}.constants:of_bias_ramp",
             predicted=f"{_HERE}.bias_ramp.predicted:predicted",
-            design=f"{_HERE}.bias_ramp.design.campaign:design",
+            design=f"{_HERE}.bias_ramp.design:design",
             **_DATA_SHEET,
         ),
         AnalysisDeclaration(

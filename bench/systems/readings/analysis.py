@@ -58,7 +58,7 @@ from bench.analysis import (
 from bench.maths.variances import of_variances
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.readings.estimators.polynomial import Curve, Function, Points, fit_polynomial, function_of
+from bench.systems.readings.polynomial import Curve, Function, Points, fit_polynomial, function_of
 from bench.systems.readings.wording import say
 
 NONLINEARITY = "nonlinearity"

@@ -21,7 +21,7 @@ from bench.plan import Plan, check_plan, compile_sequence
 from bench.session.designed import problem_of
 from bench.session.predicted import predicted
 from bench.systems.af_converter.bias_ramp.departures import SECOND_LAG, Rows
-from bench.systems.af_converter.bias_ramp.design.campaign import Candidate, Ramps
+from bench.systems.af_converter.bias_ramp.design import Candidate, Ramps
 
 SEQUENCE = "bias_ramp_25h"
 SHORTEST = Candidate((10, 12), (78, 42, 60))  # what 'bench plan bias_ramp_25h' finds, in 23.3 h

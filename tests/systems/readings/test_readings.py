@@ -20,7 +20,7 @@ from bench.model.errors import FitError
 from bench.plan import Plan, compile_sequence
 from bench.session.predicted import planned_of, predicted
 from bench.systems.readings.analysis import analyse
-from bench.systems.readings.estimators.polynomial import Curve, Points, fit_polynomial, function_of
+from bench.systems.readings.polynomial import Curve, Points, fit_polynomial, function_of
 
 LINE = {"reads": "measure_voltage", "unit": "V", "relative": 0.0, "floor": 1e-3}
 

@@ -18,8 +18,8 @@ from rehearsal import Inside
 from scipy import io
 from scipy.io import savemat
 
+from bench.commands.guess import guess
 from bench.commands.import_log import import_log
-from bench.commands.importing import guess
 from bench.model.errors import InputError
 from bench.record import SessionReader
 from bench.replay import replay_series

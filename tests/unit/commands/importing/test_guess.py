@@ -13,8 +13,8 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 from bench.cli import app
+from bench.commands.guess import guess
 from bench.commands.import_log import import_log
-from bench.commands.importing import guess
 from bench.model.errors import InputError, InputErrors
 from bench.plan.language.mapping import load_mapping
 from bench.replay.series import replay_series

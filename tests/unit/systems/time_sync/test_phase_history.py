@@ -19,7 +19,7 @@ from sync_rig import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, flight, s
 
 from bench.analysis import Analysis, Material
 from bench.analysis.doubt import weigh
-from bench.commands.importing import guess
+from bench.commands.guess import guess
 from bench.model.errors import FitError, InputErrors
 from bench.systems.time_sync import phase_history
 from bench.systems.time_sync.estimators.kalman.filter import run_filter

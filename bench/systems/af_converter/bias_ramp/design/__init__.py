@@ -1,4 +1,0 @@
-"""The shortest bias ramp: what of one is free, what the rules keep, and how it is written.
-
-Decision: docs/method-uncertainty.md.
-"""

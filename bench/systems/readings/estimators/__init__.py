@@ -1,1 +1,0 @@
-"""Estimators of values that are read."""
