@@ -72,7 +72,7 @@ def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         TAKEN: "def granted(campaign):\n    return []\n",
         "stranger_room/__init__.py": "",
         ROOM: WORLD,
-        OPTIONS: "from sim_instruments.worlds.af_converter.world import NUMBERS, OPTIONS, TEXTS\n",
+        OPTIONS: "from sim_instruments.worlds.af_converter.options import NUMBERS, OPTIONS, TEXTS\n",
         "stranger_drivers/__init__.py": f'{MARK}__simulators__ = "stranger_sim"\n',
         T100: (lab / DRIVER).read_text(),
         "stranger_sim/__init__.py": MARK,

@@ -20,7 +20,7 @@ from bench.plan import PlannedCommand, PlannedRecord, PlannedSend, check_plan, c
 from bench.record import SessionReader
 from bench.session.makeup import make_up_sequence
 from bench.session.record_states import MISSING, RecordState
-from sim_instruments.worlds.readings.world import PlainOptions
+from sim_instruments.worlds.readings.options import PlainOptions
 
 LAB = Path(__file__).resolve().parents[3] / "examples/own_checks"
 CHECKS = ("supply_test", "linearity", "thermistor")

@@ -298,6 +298,10 @@ class Campaigns:
     def _leads_s(self, candidate: Candidate, channel: int) -> list[float]:
         return [point.lead_s for point in self._visit(candidate, channel)]
 
+    def _visit_s(self, candidate: Candidate, length_s: float, channel: int) -> float:
+        leads_s = self._leads_s(candidate, channel)
+        return math.fsum(leads_s) + len(leads_s) * length_s
+
     def _slots_s(self, stops: Tour, by_lag: bool) -> list[float]:
         """Return the time before each stop; infinite for a step of temperature of an unknown length."""
         template, soak, lag_s = self._template, self._template.soak, self._given.lag_s
