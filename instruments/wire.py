@@ -258,9 +258,11 @@ class Wire:
     def came_unasked(self) -> bool:
         """Return whether something stands on a stream before a question: a reply that came twice is no answer to it.
 
-        Elsewhere the protocol of messages throws it away; a bench inside this process has no such streams.
+        Elsewhere the protocol of messages throws it away; a bench inside this process has no such streams. What is owed
+        is told from the answer when it comes.
         """
-        return self.stream and not self._clock.virtual and self._unused(_UNASKED_S) is not None
+        listens = self.stream and not self._clock.virtual and not self._owed_ns
+        return listens and self._unused(_UNASKED_S) is not None
 
     def owe(self, question: str) -> None:
         """Note a question without an answer in time, if its late reply may be mistaken for an echo."""

@@ -16,7 +16,6 @@ import numpy as np
 
 from bench.analysis.departures import OF_SHAPES, OF_TIME, Departure, Search, Unseen
 from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
-from bench.analysis.estimates import Estimate
 from bench.analysis.figures import Table, worded_table
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
@@ -46,39 +45,30 @@ class Searched:
     def evidence(self) -> list[Evidence]:
         """Say what the search has against the estimates, one entry for each thing."""
         found, stated, evidence = self.found, self.found.stated, []
-        together, alone_moves = [], [0.0]
         for finding in found.findings:
             moved = (finding.moves > LEAST_MOVE) & found.doubted
-            named, *others = (described(one, self.words) for one in (finding.departure, *finding.equals))
-            size, move = f"{finding.size:+.3g} {finding.departure.unit}", float(finding.moves.max())
-            if (moved & found.together).any():
-                together.append(f"{named}: {size}")
-                alone_moves.append(move)
-            if (alone := moved & ~found.together).any():
+            if moved.any():
+                named, *others = (described(one, self.words) for one in (finding.departure, *finding.equals))
                 alike = [name for name in dict.fromkeys(others) if name != named]
                 said = say(
                     "departs",
                     what=named,
-                    size=size,
-                    move=move,
+                    size=f"{finding.size:+.3g} {finding.departure.unit}",
+                    move=(move := float(finding.moves.max())),
                     others=say("departs.others", others=say.listed(alike[:_NAMED], "departs.either")) if alike else "",
                     advice=self.advice(finding.departure),
                 )
-                evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, move, entries=_hit(stated, alone)))
-        if found.together.any():
-            said = say("departs.together", what=say.listed(together, "departs.either"), move=max(alone_moves))
-            entries = _hit(stated, found.together)
-            evidence.append(Evidence("depart_together", said, None, CERTAIN, entries=entries))
-        left = found.unexplained > LEAST_MOVE if (found.unexplained > LEAST_MOVE).any() else np.ones(len(stated), bool)
-        if not found.is_noise and (left & ~found.together).any():
+                entries = [entry for entry, hit in zip(stated, moved, strict=True) if hit]
+                evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, move, entries=entries))
+        several = [entry for entry, rests in zip(stated, found.together, strict=True) if rests]
+        if several:
+            evidence.append(Evidence("depart_together", say("departs.together"), None, CERTAIN, entries=several))
+        left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
+        if not found.is_noise:
             said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)
             move = float(found.unexplained.max(initial=0.0))
-            evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=_hit(stated, left)))
+            evidence.append(Evidence("unexplained", said, ratio, CERTAIN, move, entries=left or stated))
         return evidence
-
-
-def _hit(stated: Sequence[Estimate], hit: Flags) -> list[Estimate]:
-    return [entry for entry, one in zip(stated, hit, strict=True) if one]
 
 
 def evidence_of(searches: Iterable[Searched]) -> list[Evidence]:

@@ -205,7 +205,7 @@ def test_results_state_what_the_evidence_leaves() -> None:
     assert document["kept"] == [2]
     assert document["missing"] == ["channel 1: no coefficients of dsf_n, doubtful: The levels do not lie on a line."]
     assert doubt_lines(estimates_of(document)) == [
-        "DOUBTFUL, 2 estimates: The levels do not lie on a line. [lack_of_fit]"
+        "DOUBTFUL, 2 estimates of dsf_n: The levels do not lie on a line. [lack_of_fit]"
     ]
 
 

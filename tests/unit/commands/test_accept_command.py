@@ -173,5 +173,5 @@ def test_the_history_says_what_is_not_sound_and_why(say: Say, session: Path, tmp
     assert (row["doubtful"] > 0, row["refused"], row["verdict"]) == (True, 0, "indeterminate")
     assert f"{row['doubtful']} doubtful" in " ".join(say("history", "list", "--history", url)[1].split())
     shown = say("history", "show", session.name, "--history", url)[1]
-    assert f"DOUBTFUL, {row['doubtful']} estimate: The levels do not lie on a line." in " ".join(shown.split())
+    assert f"DOUBTFUL, {row['doubtful']} estimate of dsf_n: The levels do not lie on a line." in " ".join(shown.split())
     assert "accepted" in shown

@@ -169,7 +169,7 @@ def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None
     reason = {"code": "odd", "sentence": "It is odd.", "figure": 1.0}
     doubtful = first | {"quality": "doubtful", "reasons": [reason], "expanded_uncertainty": None, "value": 41.0}
     shown = first_page(replace(model, results={**model.results, "estimates": [doubtful, *others]}), None, WORDS)
-    assert shown.doubt[0].startswith("DOUBTFUL, 1 estimate: It is odd.")
+    assert shown.doubt[0].startswith("DOUBTFUL, 1 estimate of scale-factor error N: It is odd.")
     assert shown.results[0].rows[0][1] == "41 †"
     assert shown.notes == (WORDS("first.results.unsound"),)
 
