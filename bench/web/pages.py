@@ -5,15 +5,14 @@ from __future__ import annotations
 import mimetypes
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
-from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.staticfiles import StaticFiles
 
 from bench.model.texts import ENGLISH, Texts, languages
 from bench.web.security.refusal import Refusal
@@ -22,7 +21,7 @@ _HERE = Path(__file__).parent
 _COOKIE = "language"
 _IMPORT = re.compile(r'from "\./([a-z-]+\.js)"')
 _BOKEH_FILES = ("bokeh.min.js",)
-_TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".svg": "image/svg+xml", ".css": "text/css"}
+mimetypes.add_type("text/javascript", ".js")  # a machine may say otherwise
 
 
 @cache
@@ -92,15 +91,6 @@ async def texts(request: Request) -> Response:
     return JSONResponse(Texts(_HERE, language_of(request)).all)
 
 
-@dataclass(frozen=True)
-class _Asset:
-    """One file as it is sent."""
-
-    content: bytes
-    media_type: str
-    etag: str
-
-
 async def static(request: Request) -> Response:
     """``GET /static/{file}``: a file of the page."""
     own = {path.name: path for path in _HERE.glob("static/[!.]*") if path.is_file()}
@@ -125,17 +115,7 @@ def _bokeh_files() -> dict[str, Path]:
 def _send(request: Request, path: Path | None) -> Response:
     if path is None:
         raise Refusal(404, "B-WEB-013", "there is no such page")
-    asset = _read(path, path.stat().st_mtime_ns)
+    answer = StaticFiles().file_response(path, path.stat(), request.scope)
     # asked for again each time, so that a page never mixes the scripts of two versions
-    headers = {"ETag": asset.etag, "Cache-Control": "private, no-cache"}
-    if asset.etag in request.headers.get("if-none-match", ""):
-        return Response(status_code=304, headers=headers)
-    return Response(asset.content, media_type=asset.media_type, headers=headers)
-
-
-@cache
-def _read(path: Path, changed_ns: int) -> _Asset:
-    del changed_ns  # only tells one content from the next
-    content = path.read_bytes()
-    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    return _Asset(content, kind, f'"{sha256(content).hexdigest()[:32]}"')
+    answer.headers["Cache-Control"] = "private, no-cache"
+    return answer

@@ -201,13 +201,12 @@ def test_another_process_that_reads_the_port_is_named_and_waited_for(bench: Benc
     take += "os.read(port, 9)\n except BlockingIOError:\n  time.sleep(0.001)"
     with subprocess.Popen([sys.executable, "-c", take, str(bench.unit.names["port_a"])]) as other, ExitStack() as ended:
         ended.callback(other.kill)
-        assert bench.wait(lambda: bool(bench.stop.holds.reasons), 10.0)
         named = f"process {other.pid} ("
-        assert bench.stop.holds.reasons["link port_a"].startswith(named)
+        assert bench.wait(lambda: bench.stop.holds.reasons.get("link port_a", "").startswith(named), 10.0)
         assert bench.stop.holds.reasons["link port_a"].endswith(") has the port open too")
         assert f"Next: end {named}" in str(silent(bench.readers["port_a"], "nothing came"))
     assert bench.wait(lambda: not bench.stop.holds.reasons, RESUME_S)
-    assert bench.states() == ["port_a shared", "port_a back"]
+    assert bench.states()[-2:] == ["port_a shared", "port_a back"]
 
 
 def test_no_unit_was_silent_or_restarted_while_this_machine_stood_still(

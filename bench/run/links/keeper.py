@@ -209,6 +209,7 @@ class LinkKeeper(Observer):
         if kept.beside and kept.trouble in ("", "silent") and self._expected(kept):
             with self._context.acquisition.lock:
                 self._begin(kept, "shared", f"process {kept.beside} has the port open too", now_ns)
+                kept.held_ns = 0  # a hold for silence names the cause from now on
 
     def _reopen(self, kept: Kept, now_ns: int) -> None:
         link = kept.reader.link

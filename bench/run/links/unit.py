@@ -192,12 +192,10 @@ def check_wiring(row: RecordRow, plan: Plan, where: str) -> None:
 
 def _check_unit_beside(row: RecordRow, plan: Plan, driven: PlannedUnit, where: str) -> None:
     """Judge the record of a unit while another one is driven."""
-    charges, conditions = charges_C(plan.campaign), row.window.conditions
-    charge_C = float(conditions["current_A"]) * row.frames / float(plan.campaign["rate_Hz"])
-    counts = row.sums["npp"] + row.sums["ppp"]
-    number = max(charges, key=lambda channel: counts[channel - 1] * charges[channel])
-    moved, found = counts[number - 1], plan.unit_of(conditions[UNIT])
-    if found is not None and moved > TOLERANCE * charge_C / charges[number]:
+    expected, counts = _expected(row, plan.campaign), row.sums["npp"] + row.sums["ppp"]
+    number = max(expected, key=lambda channel: counts[channel - 1] / expected[channel])
+    moved, found = counts[number - 1], plan.unit_of(row.window.conditions[UNIT])
+    if found is not None and moved > TOLERANCE * expected[number]:
         raise RunError(
             "B-RUN-052",
             f"the current for unit {driven.serial} in slot {driven.slot} moves channel {number} of unit {found.serial} "
@@ -210,9 +208,7 @@ def _check_unit_beside(row: RecordRow, plan: Plan, driven: PlannedUnit, where: s
 def _check_own(row: RecordRow, campaign: Values, where: str) -> None:
     conditions = row.window.conditions
     channel, polarity = int(conditions["channel"]), int(conditions["polarity"])
-    charges = charges_C(campaign)
-    seconds = row.frames / float(campaign["rate_Hz"])
-    expected = float(conditions["current_A"]) * seconds / charges[channel]
+    expected = _expected(row, campaign)[channel]
     moved, still = ("npp", "ppp") if polarity > 0 else ("ppp", "npp")
     right, wrong = int(row.sums[moved][channel - 1]), int(row.sums[still][channel - 1])
     level = f"{'+' if polarity > 0 else '-'}{conditions['current_A']:g} A"
@@ -227,13 +223,9 @@ def _check_own(row: RecordRow, campaign: Values, where: str) -> None:
 
 
 def _check_others(row: RecordRow, campaign: Values, where: str) -> None:
-    conditions = row.window.conditions
-    channel = int(conditions["channel"])
-    charges = charges_C(campaign)
-    charge_C = float(conditions["current_A"]) * row.frames / float(campaign["rate_Hz"])
-    counts = row.sums["npp"] + row.sums["ppp"]
-    limits = [TOLERANCE * charge_C / charges.get(number, charges[channel]) for number in range(1, len(counts) + 1)]
-    excess = counts - np.array(limits)
+    channel = int(row.window.conditions["channel"])
+    expected, counts = _expected(row, campaign), row.sums["npp"] + row.sums["ppp"]
+    excess = counts - [TOLERANCE * expected.get(number + 1, expected[channel]) for number in range(len(counts))]
     excess[channel - 1] = 0.0
     if (excess > 0).any():
         guilty = int(np.argmax(excess)) + 1
@@ -246,9 +238,10 @@ def _check_others(row: RecordRow, campaign: Values, where: str) -> None:
         )
 
 
-def charges_C(campaign: Values) -> dict[int, float]:
-    """Return charge per pulse by channel, coulomb."""
-    return {int(entry["number"]): float(entry["k0_C"]) for entry in campaign["channels"]}
+def _expected(row: RecordRow, campaign: Values) -> dict[int, float]:
+    """Return what the current of a record would count on each channel, by its charge per pulse."""
+    charge_C = float(row.window.conditions["current_A"]) * row.frames / float(campaign["rate_Hz"])
+    return {int(entry["number"]): charge_C / float(entry["k0_C"]) for entry in campaign["channels"]}
 
 
 def names(answer: bytes, serial: str) -> bool:
