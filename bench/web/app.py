@@ -18,7 +18,7 @@ from starlette.types import Lifespan
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from bench.model.errors import BenchError
-from bench.web import commands, pages, runs
+from bench.web import pages, runs
 from bench.web.hub import Hub, Watched
 from bench.web.live import end_tasks
 from bench.web.recorded.listing import FILES, run_folder
@@ -103,8 +103,8 @@ def _routes(scrapes: Scrapes) -> list[BaseRoute]:
         Route("/api/v1/runs/{run}/figures", _of_a_run(runs.figures)),
         *(Route(f"/api/v1/runs/{{run}}/{name}", _of_a_run(runs.file_of(name))) for name in FILES),
         Route("/api/v1/calibrations", runs.calibrations),
-        Route("/api/v1/commands", commands.commands, methods=["POST"]),
-        Route("/api/v1/operator", commands.operator, methods=["POST"]),
+        Route("/api/v1/commands", runs.commands, methods=["POST"]),
+        Route("/api/v1/operator", runs.operator, methods=["POST"]),
         WebSocketRoute("/ws", socket),
     ]
 

@@ -304,7 +304,9 @@ def test_what_is_not_sound_stands_before_everything_else(browser: Browser, serve
     (doubted / "results.json").write_text(json.dumps(results))
     with visiting(browser, server, "viewer") as visitor:
         page = visitor.open_run(doubted.name)
-        expect(page.locator("#estimates-doubt")).to_contain_text("DOUBTFUL, 1 estimate of dsf_p: The levels are not on a line.")
+        expect(page.locator("#estimates-doubt")).to_contain_text(
+            "DOUBTFUL, 1 estimate of dsf_p: The levels are not on a line."
+        )
         said, first = page.locator("#estimates-doubt").bounding_box(), page.locator("#graphs").bounding_box()
         assert said["y"] < first["y"]
         rows = page.locator("#estimates tbody tr")

@@ -222,7 +222,7 @@ def test_a_run_that_is_gone_b_web_018(page: Page) -> None:
 
 
 def test_a_run_that_does_not_answer_b_web_018(page: Page, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.web.commands.ANSWER_S", 0.2)
+    monkeypatch.setattr("bench.web.runs.ANSWER_S", 0.2)
     take(page)
     run.go.clear()
     answer = send(page, "abort", reason="now").json
