@@ -1,7 +1,7 @@
 """Answers to a page over HTTP: runs, the state of one, history, report, calibrations; what people want of a run.
 
-Commands are passed on to the run, which decides. Nothing is done twice: the reply to an id is kept, and a second request
-with it, even while the first is under way, gets the same one. Every attempt goes to the audit.
+Commands are passed on to the run, which decides. Nothing is done twice: the reply to an id is kept, and a second
+request with it, even while the first is under way, gets the same one. Every attempt goes to the audit.
 """
 
 from __future__ import annotations

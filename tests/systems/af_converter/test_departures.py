@@ -18,9 +18,8 @@ from trials import without_budgets
 
 from bench.analysis import Analysis, Departure, Estimates, Labels, Material, Planned, Residuals, departures_of, search
 from bench.systems.af_converter.group_fit import UNKNOWN_SLOPE_ppm_degC
-from bench.systems.af_converter.scale_factor.analysis import analyse
+from bench.systems.af_converter.scale_factor.analysis import analyse, predicted
 from bench.systems.af_converter.scale_factor.estimates import determine
-from bench.systems.af_converter.scale_factor.predicted import predicted
 from bench.systems.af_converter.wording import say
 
 SWITCHES = {switch.name: switch for switch in worlds.SWITCHES}

@@ -38,10 +38,10 @@ from bench.session.view import analyse_view
 from bench.systems.af_converter.bias_ramp.predicted import predicted as of_ramp
 from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.dmm_method.analysis import determine as determine_by_meter
+from bench.systems.af_converter.dmm_method.analysis import predicted as by_meter
 from bench.systems.af_converter.dmm_method.estimates import DISPLAY_PART
-from bench.systems.af_converter.dmm_method.predicted import predicted as by_meter
+from bench.systems.af_converter.scale_factor.analysis import predicted as of_scale_factor
 from bench.systems.af_converter.scale_factor.estimates import determine
-from bench.systems.af_converter.scale_factor.predicted import predicted as of_scale_factor
 
 DRIFT = 2e-6  # of the calibrator, 95 %, declared: seen in temperature coefficients, hardly in scale-factor errors
 LENGTH_s, RECORDS_s = (

@@ -9,12 +9,15 @@ What the data say against the model: all visits of all channels are rows of one 
 against those that the meter read. Free are both counters of each channel and temperature, a current of each visit and
 the leakage of the switch; errors of the meter are known as far as its specification. A point that is taken again must
 show the same unit against the same meter, so its rows are here too.
+
+Before its first hour the readings are those of a meter without noise: what counts of it is its register and a digit of
+its display.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -24,9 +27,13 @@ import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Document,
     Estimate,
     Estimates,
     Material,
+    Planned,
+    Prediction,
+    Reading,
     Searched,
     Table,
     covariance_by_standards,
@@ -39,6 +46,7 @@ from bench.analysis import (
 )
 from bench.maths.arrays import Flags, Floats
 from bench.maths.verdict import coverage_factor
+from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import (
     CALIBRATOR,
@@ -53,6 +61,10 @@ from bench.systems.af_converter.constants import (
     untraced,
 )
 from bench.systems.af_converter.dmm_method.estimates import (
+    CHECK,
+    CONFIGURE,
+    MEASURE,
+    ZERO,
     DmmFit,
     MeterLog,
     bias_estimates,
@@ -87,12 +99,9 @@ from bench.systems.af_converter.group_fit import (
     require_closed,
 )
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows
+from bench.systems.af_converter.nominal import stimulated_row
 from bench.systems.af_converter.scale_factor.departures import PPM, LevelRows, words_of
 from bench.systems.af_converter.wording import say
-
-# Standard, of a counter: one repeat does not tell; four times that stays below half the U of asymmetry.
-_AGAIN_ppm = 0.5
-Visit = tuple[Group, Meter]
 
 
 def searched_rows(
@@ -430,3 +439,50 @@ def _difference_std_ppm(
     of_calibrator = math.fsum(part**2 for part in parts.values()) + standards.drift_ppm**2
     variance = fitted.fit.std_ppm[name] ** 2 + float(other.noise_ppm2[index, index]) + of_calibrator
     return math.sqrt(max(variance - 2.0 * (float(by_counts) + by_standards), 0.0))
+
+
+def predicted(planned: Planned) -> Prediction:
+    """Return estimates with the uncertainties that a campaign will give; the values are those of a nominal unit.
+
+    The scatter of the readings is not known before; a digit of the display stands for it.
+
+    Raises:  FitError as ``analysis.analyse``, where no group at all is determined.
+    """
+    constants = read_campaign(planned.campaign)
+    rows = [stimulated_row(window, constants) for window in planned.windows]
+    ranges_A = sorted(read_ranges(planned.standards, METER))
+    known = determine(
+        Material(rows, planned.campaign, planned.standards, readings=list(_readings(planned, ranges_A))), METHODS[0]
+    )
+    return Prediction(known.estimates, known.missing)
+
+
+def _readings(planned: Planned, ranges_A: Sequence[float]) -> Iterator[Reading]:
+    """Yield the readings of the meter with the values of a nominal bench: the range it takes, the planned current.
+
+    The range is the smallest of the register that holds the current without its over-range.
+    """
+    windows = sorted(planned.windows, key=lambda window: window.t_start_ns)
+    for reading in planned.readings:
+        if reading.role != METER:
+            continue
+        t_ns = round(reading.t_s * NS)
+        at = replace(reading, t_s=1e-9 * t_ns)  # to the digit as the log of the meter has the ends of windows
+        if reading.name == CONFIGURE:
+            asked_A = float(reading.arguments["range"])
+            yield replace(at, value=next((full for full in ranges_A if asked_A <= full), asked_A))
+        elif reading.name == MEASURE:
+            following = next((window.conditions for window in windows if window.t_start_ns >= t_ns), {})
+            yield replace(at, value=_current_A(reading.conditions, following))
+
+
+def _current_A(own: Document, following: Document) -> float:
+    """Return what flows while the meter reads, by its own conditions and those of the next record."""
+    if {ZERO, CHECK} & own.keys():
+        return float(own.get(CHECK) or 0.0)
+    return abs(float(following.get("current_A") or 0.0))
+
+
+# Standard, of a counter: one repeat does not tell; four times that stays below half the U of asymmetry.
+_AGAIN_ppm = 0.5
+Visit = tuple[Group, Meter]

@@ -1,20 +1,33 @@
 """The scale-factor campaign: from records to estimates, residuals, budget and notes.
 
 Source: AF-converter paper section 3; docs/method-af-converter.md.
+
+Before its first hour they are those of the records that a unit without error and noise would give. What their
+uncertainties rest on is planned or declared: times, levels, temperatures, noise, quantum, standards.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import LEAST_MOVE, Analysis, Material, Table, unseen_tables, worded_table
+from bench.analysis import (
+    LEAST_MOVE,
+    Analysis,
+    Estimate,
+    Material,
+    Planned,
+    Prediction,
+    Table,
+    unseen_tables,
+    worded_table,
+)
 from bench.maths.arrays import Flags, rms
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.coefficients import scale_factor_compensation
-from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.constants import Campaign, Standards, read_campaign
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
@@ -30,6 +43,7 @@ from bench.systems.af_converter.group_fit import (
     refit,
 )
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
+from bench.systems.af_converter.nominal import stimulated_row
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
 from bench.systems.af_converter.scale_factor.departures import judged
 from bench.systems.af_converter.scale_factor.estimates import determine
@@ -39,6 +53,7 @@ if TYPE_CHECKING:
     from bench.record import RecordRow
 
 
+_STEP_ppm = 0.01 * UNKNOWN_SLOPE_ppm_degC  # what 0.01 degC counts without coefficients
 METHODS: tuple[str, ...] = FIT_METHODS
 _FEWEST = 5  # records that tell a change of temperature
 
@@ -233,3 +248,40 @@ def one_zero_pair(rows: Readings) -> Flags:
 
 def _largest_ppm(fit: ScaleFactor) -> float:
     return float(np.sqrt(np.diag(fit.covariance_ppm2).max()))
+
+
+def predicted(planned: Planned) -> Prediction:
+    """Return estimates with the uncertainties that a campaign will give; the values are those of a nominal unit.
+
+    What only the temperature coefficients of the unit bring, the error of its temperature sensor above all, is missing:
+    those of a nominal unit are zero. Where a plan does not determine them, the change between visits of a channel is
+    named as missing: its uncertainty is that of coefficients by what the unit is warmer in one of both. All others then
+    hold for a unit that is steady while a channel is measured.
+
+    Raises:  FitError as ``analysis.analyse``, where no group at all is determined.
+    """
+    constants = read_campaign(planned.campaign)
+    rows = [stimulated_row(window, constants) for window in planned.windows]
+    known = determine(Material(rows, planned.campaign, planned.standards), METHODS[0])
+    there = {visit.group.place for visit in known.fitted.groups}
+    missing = missing_groups(rows, there, known.fitted.refused, constants)
+    entries = [entry for entry in known.estimates if not _is_untold(entry, known.fitted)]
+    return Prediction(entries, [*missing, *_untold(known.fitted)], _assumed(known.fitted))
+
+
+def _is_untold(entry: Estimate, fitted: Fitted) -> bool:
+    """Return whether an estimate is a change between visits that warming could be."""
+    channel = entry.conditions.get("channel")  # a check by the meter has none
+    return entry.quantity.endswith("_drift") and channel is not None and not fitted.knows_slopes(channel)
+
+
+def _assumed(fitted: Fitted) -> list[str]:
+    """Return a sentence on the unit, where no coefficients refer the rows of a visit to one temperature."""
+    guessed = any(fitted.guesses_slopes(visit.group.channel) for visit in fitted.groups)
+    return [say("predicted.steady", step=_STEP_ppm)] if guessed else []
+
+
+def _untold(fitted: Fitted) -> Iterator[str]:
+    for group in (visit.group for visit in fitted.groups):
+        if group.repeat and not fitted.knows_slopes(group.channel):
+            yield say("predicted.untold", place=place_name(group.place), step=_STEP_ppm)

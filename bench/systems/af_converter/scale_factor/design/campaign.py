@@ -24,6 +24,7 @@ from bench.model.units import format_quantity
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.estimators.scale_factor import METHODS
 from bench.systems.af_converter.nominal import stimulated_row
+from bench.systems.af_converter.scale_factor.analysis import predicted
 from bench.systems.af_converter.scale_factor.departures import SHARE, residuals_of
 from bench.systems.af_converter.scale_factor.design.template import (
     COEFFICIENTS,
@@ -39,7 +40,6 @@ from bench.systems.af_converter.scale_factor.design.template import (
     write_stops,
 )
 from bench.systems.af_converter.scale_factor.estimates import Determined, determine
-from bench.systems.af_converter.scale_factor.predicted import predicted
 from bench.systems.af_converter.wording import kind_name
 
 _PARAMETERS = 2  # of a polarity: scale-factor error and offset
