@@ -99,7 +99,6 @@ from bench.systems.af_converter.group_fit import (
     require_closed,
 )
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows
-from bench.systems.af_converter.nominal import stimulated_row
 from bench.systems.af_converter.scale_factor.departures import PPM, LevelRows, words_of
 from bench.systems.af_converter.wording import say
 
@@ -448,6 +447,8 @@ def predicted(planned: Planned) -> Prediction:
 
     Raises:  FitError as ``analysis.analyse``, where no group at all is determined.
     """
+    from bench.systems.af_converter.nominal import stimulated_row  # no fit needs it
+
     constants = read_campaign(planned.campaign)
     rows = [stimulated_row(window, constants) for window in planned.windows]
     ranges_A = sorted(read_ranges(planned.standards, METER))

@@ -43,7 +43,6 @@ from bench.systems.af_converter.group_fit import (
     refit,
 )
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
-from bench.systems.af_converter.nominal import stimulated_row
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
 from bench.systems.af_converter.scale_factor.departures import judged
 from bench.systems.af_converter.scale_factor.estimates import determine
@@ -260,6 +259,8 @@ def predicted(planned: Planned) -> Prediction:
 
     Raises:  FitError as ``analysis.analyse``, where no group at all is determined.
     """
+    from bench.systems.af_converter.nominal import stimulated_row  # no fit needs it
+
     constants = read_campaign(planned.campaign)
     rows = [stimulated_row(window, constants) for window in planned.windows]
     known = determine(Material(rows, planned.campaign, planned.standards), METHODS[0])
