@@ -1,86 +1,18 @@
 """The same recovery over real connections, HiSLIP and raw sockets on loopback, and calls that do not return."""
 
 import importlib
-import socket
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import numpy as np
 import pytest
-from pyvisa.resources import MessageBasedResource
-from sim_bench import DRIVERS, Served, serve
+from sim_bench import DRIVERS, serve
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InstrumentError
 from instruments.bus import BUS_FAILED, BusSession
 from instruments.ladder import Ladder
 from instruments.wire import Aside, NotReturnedError
-
-SEED = 42
-QUESTIONS = {"VOLT?": "voltage_V", "CURR?": "current_A", "VOLT:PROT?": "trip_V"}
-
-
-class Supply:
-    """The driver of the supply, in a hurry of its own: 0.1 s for a command; counts how often it was opened."""
-
-    def __init__(self, served: Served, address: str) -> None:
-        self.opened = 0
-        self.served, self.address = served, address
-        self.lines: list[str] = []
-        self.driver = importlib.import_module("instruments.hp_6632b").DRIVER(
-            self.open(), role="supply", clock=WallClock(), reopen=self.open,
-            transcript=lambda _, direction, text, __: self.lines.append(f"{direction} {text}"),
-        )  # fmt: skip
-        self.driver.timeout_s = 0.1
-
-    def open(self) -> Any:
-        self.opened += 1
-        return self.served.visa.open_resource(self.address, resource_pyclass=MessageBasedResource)
-
-
-@pytest.fixture
-def supply() -> Iterator[Supply]:
-    with serve() as served:
-        served.no_latency()
-        yield Supply(served, served.servers.resources()["supply"])
-
-
-def test_late_replies_over_hislip(supply: Supply) -> None:
-    """Each answer is to its own question; a session that pyvisa-py cannot clear is opened again."""
-    supply.driver.identify()
-    rng = np.random.default_rng(SEED)
-    faults = supply.served.world.faults.instrument("supply")
-    device = supply.served.world.instruments["supply"]
-    unanswered = 0
-    for number in range(40):
-        question = list(QUESTIONS)[number % 3]
-        wanted = 1.0 + number
-        setattr(device, QUESTIONS[question], wanted)
-        faults.late_s, faults.late_replies = float(rng.uniform(0.05, 0.3)), int(rng.integers(0, 2))
-        try:
-            assert supply.driver.ask(question, float) == wanted
-        except InstrumentError:
-            unanswered += 1
-    print(f"seed {SEED}: {unanswered} unanswered, opened {supply.opened} times")
-    assert unanswered < 20  # a busy machine has late replies of its own
-    assert any("<device clear>" in line for line in supply.lines)
-
-
-def test_a_connection_that_is_gone_is_opened_again(supply: Supply) -> None:
-    supply.driver.timeout_s = 1.0  # nothing is late here, unless the machine is busy
-    supply.driver.configure(15.0, 1.5, 18.0)
-    supply.driver.output_on()
-    before = supply.opened
-    for gone in (True, False):
-        if gone:
-            supply.driver.bus._resource.visalib.sessions[supply.driver.bus._resource.session].interface._sync.shutdown(
-                socket.SHUT_RDWR
-            )
-        assert 14.9 < supply.driver.measure_voltage() < 15.1
-    assert supply.opened == before + 1
-    assert sum(line == "tx OUTP ON" for line in supply.lines) == 1
 
 
 @pytest.mark.parametrize("gateway", [False, True])
