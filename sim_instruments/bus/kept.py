@@ -7,7 +7,8 @@ A row: header | attribute | after ``*RST`` | what it may be | how a question tel
 - After ``*RST``: ON or OFF, a number (told as whole as it is here), a word, a text in quotes; ``-``: it is left alone.
 - What it may be: two limits (numbers, or attributes of the instrument), its unit, INF if it may be infinite; or words
   between commas, their short forms in capitals; or ``by`` the method that makes its value of a parameter; or
-  ``switch``. Without anything it is a switch where ``*RST`` says ON or OFF, else any text.
+  ``switch``. Without anything it is a switch where ``*RST`` says ON or OFF, any number where it says one, else any
+  text.
 - How: the format of the value, ``-`` if nobody can ask. A header with a question mark is only asked.
 """
 
@@ -82,8 +83,9 @@ def _reader(default: Any, allowed: str) -> Reader:
         return lambda device, text: device.word(text, *words)
     if first == "switch" or isinstance(default, bool):
         return lambda device, text: device.boolean(text)
-    if not first:
+    if not first and type(default) not in (int, float):
         return lambda device, text: text.strip("\"'")
+    first, *more = (first, *more) if first else ("-inf", "inf")
     names = _NAMES if "INF" in more else {}
     names = names if default is None else {**names, "DEF": default}
     unit = more[1] if more[1:] and more[1] != "INF" else ""
