@@ -90,15 +90,16 @@ def explain(
     """Say what an error code means and what to do; or show a page of the documentation."""
 
 
-@app.command("list", work="lab.listing", epilog="Examples: bench list sequences · bench list actions")
+@app.command("list", work="lab.listing", epilog="Examples: bench list sequences · bench list actions hp_3458a")
 def print_list(
     kind: Annotated[
         str | None,
         Argument(
             help="sequences, stations, frames, instruments or analyses; default: all of these; "
-            "actions: what sequences call of each driver"
+            "actions of drivers, units, options of worlds"
         ),
     ] = None,
+    name: Annotated[str | None, Argument(help="only what begins so, such as a driver")] = None,
     as_json: AsJson = False,
 ) -> None:
     """List what a sequence or a command can name, and where it comes from: this lab folder or an installation."""

@@ -118,6 +118,11 @@ def likely(text: object, dimension: str = "") -> str:
     return f"; did you mean '{match[1]} {close}'?" if close else ""
 
 
+def units_by_dimension() -> dict[str, list[str]]:
+    """Return all units by the base unit that they count in."""
+    return {dimension: _units_of(dimension) for dimension, _ in _UNITS.values()}
+
+
 def _units_of(dimension: str) -> list[str]:
     return sorted(name for name, (of, _) in _UNITS.items() if dimension in (of, ""))
 

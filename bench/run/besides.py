@@ -43,7 +43,7 @@ def besides(
             if not virtual:
                 if notify is not None:
                     stack.enter_context(notifications(context, notify, feed.bench_line, feed.state.is_shelved))
-                control = Control(context, lambda: context.interlocks.tripped, feed.state, asking)
+                control = Control(context, feed.state, asking)
                 stack.enter_context(control.listening())
                 if plan.early is not None:
                     stack.enter_context(early_verdicts(context, plan.early))

@@ -186,10 +186,6 @@ class InUse:
 class Interlocks(Protocol):
     """The interlocks of a run, which keep it from going on while one is beyond its limit."""
 
-    @property
-    def tripped(self) -> Mapping[str, str]:
-        """Sentences on all that is beyond its limit now, by name of the interlock."""
-
     def in_the_way(self) -> Mapping[str, str]:
         """Return sentences on those that keep the run from going on, by name."""
 

@@ -153,7 +153,7 @@ class Bench:
         return [f"{fields['link']} {fields['state']}" for _, fields in self.events if fields["state"] != "open"]
 
     def good(self, name: str) -> int:
-        return self.acquisition.status()[name]["frames"]
+        return self.acquisition.readers[name].decoder.counts.frames
 
     def end(self) -> None:
         self.acquisition.stop()
@@ -183,7 +183,7 @@ def test_a_port_that_is_pulled_out_is_noticed_and_comes_back(bench: Bench, name:
         bench.unit.pull(name)
         assert bench.wait(lambda: bool(bench.stop.holds.reasons), DETECT_S)
         print(f"lost noticed after {(bench.events[-1][0] - pulled_ns) / 1e6:.0f} ms")
-        assert bench.acquisition.status()[name]["state"] == "lost"
+        assert bench.acquisition.readers[name].lost
         assert list(bench.stop.holds.reasons) == [f"link {name}"]
         bench.clock.sleep(0.7)  # some attempts that find nothing
         plugged_ns = bench.clock.now_ns()

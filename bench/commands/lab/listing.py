@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from rich.table import Table
 from bench.commands.console import console, print_json, say
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, InputError, InstallationError
-from bench.model.installed import Refusal, driver_packages, driver_refusals
+from bench.model.installed import Refusal, driver_packages, driver_refusals, named, offers, world_parts
 from bench.model.lab import (
     KINDS,
     CodeKind,
@@ -30,12 +31,13 @@ from bench.model.lab import (
 )
 from bench.model.ports import Effect, Parameter, actions_of
 from bench.model.systems import analyses, system_refusals
-from bench.model.units import format_quantity
+from bench.model.units import format_quantity, units_by_dimension
 from bench.model.yamlio import load_yaml
 
 WORDS = (*KINDS, "instruments", "analyses")
 _MOST_WORDS = 10
-ACTIONS = "actions"  # asked for by name: each driver is loaded
+ACTIONS, UNITS, WORLDS = "actions", "units", "worlds"
+ASKED = (ACTIONS, UNITS, WORLDS)  # by name alone: parts are loaded for them
 
 
 @dataclass(frozen=True)
@@ -48,23 +50,25 @@ class Entry:
     origin: str
 
 
-def print_list(kind: str | None, as_json: bool) -> None:
+def print_list(kind: str | None, name: str | None, as_json: bool) -> None:
     """Print sequences, stations, frames, instruments and analyses, or those of one kind, each with its origin.
 
-    The kind ``actions``: what a sequence may call of each driver, with arguments, limits and effect on the bench.
+    ``actions``: what a sequence may call of each driver, with arguments, limits and effect on the bench; ``units`` by
+    dimension; ``worlds``: options of the simulated benches. ``name``: only what begins with it.
 
-    Raises: InputError B-CLI-011 for another kind, B-LAB-001; InstallationError.
+    Raises: InputError B-CLI-011 for another kind, or if nothing has the name, B-LAB-001; InstallationError.
     """
-    if kind is not None and kind not in (*WORDS, ACTIONS):
-        raise InputError("B-CLI-011", f"{kind!r} is no kind", next_step=f"use one of: {', '.join((*WORDS, ACTIONS))}")
+    if kind is not None and kind not in (*WORDS, *ASKED):
+        raise InputError("B-CLI-011", f"{kind!r} is no kind", next_step=f"use one of: {', '.join((*WORDS, *ASKED))}")
     lab = lab_here()
-    entries = [entry for entry in _entries(lab) if kind in (None, entry.kind)]
-    if kind == ACTIONS:
-        entries = [action for entry in _entries(lab) if entry.kind == "instruments" for action in _actions(entry)]
+    entries = list(_asked(kind, lab) if kind in ASKED else _entries(lab))
+    entries = [entry for entry in entries if kind in (None, entry.kind) and entry.name.startswith(name or "")]
+    if name and not entries:
+        raise InputError("B-CLI-011", f"none of the {kind} is {name!r}", next_step=f"'bench list {kind}' shows all")
     if as_json:
         print_json([asdict(entry) for entry in entries])
         return
-    for word in (*WORDS, ACTIONS):
+    for word in (*WORDS, *ASKED):
         rows = [entry for entry in entries if entry.kind == word]
         table = Table("name", "title", "from", box=box.SIMPLE_HEAD, title=word, title_justify="left")
         for entry in rows:
@@ -90,8 +94,29 @@ def _entries(lab: Lab | None) -> Iterator[Entry]:
     installed = analyses()
     yield from _own_code("analyses", lab, {name: entry.offer.release for name, entry in installed.items()})
     for name, entry in installed.items():
-        yield Entry("analyses", name, entry.system.name, entry.offer.release)
+        asks = {"conditions": entry.analysis.conditions, "fields": entry.analysis.fields, "roles": entry.analysis.roles}
+        told = [f"{word} {', '.join(of)}" for word, of in {"methods": entry.analysis.methods, **asks}.items() if of]
+        yield Entry("analyses", name, f"{entry.system.name}; {'; '.join(told)}", entry.offer.release)
     yield from _refused("analyses", system_refusals())
+
+
+def _asked(kind: str | None, lab: Lab | None) -> Iterator[Entry]:
+    """Yield what is listed only if it is asked for."""
+    if kind == ACTIONS:
+        for entry in _entries(lab):
+            yield from _actions(entry) if entry.kind == "instruments" else ()
+    elif kind == UNITS:
+        for dimension, units in units_by_dimension().items():
+            yield Entry(UNITS, dimension, ", ".join(units), "installed")
+    else:
+        for offer in offers("worlds"):
+            try:
+                options = ChainMap(*(named(group) for group in world_parts(offer)[1:]))
+            except BenchError as error:
+                yield Entry(WORLDS, offer.name, f"refused: {error.message}", offer.release)
+                continue
+            for option, told in options.items():
+                yield Entry(WORLDS, f"{offer.name}.{option}", told if isinstance(told, str) else told[0], offer.release)
 
 
 def _actions(driver: Entry) -> Iterator[Entry]:

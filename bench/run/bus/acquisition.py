@@ -16,13 +16,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from operator import lt
-from typing import Any, Protocol
+from typing import Protocol
 
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
 from bench.model.installed import unforeseen
 from bench.plan import PlannedUnit
 from bench.run.bus.port import InstrumentLink, PortThread, descriptor_of
-from bench.run.bus.reader import TEMPERATURE, LinkReader, of_unit, status_of, thermometer
+from bench.run.bus.reader import TEMPERATURE, LinkReader, of_unit, thermometer
 from bench.run.stop import StopSwitch, guarded
 
 VIRTUAL_POLL_S = 1.0
@@ -38,7 +38,6 @@ QUEUE_BYTES = 64 * 1024  # per link, recorded and not yet decoded, under the wal
 STREAM_QUEUE_BYTES = 1024 * 1024  # of one read in large pieces from an instrument, 2.4 MB a second at most
 ALIVE_NS = NS // 5
 SWITCH_S = 0.0005  # a thread that decodes lets one that reads go on within this time
-STATUS_WAIT_S = 0.1
 
 STALE_S = 10.0  # housekeeping comes ten times a second; older temperatures say nothing about now
 
@@ -347,16 +346,6 @@ class Acquisition:
             if now >= until_ns:
                 return False
             self._clock.sleep_until_ns(min(until_ns, now + to_ns(period_s)))
-
-    def status(self) -> dict[str, dict[str, Any]]:
-        """Return every link as it is now; as it was up to ``SERVICE_S`` ago while somebody holds the lock for long."""
-        if self.lock.acquire(timeout=STATUS_WAIT_S):
-            try:
-                self.catch_up()
-            finally:
-                self.lock.release()
-        now_ns = self._clock.now_ns()
-        return {name: status_of(reader, now_ns) for name, reader in self.readers.items()}
 
     def unit_temperature_degC(self, unit: PlannedUnit | None = None) -> float:
         """Return mean of the unit's temperature sensors in its newest housekeeping frame, degC.

@@ -22,7 +22,6 @@ from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, MessageBatch
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import LinkError
 from bench.model.ports import ByteLink, SessionSink
-from bench.model.units import finite
 from bench.plan import PlannedUnit
 from bench.record import RecordError
 from bench.run.bus.port import InstrumentLink
@@ -361,22 +360,6 @@ def is_stale(reader: LinkReader, now_ns: int) -> bool:
     if isinstance(reader.link, InstrumentLink):
         limit_s = max(BUFFERED_S, limit_s)
     return reader.last_frame_ns >= 0 and reader.known_ns(now_ns) - reader.last_frame_ns > to_ns(limit_s)
-
-
-def status_of(reader: LinkReader, now_ns: int) -> dict[str, Any]:
-    """Return state and totals of a link whose bytes are decoded up to now, as JSON values.
-
-    waiting (no good frame yet), streaming, stale (none for 2 frame periods), silent (for 2 s) or lost; ``age_s``: of
-    the newest good frame, None before the first.
-    """
-    counts = reader.decoder.counts
-    return {
-        "state": state_of(reader, now_ns, stale=is_stale(reader, now_ns)),
-        "frames": counts.frames,
-        "lost": counts.lost,
-        "bad": counts.bad,
-        "age_s": finite(round(age_s(reader, now_ns), 3)),
-    }
 
 
 def state_of(reader: LinkReader, now_ns: int, *, stale: bool) -> State:

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from bench.model import events
-from bench.model.clock import NS, utc_text
+from bench.model.clock import NS
 from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
@@ -50,18 +50,17 @@ class _Order:
 class Control:
     """Answers the commands for one run.
 
-    ``alarms`` gives what is beyond its limit now, by name; ``state`` has the alarms of the feed, ``asking`` the prompt.
+    ``state`` has the alarms of the feed, ``asking`` the prompt.
     """
 
     def __init__(
         self,
         context: RunContext,
-        alarms: Callable[[], Mapping[str, str]],
         state: RunState | None = None,
         asking: WaitingOperator | None = None,
     ) -> None:
         self._context = context
-        self._alarms, self._state, self._asking = alarms, state, asking
+        self._state, self._asking = state, asking
         self._refused = 0
 
     def answer(self, request: dict[str, Any], peer: str) -> dict[str, Any]:
@@ -167,7 +166,7 @@ class Control:
             raise Refusal(str(why)) from why
 
     def status(self) -> dict[str, Any]:
-        """Return what the run does now, as JSON values."""
+        """Return what the run does now in a few JSON values; its feed has all of it."""
         context, step = self._context, self._context.step
         holding = context.stop.holds.reasons
         ending = context.stop.over or bool(context.stop.requested) or context.stop.fault is not None
@@ -175,31 +174,10 @@ class Control:
             "session": context.folder.name,
             "state": "ending" if ending else "holding" if holding else "running",
             "step": None if step is None else step.number,
-            "steps": len(context.plan.steps),
-            "phase": None if step is None else step.phase,
-            "what": "" if step is None else f"{step.kind} {step.role} {step.name}".strip(),
-            "conditions": {} if step is None else dict(step.conditions),
             "reasons": holding,
-            "planned_end_utc": self._planned_end(),
             "records": len(context.measured),
-            "records_planned": context.plan.record_count,
-            "links": context.acquisition.status(),
-            "alarms": dict(self._alarms()),
-            "unconfirmed": {} if self._state is None else self._state.unconfirmed(),
             "prompt": None if self._asking is None else self._asking.document(lambda t_ns: t_ns / NS),
         }
-
-    def _planned_end(self) -> str | None:
-        """Return when the last step ends by plan and by the slip so far; a hold shifts it further."""
-        context, step = self._context, self._context.step
-        if step is None:
-            return None
-        lengths_s = {"campaign": context.plan.duration_s, "finally": context.plan.finally_s}
-        lengths_s["prepare"] = context.plan.prepare_s
-        order = ("prepare", "campaign", "finally")
-        later_s = sum(lengths_s[phase] for phase in order[order.index(step.phase) + 1 :])
-        left_ns = context.timeline.target_ns(lengths_s[step.phase] + later_s) - context.clock.now_ns()
-        return utc_text(context.clock.utc_ns() + max(0, left_ns))
 
     @contextmanager
     def listening(self) -> Iterator[None]:

@@ -414,11 +414,6 @@ class RunState:
         with self._lock:
             return bench_in_words(self.bench.document(t_utc_s))
 
-    def unconfirmed(self) -> dict[str, str]:
-        """Return the instruments that were to be made safe and have not confirmed it, each with the code of why."""
-        with self._lock:
-            return self.bench.unconfirmed
-
     def _state(self) -> str:
         if self._outcome is not None:
             return "ended"

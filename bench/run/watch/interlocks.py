@@ -116,11 +116,6 @@ class InterlockWatch:
         of = {name for unit in self._context.plan.units if unit.serial in out for name in unit.names} if out else ()
         return [state for state in self._all if state.rule.of not in of] if out else self._all
 
-    @property
-    def tripped(self) -> dict[str, str]:
-        """Sentences on all that is beyond its limit now, by name of the interlock."""
-        return {state.rule.name: _sentence(state) for state in self._states if state.tripped}
-
     def in_the_way(self) -> dict[str, str]:
         """Return sentences on what is beyond its limit by its newest reading, dwell or not, but for mere warnings."""
         kept = (state for state in self._states if state.rule.action != "warn")

@@ -322,6 +322,12 @@ def test_help_and_version_are_options_too_and_a_mistyped_command_is_guessed(insi
     assert "'run'" in done.stderr
 
 
+def test_units_and_actions_are_listed_by_what_they_begin_with(inside: Inside) -> None:
+    assert "arcmin, arcsec, deg, rad" in inside("list", "units", "deg").stdout
+    assert "current 0 A to 2.2 A" in inside("list", "actions", "fluke").stdout
+    assert "bench list units" in inside("list", "units", "parsec").stderr
+
+
 def test_codes_and_pages_are_explained_or_the_nearest_is_named(inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
     assert inside("explain", "b-fit-001").stdout.startswith("B-FIT-001, exit status 2\nThe rows do not determine")
     assert "From pip to a first verdict" in inside("explain", "docs/tutorial.md").stdout

@@ -263,7 +263,7 @@ def test_listing_commands_tell_what_is_refused_and_go_on(tmp_path: Path, capsys:
     package(tmp_path, "stranger_s", init="raise ValueError('a')\n")
     package(tmp_path, "stranger_w", init="", world="raise ValueError('b')\n")
     package(tmp_path, "stranger_i", init="")
-    print_list(None, as_json=True)
+    print_list(None, None, as_json=True)
     listed = json.loads(capsys.readouterr().out)
     refused = {entry["name"]: entry["title"] for entry in listed if entry["title"].startswith("refused: ")}
     assert {name: title.split()[2] for name, title in refused.items()} == {
@@ -272,6 +272,10 @@ def test_listing_commands_tell_what_is_refused_and_go_on(tmp_path: Path, capsys:
     }
     assert f"{tmp_path}/stranger_s/__init__.py:1" in refused["strange_s"]
     assert {"scale_factor", "hp_3458a"} <= {entry["name"] for entry in listed}
+    print_list("worlds", None, as_json=True)
+    titles = {entry["name"]: entry["title"] for entry in json.loads(capsys.readouterr().out)}
+    assert titles["strange_w"].startswith("refused: stranger_w.options of stranger 1.0")
+    assert titles["plain_unit.rail_V"].endswith("default 5.01")
     schema(tmp_path / "schemas", vscode=False)
     assert (tmp_path / "schemas" / "sequence.schema.json").exists()
     assert "stranger 1.0" in capsys.readouterr().out

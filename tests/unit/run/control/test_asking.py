@@ -202,8 +202,6 @@ def test_the_end_of_a_terminal_is_not_its_refusal(monkeypatch: pytest.MonkeyPatc
 
 def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     rig, context, operator = waiting(tmp_path, None)
-    context.plan.duration_s = context.plan.prepare_s = context.plan.finally_s = 0.0
-    context.plan.record_count = 0
     context.clock = WallClock()
     given: list[Answer] = []
 
@@ -212,7 +210,7 @@ def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
             answer()
         assert caught.value.code == "B-CTRL-002"
 
-    with Control(context, dict, None, operator).listening():
+    with Control(context, None, operator).listening():
         refused(lambda: command.answer(tmp_path, ""), "the run asks nothing")
         asked = threading.Thread(target=lambda: given.extend([operator.ask(OHMS), operator.ask(DOOR)]), daemon=True)
         asked.start()

@@ -43,17 +43,15 @@ def controlled(folder: Path) -> tuple[HoldRig, RunContext, Control]:
     rig = HoldRig(folder, 2)
     context = rig.context()
     context.folder = folder
-    context.plan.duration_s, context.plan.prepare_s, context.plan.finally_s = 30.0, 0.0, 5.0  # type: ignore[misc]
-    context.plan.record_count = 2  # type: ignore[misc]
     context.step = rig.steps[2]
-    return rig, context, Control(context, lambda: {"air": "too warm"})
+    return rig, context, Control(context)
 
 
 @contextmanager
 def served(folder: Path) -> Iterator[tuple[HoldRig, RunContext]]:
     rig, context, _ = controlled(folder)
     context.clock = WallClock()  # type: ignore[assignment]
-    with Control(context, dict).listening():
+    with Control(context).listening():
         yield rig, context
 
 
@@ -67,20 +65,11 @@ def talk(path: Path, *lines: bytes) -> list[dict[str, Any]]:
 
 
 def test_status_says_where_the_run_is(tmp_path: Path) -> None:
-    rig, context, answering = controlled(tmp_path)
-    rig.clock.sleep(3.0)
-    context.acquisition.refresh()
-    found = answering.answer({"command": "status"}, "me")
-    json.dumps(found)
-    assert found["ok"]
-    assert (found["state"], found["step"], found["steps"], found["phase"]) == ("running", 2, 8, "campaign")
-    assert found["what"] == "record port_a"
-    assert found["conditions"] == {"channel": 1, "point": 0}
-    assert found["planned_end_utc"] == "2000-01-01T00:00:35Z"
-    assert (found["records"], found["records_planned"]) == (0, 2)
-    assert found["links"]["port_a"]["frames"] == 299
-    assert 0.0 <= found["links"]["port_a"]["age_s"] <= 0.02
-    assert found["alarms"] == {"air": "too warm"}
+    answering = controlled(tmp_path)[2]
+    assert answering.answer({"command": "status"}, "me") == {
+        "ok": True, "session": tmp_path.name, "state": "running", "step": 2, "reasons": {}, "records": 0,
+        "prompt": None,
+    }  # fmt: skip
 
 
 def test_pause_resume_abort_are_wishes_and_events(tmp_path: Path) -> None:
@@ -359,7 +348,7 @@ def shelving(folder: Path) -> tuple[Any, Any, RunState, Control]:
     state = RunState(rig.steps, {})
     context.observers.add(Told(state))
     context.event(ClockStep(step_s=3.0, t_utc_ns=0))
-    return rig, context, state, Control(context, dict, state)
+    return rig, context, state, Control(context, state)
 
 
 def test_it_is_recorded_and_shown_with_who_why_and_until_when(tmp_path: Path) -> None:

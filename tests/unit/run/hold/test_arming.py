@@ -55,7 +55,7 @@ class Bench(HoldRig):
         @contextmanager
         def people(context: RunContext) -> Iterator[None]:
             self.waiting.attach(context)
-            self.control = Control(context, dict, None, self.waiting)
+            self.control = Control(context, None, self.waiting)
             yield
 
         return self.run_beside(people, *besides)

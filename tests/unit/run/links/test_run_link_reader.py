@@ -23,7 +23,7 @@ from bench.record import RecordError
 from bench.run.bus import reader as link_reader
 from bench.run.bus.acquisition import QUEUE_BYTES, SERVICE_S, Acquisition
 from bench.run.bus.port import PortLink
-from bench.run.bus.reader import LinkReader
+from bench.run.bus.reader import LinkReader, age_s, is_stale, state_of
 from bench.run.stop import StopSwitch
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.simulation import open_world
@@ -216,40 +216,29 @@ def test_bytes_the_recorder_refused_are_given_again() -> None:
 def test_a_link_goes_stale_after_two_periods_and_silent_after_two_seconds(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     acquisition = rig.context().acquisition
-    assert acquisition.status()["port_a"]["state"] == "waiting"
-    assert acquisition.status()["port_a"]["age_s"] is None
+
+    def state(name: str = "port_a") -> str:
+        acquisition.refresh()
+        reader, now_ns = acquisition.readers[name], rig.clock.now_ns()
+        return state_of(reader, now_ns, stale=is_stale(reader, now_ns))
+
+    assert state() == "waiting"
     rig.clock.sleep(3.0)
-    before = acquisition.status()["port_a"]
-    assert {**before, "age_s": 0.0} == {"state": "streaming", "frames": 299, "lost": 0, "bad": 0, "age_s": 0.0}
+    assert state() == "streaming"
+    counts = acquisition.readers["port_a"].decoder.counts
+    assert (counts.frames, counts.lost, counts.bad) == (299, 0, 0)
     assert acquisition.readers["port_a"].rate_Hz == pytest.approx(100.0, rel=0.02)
     rig.port_a.dropped = lambda counter: True
     rig.clock.sleep(0.0195)  # the newest frame was stamped at 3 s
-    assert acquisition.status()["port_a"]["state"] == "streaming"
+    assert state() == "streaming"
     rig.clock.sleep(0.001)
-    assert acquisition.status()["port_a"]["state"] == "stale"
-    assert acquisition.status()["port_b"]["state"] == "streaming"
+    assert (state(), state("port_b")) == ("stale", "streaming")
     rig.clock.sleep(1.97)
-    assert acquisition.status()["port_a"]["state"] == "stale"
+    assert state() == "stale"
     rig.clock.sleep(0.02)
-    after = acquisition.status()["port_a"]
-    assert (after["state"], after["frames"]) == ("silent", 299)
-    assert after["age_s"] == pytest.approx(2.0105, abs=1e-3)
-
-
-@pytest.mark.parametrize("locked", [False, True])
-def test_a_status_has_the_counters_of_a_link_and_is_given_even_while_the_lock_is_held(
-    tmp_path: Path, locked: bool
-) -> None:
-    rig = Rig(tmp_path)
-    acquisition: Any = rig.context().acquisition
-    rig.port_a.dropped = lambda counter: 100 <= counter < 105
-    rig.clock.sleep(4.0)
-    if locked:
-        acquisition.lock = SimpleNamespace(acquire=lambda timeout: False)
-    found, reader = acquisition.status()["port_a"], acquisition.readers["port_a"]
-    counts = (found["frames"], found["lost"], found["bad"])
-    assert counts == ((0, 0, 0) if locked else (394, 5, 0))  # as of the last look
-    assert (reader.decoder.counts.duplicate, reader.behind) == (0, 0)
+    assert state() == "silent"
+    assert counts.frames == 299
+    assert age_s(acquisition.readers["port_a"], rig.clock.now_ns()) == pytest.approx(2.0105, abs=1e-3)
 
 
 def test_waiting_for_frames_is_a_sign_of_life_and_heeds_a_stop(tmp_path: Path) -> None:

@@ -316,7 +316,7 @@ def test_a_pause_on_the_way_back_counts_from_its_end_on(tmp_path: Path) -> None:
     rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
     context = rig.context()
     answers: list[dict[str, Any]] = []
-    answering = Control(context, dict)
+    answering = Control(context)
     rig.clock.every(300.0, lambda: answers.append(answering.answer({"command": "pause", "reason": "door"}, "me")))
     rig.clock.sleep(1.0)
     come_back(context, 1)

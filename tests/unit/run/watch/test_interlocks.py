@@ -359,4 +359,4 @@ def test_nothing_is_judged_once_the_bench_is_made_safe(tmp_path: Path) -> None:
     watch = InterlockWatch([replace(HOT, action="abort")], chamber_rig(tmp_path, 1).context())
     watch.signals.put("chamber_air", 60.5)
     watch.take()
-    assert list(watch.tripped) == ["hot"]
+    assert list(watch.in_the_way()) == ["hot"]
