@@ -262,7 +262,7 @@ class Wire:
         is told from the answer when it comes.
         """
         listens = self.stream and not self._clock.virtual and not self._owed_ns
-        return listens and self._unused(_UNASKED_S) is not None
+        return listens and self._begins(_UNASKED_S)
 
     def owe(self, question: str) -> None:
         """Note a question without an answer in time, if its late reply may be mistaken for an echo."""
@@ -420,7 +420,16 @@ class Wire:
         return complete
 
     def _is_quiet(self, quiet_s: float) -> bool:
-        return any(self._unused(quiet_s) is None for _ in range(_MOST_STALE))
+        return any(not self._begins(quiet_s) or self._unused(_ECHO_S) is None for _ in range(_MOST_STALE))
+
+    def _begins(self, limit_s: float) -> bool:
+        """Return whether a byte comes that nobody asked for: half a reply is one as well, and its rest no answer."""
+        resource, whole = self._resource, StatusCode.success_max_count_read
+        with suppress(BusError), resource.ignore_warning(resource.session, whole):
+            self.call(limit_s, partial(resource.visalib.read, resource.session, 1))
+            self.note("rx", "<a reply that nobody asked for>")
+            return True
+        return False
 
     def _unused(self, limit_s: float) -> str | None:
         reply = self.hear(limit_s)
