@@ -8,13 +8,13 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 965_457,
+    "tokens": 965_283,
     "tokens a line": 10.57,
-    "files": 734,
-    "dict[str, Any]": 476,
-    "lines of tests": 91_354,
+    "files": 721,
+    "dict[str, Any]": 474,
+    "lines of tests": 91_517,
     "tests of several deep modules": 129,
-    "words of docs": 76_781,
+    "words of docs": 59_608,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 59,
