@@ -75,7 +75,7 @@ class Agilent34401A(ScpiDevice):
 :ROUTe:TERMinals?                     | terminals        | -
 :TRIGger:SOURce                       | source           | IMM    | IMMediate, BUS, EXTernal
 :TRIGger:COUNt                        | triggers         | 1      | by _read_triggers | -
-:TRIGger:DELay                        | delay_s          | 0.     | 0 3600 S          | +.8E
+:TRIGger:DELay                       | delay_s          | 0.     | by _read_delay    | +.8E
 :SAMPle:COUNt                         | samples          | 1      | 1 50000
 :CALCulate:FUNCtion                   | mathematics      | NULL   | NULL, DB, DBM, AVERage, LIMit
 :CALCulate:STATe                      | calculates       | OFF
@@ -100,7 +100,7 @@ class Agilent34401A(ScpiDevice):
 [:SENSe]:PERiod:APERture              |                  | 0.1    | 0.01 1 S
 [:SENSe]:DETector:BANDwidth           |                  | 20.    | 3 200
 :INPut:IMPedance:AUTO                 |                  | OFF
-:TRIGger:DELay:AUTO                   |                  | ON
+:TRIGger:DELay:AUTO                   | delays_itself    | ON
 :DISPlay                              |                  | ON
 :DISPlay:TEXT                         |                  | ""
 :SYSTem:BEEPer[:IMMediate]            |                  |        |                   | -
@@ -210,6 +210,11 @@ class Agilent34401A(ScpiDevice):
 
     def _read_ohms(self, text: str) -> float:
         return self._ohmmeter.range_of(text.upper())
+
+    def _read_delay(self, text: str) -> float:
+        """Return the delay; one that is given ends the automatic one (User's Guide, TRIGger:DELay)."""
+        self.delays_itself = False
+        return self.number(text, 0.0, 3600.0, "S", DEF=0.0)
 
     def _read_triggers(self, text: str) -> int:
         """Return how many triggers are taken; 0 stands for no end, which only the bus ends."""
