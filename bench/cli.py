@@ -83,6 +83,14 @@ def init(
     """Make a laboratory's own folder: sequences, stations, frames and code of its own."""
 
 
+@app.command(work="lab.init", epilog="Example: bench copy gnc_unit_test --as entrance_check")
+def copy(
+    name: Annotated[str, Argument(help="of a shipped sequence, station or frame")],
+    new: Annotated[str | None, Option("--as", metavar="NAME", help="another name for it")] = None,
+) -> None:
+    """Copy a shipped file into the lab folder, to be changed there."""
+
+
 @app.command(work="lookup", epilog="Examples: bench explain B-PLAN-052 · bench explain tutorial")
 def explain(
     topic: Annotated[str | None, Argument(metavar="CODE | PAGE", help="default: the names of the pages")] = None,

@@ -55,6 +55,7 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "This laboratory": {
         "init": "make a folder for own sequences, stations, frames",
+        "copy": "take a shipped sequence, station or frame into it",
         "list": "what can be named, and where it comes from",
     },
     "This software": {

@@ -1,7 +1,8 @@
-"""``bench init``: a laboratory's own folder, with files that run and are meant to be changed."""
+"""``bench init``, ``bench copy``: a laboratory's own folder, with files that run and are meant to be changed."""
 
 from __future__ import annotations
 
+import difflib
 import re
 import sys
 from contextlib import chdir
@@ -12,7 +13,7 @@ from pathlib import Path
 from bench.commands.console import console, say
 from bench.commands.schema import schema
 from bench.model.errors import InputError
-from bench.model.lab import CODE, FILE, find_shipped, shipped_folder, shipped_names
+from bench.model.lab import CODE, FILE, KINDS, find_shipped, lab_here, shipped_folder, shipped_names
 from bench.session.output import write_file, writing
 
 _TEMPLATES = files("bench.commands.lab") / "templates"
@@ -80,6 +81,28 @@ def init(folder: Path, **given: str | None) -> None:
     say(f"lab folder {folder}: {answers.name}; {then}")
 
 
+def copy(name: str, new: str | None) -> None:
+    """Copy a shipped sequence, station or frame into the lab folder, without one into this folder.
+
+    Raises: InputError B-SHIP-001 for an unknown name, B-LAB-002 if there is such a file, B-CLI-007, B-LAB-001.
+    """
+    kinds = {known: kind for kind in KINDS for known in shipped_names(kind)}
+    near = difflib.get_close_matches(name, kinds, n=1)
+    kind = kinds[near[0]] if near else KINDS[0]
+    source, lab = find_shipped(kind, name), lab_here()
+    own = Path(new or source).stem
+    target = (Path() if lab is None else lab.folder / kind) / f"{own}.yaml"
+    if target.exists():
+        raise InputError("B-LAB-002", "is there already", where=target, next_step="give another name with --as")
+    write_file(target, _renamed(source, kind[:-1], own))
+    say(f"{target}: change what is yours")
+
+
+def _renamed(source: Path, noun: str, own: str) -> str:
+    """Return the text of a file with another name in its first entry."""
+    return source.read_text(encoding="utf-8").replace(f"{noun}: {source.stem}\n", f"{noun}: {own}\n", 1)
+
+
 def _make_folders(folder: Path) -> None:
     """Make the folder, that of sequences and those for code, which nobody else may write to whatever the umask is.
 
@@ -103,7 +126,6 @@ def _asked(key: str, proposed: str) -> str:
 def _contents(answers: Answers, station: Path) -> dict[str, str]:
     """Return the files of the folder by their places."""
     own = f"my_{station.stem}" if station.parent.resolve() == shipped_folder("stations").resolve() else station.stem
-    text = station.read_text(encoding="utf-8")
     values = {"NAME": answers.name, "MODEL": answers.model, "SERIAL": answers.serial, "STATION": own}
     places = {name: place for name, place in _PLACES.items() if name != "first_check" or station.stem == FIRST_STATION}
     written = {place: _filled(template, values) for template, place in places.items()}
@@ -111,7 +133,7 @@ def _contents(answers: Answers, station: Path) -> dict[str, str]:
         lines = written["README.md"].splitlines(keepends=True)
         written["README.md"] = "".join(line for line in lines if "first_check" not in line)
     written |= {f"{kind}/README.md": f"{_CODE[kind]}\n" for kind in CODE}
-    return written | {f"stations/{own}.yaml": text.replace(f"station: {station.stem}\n", f"station: {own}\n", 1)}
+    return written | {f"stations/{own}.yaml": _renamed(station, "station", own)}
 
 
 def _filled(template: str, values: dict[str, str]) -> str:
