@@ -64,7 +64,7 @@ def commands(tree: ast.Module) -> list[list[str]]:
 def test_own_processes_ignore_the_folder_they_start_in() -> None:
     places = files_that_say("sys.executable", *PRODUCT)
     every = {name_of(path): found for path in places if (found := commands(tree_of(path)))}
-    assert set(every) == {"bench/model/posix.py", "bench/run/preflight/of_bench.py"}, "use bench.model.posix"
+    assert set(every) == {"bench/model/posix.py", "bench/run/preflight/survey.py"}, "use bench.model.posix"
     assert {words[1] for found in every.values() for words in found} == {"'-P'"}
 
 

@@ -8,9 +8,9 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 965_283,
+    "tokens": 965_421,
     "tokens a line": 10.57,
-    "files": 721,
+    "files": 719,
     "dict[str, Any]": 474,
     "lines of tests": 91_517,
     "tests of several deep modules": 129,

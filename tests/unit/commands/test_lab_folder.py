@@ -7,6 +7,7 @@ import socket
 import sys
 from collections.abc import Mapping
 from concurrent.futures import Future
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -120,7 +121,10 @@ def test_a_wrong_bench_toml_is_one_error(
     assert str(tmp_path) in caught.value.where
 
 
-def test_nothing_is_written_over_and_names_stay_names(lab: Path, tmp_path: Path) -> None:
+def test_nothing_is_written_over_and_names_stay_names(
+    lab: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(lab)
     before = (lab / "bench.toml").read_text()
     for words, code in (
         (("init", str(lab), *FLAGS), "B-LAB-002"),
@@ -128,10 +132,15 @@ def test_nothing_is_written_over_and_names_stay_names(lab: Path, tmp_path: Path)
         (("init", str(tmp_path / "new"), "--name", 'a"b'), "B-LAB-003"),
         (("init", str(tmp_path / "new"), "--serial", "a{b}"), "B-LAB-003"),
         (("init", str(tmp_path / "new"), "--station", "nosuch"), "B-SHIP-001"),
+        (("copy", "af_bnch_sim"), "B-SHIP-001"),
+        (("copy", "ngu_a"), ""),
+        (("copy", "ngu_a", "--as", "../bench"), ""),
+        (("copy", "ngu_a"), "B-LAB-002"),
     ):
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(InputError) if code else nullcontext() as caught:
             bench(*words)
-        assert caught.value.code == code
+        assert caught is None or caught.value.code == code
+    assert (lab / "frames" / "bench.yaml").read_text().startswith("frame: bench\n")
     assert (lab / "bench.toml").read_text() == before
     assert not (tmp_path / "new").exists()
 

@@ -25,7 +25,6 @@ from bench.run.bus.opener import open_port
 from bench.run.guard.drill import RESULT
 from bench.run.preflight import Status
 from bench.run.preflight.context import Host, KernelClock
-from bench.run.preflight.of_bench import drill, guard, latency_timers, line_settings, quiet
 from bench.run.preflight.of_machine import (
     LOCK_FILE,
     PACKAGES,
@@ -38,6 +37,7 @@ from bench.run.preflight.of_machine import (
     try_disk,
     write_speed,
 )
+from bench.run.preflight.survey import drill, guard, latency_timers, line_settings, quiet
 
 BAUD = 921_600
 

@@ -31,7 +31,6 @@ from bench.run.bus.side_by_side import bus_of
 from bench.run.preflight import Finding, Preflight, Report, Status
 from bench.run.preflight import survey as surveying
 from bench.run.preflight.context import PreflightContext
-from bench.run.preflight.of_bench import interlocks
 from bench.run.preflight.of_instruments import (
     first_contacts,
     generators,
@@ -45,7 +44,7 @@ from bench.run.preflight.of_instruments import (
     wiring,
 )
 from bench.run.preflight.of_machine import stay_awake
-from bench.run.preflight.survey import Check, examine, survey
+from bench.run.preflight.survey import Check, examine, interlocks, survey
 from bench.session.happenings import preflight_table
 
 OK = Finding("one", Status.OK, "1", "2", "fine")
