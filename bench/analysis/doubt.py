@@ -26,7 +26,8 @@ if TYPE_CHECKING:  # loads scipy
 SOUND, DOUBTFUL, REFUSED = "sound", "doubtful", "refused"
 FALSE_DOUBT = 0.002  # of right campaigns, over all their checks together
 LEAST_MOVE = 0.3  # of the expanded uncertainty of the fit
-DEPARTS = "departs"  # code of a departure, each of which is one thing and has a line of its own
+DEPARTS = "departs"  # code of a departure, each of which is one thing
+TOGETHER = "depart_together"  # more than one rests on the same rows
 _DOUBTFUL_DIGITS = 3
 _MOST_NAMED = 3  # quantities in a line
 CERTAIN = 0.0  # probability that a value beyond what is plausible comes from a right world
@@ -172,21 +173,26 @@ def stated_value(entry: Estimate, scale: float = 1.0) -> str:
 def doubt_lines(entries: Iterable[Estimate]) -> list[str]:
     """Return what is wrong in a line for each kind of reason, the worst first: its sentence with the largest figure, at
     how many places more, and how many estimates it takes in. Empty for sound estimates.
+
+    A departure has a line of its own, unless more than one rests on the same rows: then the surest speaks for all.
     """
     by_kind: dict[tuple[str, str, str], dict[str, float]] = {}
     taken_in: dict[tuple[str, str, str], Counter[str]] = {}
     for entry in entries:
+        alone, kinds = TOGETHER not in {reason.code for reason in entry.reasons}, set()
         for reason in entry.reasons:
-            kind = (entry.quality, reason.code, reason.sentence if reason.code == DEPARTS else "")
-            taken_in.setdefault(kind, Counter())[base_quantity(entry.quantity)] += 1
+            kinds.add(kind := (entry.quality, reason.code, reason.sentence if reason.code == DEPARTS and alone else ""))
             by_kind.setdefault(kind, {})[reason.sentence] = abs(reason.figure or 0.0)
+        for kind in kinds:
+            taken_in.setdefault(kind, Counter())[base_quantity(entry.quantity)] += 1
     lines: list[str] = []
     for (quality, code, thing), sentences in sorted(by_kind.items(), key=lambda item: item[0][0] != REFUSED):
         others = len(sentences) - 1
-        more = say("doubt.more", count=others) if others > 1 else say("doubt.more_one") if others else ""
+        more = "also" if code == DEPARTS else "more"
+        more = say(f"doubt.{more}", count=others) if others > 1 else say(f"doubt.{more}_one") if others else ""
         counts = taken_in[quality, code, thing]
         names = [*list(counts)[:_MOST_NAMED], *["..."][: len(counts) > _MOST_NAMED]]
-        worst = max(sentences, key=sentences.__getitem__)
+        worst = next(iter(sentences)) if code == DEPARTS else max(sentences, key=sentences.__getitem__)
         key = f"doubt.{quality}" if (count := counts.total()) > 1 else f"doubt.{quality}_one"
         of = ", ".join(names)
         lines.append(say(key, count=count, of=of, worst=worst, more=more, code=code))

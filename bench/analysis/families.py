@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.analysis.departures import OF_SHAPES, OF_TIME, Departure, Search, Unseen
-from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, Evidence
+from bench.analysis.doubt import CERTAIN, DEPARTS, LEAST_MOVE, TOGETHER, Evidence
 from bench.analysis.figures import Table, worded_table
 from bench.analysis.wording import say
 from bench.maths.arrays import Flags, Floats, Integers
@@ -62,7 +62,7 @@ class Searched:
                 evidence.append(Evidence(DEPARTS, said, finding.size, CERTAIN, move, entries=entries))
         several = [entry for entry, rests in zip(stated, found.together, strict=True) if rests]
         if several:
-            evidence.append(Evidence("depart_together", say("departs.together"), None, CERTAIN, entries=several))
+            evidence.append(Evidence(TOGETHER, say("departs.together"), None, CERTAIN, entries=several))
         left = [entry for entry, grown in zip(stated, found.unexplained, strict=True) if grown > LEAST_MOVE]
         if not found.is_noise:
             said, ratio = say("unexplained", chi2=found.chi2, dof=found.dof), found.chi2 / max(found.dof, 1)

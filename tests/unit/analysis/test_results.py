@@ -42,6 +42,7 @@ from bench.analysis import (
     without_check_standard,
 )
 from bench.analysis.doubt import FALSE_DOUBT, LEAST_MOVE, base_quantity, stated, weigh
+from bench.analysis.estimates import Reason
 from bench.model.errors import FitError, InputError
 from bench.model.installed import named
 from bench.model.systems import analysis_declaration, assumptions_of
@@ -207,6 +208,20 @@ def test_results_state_what_the_evidence_leaves() -> None:
     assert doubt_lines(estimates_of(document)) == [
         "DOUBTFUL, 2 estimates of dsf_n: The levels do not lie on a line. [lack_of_fit]"
     ]
+
+
+@pytest.mark.parametrize(
+    ("codes", "lines"),
+    [("departs departs", ["1 estimate of dsf_n: a [departs]", "1 estimate of dsf_n: b [departs]"]),
+     ("departs departs depart_together", [
+         "1 estimate of dsf_n: a 1 more thing departs in the same rows. [departs]",
+         "1 estimate of dsf_n: c [depart_together]"])],
+)  # fmt: skip
+def test_what_rests_on_the_same_rows_is_one_line(codes: str, lines: list[str]) -> None:
+    told = zip(codes.split(), "abc", strict=False)
+    reasons = [Reason(code=code, sentence=text, figure=1.0) for code, text in told]
+    entry = doubted().model_copy(update={"quality": "doubtful", "reasons": reasons})
+    assert doubt_lines([entry]) == [f"DOUBTFUL, {line}" for line in lines]
 
 
 def test_what_is_only_noted_stands_in_the_notes() -> None:
