@@ -302,7 +302,8 @@ def main() -> NoReturn:
         with extras_named():
             status = app(sys.argv[1:] or ["--help"], prog_name="bench", standalone_mode=False)
     except TyperException as error:
-        text = " ".join(error.format_message().split())
+        words = error.format_message().replace("Input should be", "it should be").partition(", unable")[0]
+        text = " ".join(words.split())
         _tell(str(InputError("B-CLI-011", text, next_step="add --help to see how the command is used")))
         sys.exit(ExitStatus.BAD_INPUT)
     except (Abort, KeyboardInterrupt):

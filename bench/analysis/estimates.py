@@ -22,6 +22,7 @@ from bench.maths.verdict import NON_BINARY, Limit, Verdict, bounds, checked_rule
 from bench.model import declaration
 from bench.model.errors import FitError, InputError
 from bench.model.units import parse_quantity
+from bench.model.yamlio import first_wrong
 
 Document = Mapping[str, Any]  # a part of a plan, a manifest or results.json, as it is read
 
@@ -42,10 +43,8 @@ def check_form(form: type[BaseModel], document: object, code: str, where: str, n
 
 def wrong_form(error: ValidationError, code: str, where: str, next_step: str) -> InputError:
     """Return the error of a document that has not its form, which names the first wrong field."""
-    first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"])
-    message = f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})"
-    return InputError(code, message, where=where, next_step=next_step)
+    place, what = first_wrong(error)
+    return InputError(code, f"{place}: {what}", where=where, next_step=next_step)
 
 
 def schema_of(form: type[BaseModel]) -> dict[str, Any]:

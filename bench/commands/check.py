@@ -93,7 +93,7 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         out.print(f"  stop rule    {sentence}")
     for hazard in summary.hazards:
         out.print(f"  hazard       {hazard}")
-    for sentence in summary.unwatched:
+    for sentence in (*summary.unwatched, *summary.slips):
         out.print(f"  warning      {sentence}")
     if plot is not None:
         out.print(f"  timetable    {plot}")

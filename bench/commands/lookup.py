@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import difflib
-import json
-from importlib.resources import files
 from pathlib import Path
 
 from rich.markdown import Markdown
 
 from bench.commands.console import console, say
-from bench.model.errors import InputError
+from bench.model.errors import InputError, words_in
 from bench.model.lab import shipped_folder
 
 
 def error_codes() -> dict[str, dict[str, str]]:
     """Return ``exit``, ``what`` happened and what to do ``next`` of every code."""
-    codes: dict[str, dict[str, str]] = json.loads((files("bench.model") / "errors.json").read_text(encoding="utf-8"))
+    codes: dict[str, dict[str, str]] = words_in("errors.json")
     return codes
 
 

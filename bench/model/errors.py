@@ -6,12 +6,17 @@ to do about each stands in errors.json, from which ``bench explain`` and the sit
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntEnum
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 MAX_LISTED = 100
+_ADVISES = re.compile("did you mean |; (write|use) ")  # a message with this says itself what to do
 
 
 class ExitStatus(IntEnum):
@@ -52,10 +57,23 @@ class BenchError(Exception):
         return f"error {self.code}: {place}{self.message}{advice}"
 
 
+@cache
+def words_in(table: str) -> Any:
+    """Return a table of words that stands beside this file, by its name; ``errors.json`` by the codes."""
+    return json.loads((files("bench.model") / table).read_text(encoding="utf-8"))
+
+
 class InputError(BenchError):
     """A file or an argument is wrong; nothing was started."""
 
     exit_status = ExitStatus.BAD_INPUT
+
+    def __str__(self) -> str:
+        """Return it with the next step of its code, if neither it nor its message names one."""
+        line, row = super().__str__(), words_in("errors.json").get(self.code)
+        if row is None or self.next_step or _ADVISES.search(line):
+            return line
+        return f"{line.rstrip('.')}. Next: {row['next']}".replace("`", "'")
 
 
 NEXT_FORM = "go on with the version of the bench that wrote it; nothing was changed"

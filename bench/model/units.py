@@ -67,6 +67,7 @@ _WRITTEN_OUT = {
     "msec": "ms", "usec": "us", "gs": "gauss", "deg/sec": "deg/s", "deg/hr": "deg/h", "dps": "deg/s",
     "m/s^2": "m/s2", "m/s**2": "m/s2", "deg/s^2": "deg/s2", "degc/minute": "degC/min", "k/min": "degC/min",
 }  # fmt: skip
+_SLIPS = str.maketrans({",": ".", "\N{MINUS SIGN}": "-", "\N{EN DASH}": "-"})  # of other keyboards and word processors
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(\S*)\s*")
 
 
@@ -86,7 +87,8 @@ def parse_quantity(text: object, dimension: str) -> float:
         raise ValueError(f"{text!r} has no unit; write {_due(dimension)}, for example {_example(dimension)}")
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} is not a quantity; write a number and a unit, for example {_example(dimension)}")
+        advice = likely(text, dimension) or f"; write a number and a unit, for example {_example(dimension)}"
+        raise ValueError(f"{text!r} is not a quantity{advice}")
     number, unit = match[1], _plain(match[2])
     if unit not in _UNITS:
         what = f"has the unknown unit {match[2]!r}" if unit else "has no unit"
@@ -108,13 +110,16 @@ def parse_quantity(text: object, dimension: str) -> float:
 def likely(text: object, dimension: str = "") -> str:
     """Return ``; did you mean '10 mA'?`` for a quantity with an unknown unit or one of another dimension, or "".
 
+    A comma is meant as a point, a typographic minus as one of the keyboard.
+
     Without ``dimension`` any will do.
     """
-    match = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
+    plain = text.translate(_SLIPS) if isinstance(text, str) else ""
+    match = _QUANTITY.fullmatch(plain)
     if match is None or not match[2]:
         return ""
     unit, known = _plain(match[2]), _units_of(dimension)
-    close = "" if unit in known else _close(unit, known)
+    close = (unit if plain != text else "") if unit in known else _close(unit, known)
     return f"; did you mean '{match[1]} {close}'?" if close else ""
 
 

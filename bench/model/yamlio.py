@@ -19,7 +19,7 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
-from bench.model.errors import InputError, InputErrors, listed
+from bench.model.errors import InputError, InputErrors, listed, words_in
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 50
@@ -32,7 +32,10 @@ _HEX = re.compile(r"0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _CONSTANTS = {"": None, "~": None, "null": None, "true": True, "false": False}
 _MAX_DIGITS = 300
-_NOT_DUE = "B-YAML-013"
+# Words for what a validator or a parser refuses, what is due and what to do: by the kind of mistake, by it and the type
+# that was found, of a text by its pattern, of the parser by a part of its own words.
+SLIPS = "slips.json"
+_NOT_DUE, _FOUND = "B-YAML-013", " is due (found "
 
 Path_ = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound=BaseModel)
@@ -116,14 +119,12 @@ def parse_yaml(raw: bytes | str, name: str, schema: type[ModelT] | Callable[[Any
 
 def _text(raw: bytes, name: str) -> str:
     if len(raw) > MAX_BYTES:
-        raise InputError("B-YAML-002", f"is larger than {MAX_BYTES} bytes", where=name, next_step="split the file")
+        raise InputError("B-YAML-002", f"is larger than {MAX_BYTES} bytes", where=name)
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         mark = Mark(raw.count(b"\n", 0, error.start) + 1, error.start - raw.rfind(b"\n", 0, error.start))
-        raise InputError(
-            "B-YAML-003", "is not UTF-8 text", where=mark.of(name), next_step="save it as UTF-8"
-        ) from error
+        raise InputError("B-YAML-003", "is not UTF-8 text", where=mark.of(name)) from error
     wrong = _NOT_TEXT.search(text)
     if wrong is not None:
         at = wrong.start()
@@ -168,14 +169,11 @@ def _schema_problems(error: ValidationError, marks: dict[Path_, Mark], schema: t
             continue  # of a list whose parts are wrong: each of them is told
         named = item["loc"] if kind == "missing" else place
         key = next((part for part in reversed(named) if isinstance(part, str) and not part.startswith("<")), "")
-        code, message = _explain(item, key)
-        known = keys_of(schema) if kind == "extra_forbidden" else ()
-        close = difflib.get_close_matches(key, known, 1)
-        advice = "it is a key of another part" if key in known else f"did you mean {close[0]!r}?" if close else ""
+        code, message, advice = _explain(item, key, keys_of(schema))
         problem = _Problem(_mark_at(marks, place), code, message, advice)
         if code == _NOT_DUE and problems and (problems[-1].mark, problems[-1].code) == (problem.mark, code):
-            before = problems.pop().message.rpartition(" (found ")[0]  # alternatives, of which none fits
-            problem = replace(problem, message=f"{before}, or {message.removeprefix(f'{key}: ')}")
+            before = problems.pop().message.rpartition(_FOUND)[0]  # alternatives, of which none fits
+            problem = replace(problem, message=f"{before} or {message.removeprefix(f'{key}: ')}")
         problems.append(problem)
     return problems
 
@@ -197,22 +195,27 @@ def keys_of(schema: type[BaseModel]) -> tuple[str, ...]:
     return tuple(keys)
 
 
-def _explain(item: Any, key: str) -> tuple[str, str]:
-    kind = item["type"]
+def _explain(item: Any, key: str, known: tuple[str, ...]) -> tuple[str, str, str]:
+    """Return code, message and next step of what a validator refused at a key. Args: known: keys of the language."""
+    kind, value, context = item["type"], item["input"], item.get("ctx", {})
     if kind == "extra_forbidden":
-        return "B-YAML-010", f"unknown key {key!r}"
-    if kind == "missing":
-        return "B-YAML-011", f"the key {key!r} is missing"
+        close = difflib.get_close_matches(key, known, 1)
+        advice = "it is a key of another part" if key in known else f"did you mean {close[0]!r}?" if close else ""
+        return "B-YAML-010", f"unknown key {key!r}", advice
+    if kind == "missing" and isinstance(item["loc"][-1], str):
+        return "B-YAML-011", f"the key {key!r} is missing", ""
     label = f"{key}: " if key else ""
-    message = str(item["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    if kind == "value_error":
-        return "B-YAML-012", f"{label}{message}"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        message = "a mapping of keys and values is due"
-    elif kind == "union_tag_invalid":
-        field = str(item["ctx"]["discriminator"]).strip("'")
-        return _NOT_DUE, f"{label}{field} is {item['ctx']['tag']!r}; it should be {item['ctx']['expected_tags']}"
-    return _NOT_DUE, f"{label}{message[:1].lower()}{message[1:]} (found {_shorten(item.get('input'))})"
+    if kind in ("value_error", "step"):
+        return "B-YAML-012", label + item["msg"].removeprefix("Value error, "), ""
+    pattern, slips = context.get("pattern", kind), words_in(SLIPS)
+    due, advice = slips.get(f"{kind} {type(value).__name__}") or slips.get(pattern, ("another value", ""))
+    return _NOT_DUE, f"{label}{due.format_map(context)}{_FOUND}{_shorten(context.get('tag', value))})", advice
+
+
+def first_wrong(error: ValidationError) -> tuple[str, str]:
+    """Return where the first mistake of a document is, its keys with points, and what it is in words of the bench."""
+    item = error.errors(include_url=False)[0]
+    return ".".join(map(str, item["loc"])), _explain(item, "", ())[1]
 
 
 def _shorten(value: object) -> str:
@@ -245,21 +248,20 @@ class _Builder:
             for event in yaml.parse(text, Loader=_LOADER):
                 self._take(event, stack, root)
         except yaml.YAMLError as error:
-            reason = getattr(error, "problem", None) or str(error).splitlines()[0]
-            self.problems.append(_Problem(_position(error, text), "B-YAML-004", f"is not YAML: {reason}"))
+            self.problems.append(_not_yaml(error, text))
             raise _all(self.problems, self.name) from error
         return root[0] if root else None
 
-    def _note(self, code: str, message: str, event: Any, next_step: str = "") -> None:
-        self.problems.append(_Problem(_mark_of(event), code, message, next_step))
+    def _note(self, code: str, message: str, event: Any) -> None:
+        self.problems.append(_Problem(_mark_of(event), code, message))
 
-    def _refuse(self, code: str, message: str, event: Any, next_step: str = "") -> NoReturn:
-        self._note(code, message, event, next_step)
+    def _refuse(self, code: str, message: str, event: Any) -> NoReturn:
+        self._note(code, message, event)
         raise _all(self.problems, self.name)
 
     def _take(self, event: Any, stack: list[_Level], root: list[Any]) -> None:
         if isinstance(event, yaml.AliasEvent):
-            self._refuse("B-YAML-005", "aliases are not allowed", event, "write the value out")
+            self._refuse("B-YAML-005", "aliases are not allowed", event)
         if isinstance(event, yaml.DocumentStartEvent) and root:
             self._refuse("B-YAML-006", "a second document is not allowed", event)
         if isinstance(event, (yaml.ScalarEvent, yaml.SequenceStartEvent, yaml.MappingStartEvent)):
@@ -284,19 +286,19 @@ class _Builder:
 
     def _admit(self, event: Any) -> None:
         if event.anchor is not None:
-            self._refuse("B-YAML-005", "anchors are not allowed", event, "write the value out")
+            self._refuse("B-YAML-005", "anchors are not allowed", event)
         if event.tag is not None and event.tag != "!":
             self._refuse("B-YAML-007", f"the tag {event.tag!r} is not allowed", event)
         self.values += 1
         if self.values > MAX_VALUES:
-            self._refuse("B-YAML-015", f"holds more than {MAX_VALUES} values", event, "split the file")
+            self._refuse("B-YAML-015", f"holds more than {MAX_VALUES} values", event)
 
     def _key(self, event: Any, level: _Level) -> None:
         if not isinstance(event, yaml.ScalarEvent) or (event.implicit[0] and event.value in _CONSTANTS):
-            self._refuse("B-YAML-009", "a key must be text", event, "put the key in quotes")
+            self._refuse("B-YAML-009", "a key must be text", event)
         assert isinstance(level.container, dict)
         if event.value in level.container:
-            self._note("B-YAML-014", f"duplicate key {event.value!r}", event, "keep one of them")
+            self._note("B-YAML-014", f"duplicate key {event.value!r}", event)
         level.key = event.value
         self.marks.setdefault((*level.path, event.value), _mark_of(event))
 
@@ -331,15 +333,21 @@ def _mark_of(event: Any) -> Mark:
     return Mark(event.start_mark.line + 1, event.start_mark.column + 1)
 
 
-def _position(error: yaml.YAMLError, text: str) -> Mark:
-    """Return where the parser stopped; a file that ends too early is wrong at its last character, not a line later."""
-    mark: Any = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
-    if mark is None:
-        return Mark(1, 1)
-    last = text.count("\n")
-    if mark.line > last:
-        return Mark(last + 1, len(text) - text.rfind("\n"))
-    return Mark(mark.line + 1, mark.column + 1)
+def _not_yaml(error: Any, text: str) -> _Problem:
+    """Return where and why a parser stopped: a line without a colon where it begins, not at the next one.
+
+    A file that ends too early is wrong at its last character, not a line later.
+    """
+    mark, reason = getattr(error, "problem_mark", None), getattr(error, "problem", str(error))
+    place = Mark(1, 1)
+    if mark is not None:
+        mark = error.context_mark if error.context == "while scanning a simple key" else mark
+        reason = "tab" if text[mark.index : mark.index + 1] == "\t" else reason
+        last = text.count("\n")
+        ended = mark.line > last
+        place = Mark(last + 1, len(text) - text.rfind("\n")) if ended else Mark(mark.line + 1, mark.column + 1)
+    what, advice = next((row for words, row in words_in(SLIPS).items() if words in reason), (reason, ""))
+    return _Problem(place, "B-YAML-004", f"is not YAML: {what}", advice)
 
 
 def _plain(text: str) -> Any:

@@ -11,7 +11,6 @@ from typing import Any
 
 from bench.frame import FrameDefinition
 from bench.model.declaration import ChannelKind, UnitSections, stated
-from bench.model.errors import InputError
 from bench.model.lab import folder_name
 from bench.model.systems import analysis_declaration, sections_in
 from bench.model.units import format_quantity, likely, read_quantity
@@ -186,13 +185,9 @@ def _check_noise(draft: Draft[Sequence], name: str, kind: ChannelKind) -> None:
     """Note what the analysis needs of a kind of channel and the data sheet does not say (B-PLAN-026)."""
     analysis = draft.model.analysis
     asked = analysis_declaration(analysis)
-    for key in () if asked is None else asked.of_channel:
-        if getattr(kind, key) is None:
-            where = draft.document.where(("uut", "kinds", name))
-            message = f"the analysis {analysis} needs {key} of {name!r}"
-            draft.findings.extend(
-                InputError("B-PLAN-026", message, where=where, next_step="take it from the data sheet")
-            )
+    of_channel = () if asked is None else asked.of_channel
+    if missing := ", ".join(key for key in of_channel if getattr(kind, key) is None):
+        draft.fail("B-PLAN-026", ("uut", "kinds", name), f"the analysis {analysis} needs {missing} of {name!r}")
 
 
 def check_declared(draft: Draft[Sequence]) -> None:
@@ -204,11 +199,8 @@ def check_declared(draft: Draft[Sequence]) -> None:
     if uut is None:
         message = f"the analysis {analysis} needs 'uut', the data sheet of the unit under test"
         draft.fail("B-PLAN-026", ("analysis",), message, "describe the unit under 'uut'")
-    else:
-        for name in asked.of_unit:
-            if getattr(uut, name) is None:
-                message = f"the analysis {analysis} needs {name} of the unit"
-                draft.fail("B-PLAN-026", ("uut",), message, "take it from the unit's data sheet")
+    elif missing := ", ".join(name for name in asked.of_unit if getattr(uut, name) is None):
+        draft.fail("B-PLAN-026", ("uut",), f"the analysis {analysis} needs {missing} of the unit")
 
 
 def _constants(channel: Channel, kind: ChannelKind) -> dict[str, Any]:

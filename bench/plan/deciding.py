@@ -131,6 +131,8 @@ def _decision(node: Node, word: str, reading: str | CallStep) -> PlannedDecision
     same_phase = [taken.number] if taken.phase == plan.phase else []
     back = [number, *same_phase, *([] if plan.retry_step is None else [plan.retry_step])]
     unit = taken.unit if isinstance(taken, PlannedPrompt) else unit_of_action(plan, role, str(name))
+    if not unit and not plan.findings:  # else it may follow from one of them
+        node.fail("B-PLAN-110", f"{decision.reading} gives no number", "decide by an action that returns one")
     return replace(decision, unit=unit, retry_step=min(back))
 
 

@@ -8,6 +8,7 @@ A record can be made of readings: calls that only measure, taken one after anoth
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -384,6 +385,11 @@ def fits_of(outer: Node) -> list[dict[str, Any]]:
             result: limits_in(node.below("expect", result), bounds, units[result])
             for result, bounds in fit.expect.items()
         }
+        places = [entry["conditions"] for entry in plan.expected.entries if entry["quantity"] == of]
+        least = min(Counter(tuple(map(place.get, fit.per)) for place in places).values())  # points of one fit
+        if least < len(fit.orders):
+            message = f"{least} points do not determine the {len(fit.orders)} coefficients of {fit.name}"
+            node.fail("B-PLAN-123", message, "lower the degree, or read at more levels")
         asked = {"name": fit.name, "of": of, "powers": list(fit.orders), "per": per, "units": units,
                  "against": against, "expected": expected}  # fmt: skip
         asked |= {"function": function} if function else {}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import PurePath
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.ports import Effect
@@ -33,7 +35,8 @@ class Summary:
 
     ``duration_s`` is the campaign alone; ``finish_utc_ns`` and ``disk_bytes`` count what comes before and after it
     too (``prepare_s``, ``finally_s``). ``disk_bytes`` is an upper estimate without compression. ``hazards`` are
-    sentences for the operator, ``unwatched`` too: what no interlock watches; ``stops``: which points may end early.
+    sentences for the operator, ``unwatched`` too: what no interlock watches; ``slips``: what is hardly meant;
+    ``stops``: which points may end early.
     """
 
     steps: int
@@ -45,6 +48,7 @@ class Summary:
     disk_bytes: int
     hazards: tuple[str, ...]
     unwatched: tuple[str, ...]
+    slips: tuple[str, ...]
     stops: tuple[str, ...]
 
 
@@ -64,6 +68,7 @@ def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
         disk_bytes=round(total_s * bytes_s + STEP_BYTES * len(plan.steps) + READING_BYTES * readings),
         hazards=tuple(_hazards(plan)),
         unwatched=unwatched(plan),
+        slips=tuple(_slips(plan)),
         stops=tuple(stop_lines(plan)),
     )
 
@@ -78,6 +83,16 @@ def unwatched(plan: Plan) -> tuple[str, ...]:
             "no interlock watches the chamber or the unit's temperature: a runaway is only told until the guard acts",
         )
     return ()
+
+
+def _slips(plan: Plan) -> Iterator[str]:
+    """Return what can be run and is hardly meant: a name unlike that of its file, one place of two in an order."""
+    for name, path in plan.files.items():
+        if PurePath(name).name != PurePath(path).name:
+            yield f"{path} calls itself {PurePath(name).stem}, and so do its results; give both one name"
+    for order, count in Counter(entry.safe_order for entry in plan.station.instruments.values()).items():
+        if count > 1:
+            yield f"safe_order {order} is that of {count} instruments, made safe in the order of their names"
 
 
 def _hazards(plan: Plan) -> Iterator[str]:

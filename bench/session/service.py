@@ -22,6 +22,7 @@ from bench.model.errors import FitError, InputError, SessionDamaged
 from bench.model.events import End, Environment, Event, Exchange, Prompt, Reading, Resume, UnitLeftOut
 from bench.model.lab import differing, recorded_code
 from bench.model.systems import declared_by
+from bench.model.yamlio import first_wrong
 from bench.plan import steps_of
 from bench.record import OPEN_MARKER, RecordRow, damaged
 from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series
@@ -93,11 +94,11 @@ def _check_manifest(manifest: Document) -> None:
     try:
         _Manifest.model_validate(manifest)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        place, what = first_wrong(error)
         raise InputError(
             "B-RPL-004",
-            f"the manifest of the session is not complete: {first['msg'][:1].lower()}{first['msg'][1:]}",
-            where="manifest: " + ".".join(str(part) for part in first["loc"]),
+            f"the manifest of the session is not complete: {what}",
+            where=f"manifest: {place}",
             next_step=_PAGE,
         ) from error
 

@@ -68,9 +68,10 @@ def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_pa
 
 @pytest.mark.parametrize(
     ("words", "code"),
-    [("nosuch", "B-CLI-011"), ("run", "B-CLI-011"), ("run timeline_example --seed many", "B-CLI-011"),
-     ("run timeline_example --set dwell", "B-CLI-001"), ("run timeline_example --clock lunar", "B-CLI-004"),
-     ("run no_such_sequence", "B-SHIP-001"), ("check timeline_example --plot /proc/none/x.svg", "B-CLI-007"),
+    [("nosuch", "B-CLI-011"), ("run", "B-CLI-011"), ("run timeline_example --set dwell", "B-CLI-001"),
+     ("run timeline_example --seed many", "B-CLI-011: Invalid value for '--seed': it should be a valid integer. Next"),
+     ("run timeline_example --clock lunar", "B-CLI-004"), ("run no_such_sequence", "B-SHIP-001"),
+     ("check timeline_example --plot /proc/none/x.svg", "B-CLI-007"),
      ("run timeline_example --out /dev/null", "B-CLI-007"), ("talk theremin *IDN?", "B-CLI-003"),
      ("drill --station af_bench_sim --out /dev/null/x", "B-CLI-007"), ("fit /nonexistent", "B-REC-010"),
      ("schema --out /proc/none", "B-CLI-007"), ("run timeline_example --history nonsense", "B-STORE-001"),

@@ -111,7 +111,9 @@ def _nothing_good(counted: Counted) -> str:
 
 def check(frame: str) -> None:
     """Print what a definition describes and how it is decoded. Raises: InputErrors with every mistake in it."""
-    definition = load_frame(named_file("frames", frame))
+    definition = load_frame(file := named_file("frames", frame))
+    if file.stem != definition.name:
+        say(f"warning: {file} calls itself {definition.name}; sequences name it as the file is called")
     messages = ", ".join(definition.messages)
     say(f"{definition.name}: messages {messages}; golden frames are right; sha256 {definition.sha256}")
     say(str(pace_of(definition, WallClock())))

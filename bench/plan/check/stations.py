@@ -95,7 +95,7 @@ def _addresses(draft: Draft[StationFile]) -> None:
             draft.fail("B-PLAN-012", path, message, "name it under 'adapters', and the instrument GPIB0::22::INSTR")
         elif taken.setdefault(address, role) != role:
             message = f"{role} and {taken[address]} both stand at {address}"
-            draft.fail("B-PLAN-013", path, message, "give each its own address")
+            draft.fail("B-PLAN-013", path, message)
 
 
 def _links(draft: Draft[StationFile]) -> None:
@@ -103,10 +103,10 @@ def _links(draft: Draft[StationFile]) -> None:
     for name, link in draft.model.links.items():
         path = ("links", name)
         if name in draft.model.instruments:
-            draft.fail("B-PLAN-013", path, f"{name!r} is a link and an instrument", "give each its own name")
+            draft.fail("B-PLAN-013", path, f"{name!r} is a link and an instrument")
         if link.url is not None and taken.setdefault(link.url, name) != name:
             message = f"the links {name} and {taken[link.url]} both use {link.url}"
-            draft.fail("B-PLAN-013", path, message, "give each its own port")
+            draft.fail("B-PLAN-013", path, message)
 
 
 def _graphs(draft: Draft[StationFile]) -> None:
@@ -127,7 +127,7 @@ def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> Non
     try:
         driver = driver_class(entry.driver)
     except InputError as error:
-        draft.fail(error.code, path, error.message)
+        draft.fail(error.code, path, error.message, error.next_step)
         return
     _table(draft, path, entry.driver, {"prepare", "make_safe", *actions_of(driver)})
     _transport(draft, role, entry, driver)
@@ -177,14 +177,19 @@ def _options(draft: Draft[StationFile], role: str, entry: InstrumentEntry, drive
 
 
 def _limits(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> None:
-    """A limit of what no action takes protects nothing."""
-    actions = driver_actions(entry.driver).values()
-    taken = {parameter.name: parameter for action in actions for parameter in action.parameters}
+    """A limit of what no action takes protects nothing, a specification of what none reads leaves readings doubtful."""
+    actions = driver_actions(entry.driver)
+    for index, line in enumerate(entry.standard.specifications if entry.standard else ()):
+        if line.reads not in actions:
+            place = ("instruments", role, "standard", "specifications", index, "reads")
+            message = f"{role} ({entry.driver}) has no action {line.reads!r}{suggestion(line.reads, actions)}"
+            draft.fail("B-PLAN-050", place, message)
+    taken = {parameter.name: parameter for action in actions.values() for parameter in action.parameters}
     for name, (lowest, _) in entry.limits.items():
         path, limit = ("instruments", role, "limits", name), read_quantity(lowest)
         if name not in taken:
             message = f"no action of {role} ({entry.driver}) takes {name!r}{suggestion(name, taken)}"
-            draft.fail("B-PLAN-095", path, message, "correct the name, or the limit holds for nothing")
+            draft.fail("B-PLAN-095", path, message)
         elif limit is not None and limit[1] != taken[name].dimension:
             message = f"{name} of {role} ({entry.driver}) is no quantity in {limit[1]}"
             draft.fail("B-PLAN-095", path, message, f"write it in {taken[name].dimension or 'no unit at all'}")

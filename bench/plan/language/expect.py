@@ -19,7 +19,7 @@ COMPARISONS = ("above", "below", "within", "equals")
 def _bound(value: object) -> object:
     text = isinstance(value, str)
     if not text or (as_reference(value) is None and len(str(value).split(maxsplit=1)) != 2):
-        raise ValueError(f"{value!r} is not a quantity with its unit, for example '4.9 V'{likely(value)}")
+        raise ValueError(f"{value!r} is not a quantity with its unit, such as '4.9 V' or '{{level}}'{likely(value)}")
     return value
 
 

@@ -162,12 +162,11 @@ class Sequence(StrictModel):
     early: Early | None = None
     fits: list[Fit] = Field([], description="polynomials of the values that the sequence reads")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _one_form(cls, value: Any) -> Any:
-        if isinstance(value, dict) and bool(value.get("steps")) == bool(value.get("timeline")):
+    @model_validator(mode="after")
+    def _one_form(self) -> Sequence:
+        if bool(self.steps) == bool(self.timeline):
             raise ValueError("a sequence has either 'steps' (structured form) or 'timeline' (flat form)")
-        return value
+        return self
 
 
 def sequence_model() -> type[Sequence]:

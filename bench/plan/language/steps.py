@@ -376,7 +376,8 @@ def step_tag(value: object) -> str | None:
         if verb is not None:
             return f"<{verb}>"
         if len(value) == 1:
-            return step_tag(next(iter(value)))
+            name, given = next(iter(value.items()))
+            return step_tag(name) if "." in name or given is None or isinstance(given, dict) else None
         if len(value) == 2 and EXPECT in value:
             return "<read>" if "." in next(str(name) for name in value if name != EXPECT) else None
     return None

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from bench.analysis import Common, Document, Evidence, Material, outlived, outlived_text
 from bench.model.errors import FitError
 from bench.model.systems import Assumption, assumed
+from bench.model.yamlio import first_wrong
 from bench.systems.af_converter.estimators.readings import GAIN, Converter, RangeSpecification, RelativeError
 from bench.systems.af_converter.wording import say
 
@@ -138,11 +139,11 @@ def read_campaign(campaign: Document) -> Campaign:
     try:
         return Campaign.model_validate(campaign)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        place, what = first_wrong(error)
         raise FitError(
             "B-FIT-008",
-            f"the campaign constants are not usable: {first['msg']}",
-            where="manifest: campaign." + ".".join(str(part) for part in first["loc"]),
+            f"the campaign constants are not usable: {what}",
+            where=f"manifest: campaign.{place}",
             next_step="check the campaign section of the sequence the session was made with",
         ) from error
 

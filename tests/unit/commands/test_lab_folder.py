@@ -48,6 +48,10 @@ def test_a_new_folder_can_be_used_at_once(lab: Path) -> None:
     assert (found.folder, found.name) == (lab.resolve(), "Our laboratory")
     assert "First check of NGU-2" in bench("check", "first_check")
     assert "golden frames are right" in bench("frame", "check", "my_unit")
+    (lab / "frames/my_unit.yaml").rename(lab / "frames/ours.yaml")
+    assert "calls itself my_unit" in bench("frame", "check", "ours")
+    (lab / "sequences/first_check.yaml").rename(lab / "sequences/mine.yaml")
+    assert "mine.yaml calls itself first_check" in bench("check", "mine")
     assert load_laboratory(lab / "laboratory.yaml").item.name == "NGU-2"  # as bench certificate reads it
     assert {path.name for path in (lab / "schemas").iterdir()} >= {"sequence.schema.json", "frame.schema.json"}
     for path in lab.rglob("*.yaml"):

@@ -106,6 +106,12 @@ def reading(expect: str) -> str:
     return steps(f"rail_meter.measure_voltage:\n    expect: {expect}")
 
 
+def at_levels(text: str) -> str:
+    """The same steps at four levels, so that a fit has points."""
+    loop = "steps:\n  - for: level\n    in: [1, 2, 3, 4]\n    do:\n"
+    return loop + text.removeprefix("steps:\n").replace("  - ", "      - ").replace("    expect", "        expect")
+
+
 def expected(plan: Plan) -> list[dict[str, Any]]:
     return plan.campaign["expected"]
 
@@ -152,7 +158,7 @@ def test_a_tolerance_in_percent_is_a_share(
     limits = f"{{c1: {{equals: {equals}, tolerance: {tolerance}}}}}"
     body = f"fits: [{{name: line, of: rail, against: input, expect: {limits}}}]\n"
     two = [f"{role}_{READ}\n    expect: {{name: {role}}}" for role in ("rail", "input")]
-    (fit,) = plan_of(tmp_path, body + steps(*two)).campaign["fits"]
+    (fit,) = plan_of(tmp_path, body + at_levels(steps(*two))).campaign["fits"]
     assert fit["expected"]["c1"] == {"low": pytest.approx(low), "high": pytest.approx(high)}
 
 
@@ -226,17 +232,18 @@ def test_nothing_is_expected_where_nothing_judges(tmp_path: Path) -> None:
 
 def test_a_fit_has_the_units_of_its_quantities(tmp_path: Path) -> None:
     body = "fits: [{name: drift, of: rail, against: time, degree: 2, expect: {c1: {max: 1e-6 V/s}}}]\n"
-    (fit,) = plan_of(tmp_path, body + reading("{name: rail}")).campaign["fits"]
+    (fit,) = plan_of(tmp_path, body + at_levels(reading("{name: rail}"))).campaign["fits"]
     assert fit["units"] == {"c0": "V", "c1": "V/s", "c2": "V/s2", "nonlinearity": "V"}
     assert fit["expected"] == {"c1": {"high": 1e-6}}
-    assert refused(tmp_path, body.replace("V/s}", "V}") + reading("{name: rail}"))[0] == "B-PLAN-120"
+    assert refused(tmp_path, body.replace("V/s}", "V}") + at_levels(reading("{name: rail}")))[0] == "B-PLAN-120"
+    assert refused(tmp_path, body + reading("{name: rail}"))[1].startswith("1 points do not determine the 3 coeff")
 
 
 NTC = "fits: [{name: ntc, of: 1/air, against: log(ohm), powers: [0, 1, 3], MORE}]\n"
-NTC_READ = steps(
+NTC_READ = at_levels(steps(
     "ohmmeter.measure_resistance: {range: 100 kohm, cycles: 10}\n    expect: {name: ohm}",
     "chamber.measure_air:\n    expect: {name: air}",
-)
+))  # fmt: skip
 
 
 def test_a_fit_of_functions(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+import yaml
 from plan_sample import FLAT, SEQUENCE, TRACED, changed, make_bench, mistakes, reworded
 
 from bench.model.drivers import driver_class
@@ -17,47 +18,10 @@ from bench.model.ports import Effect, action
 from bench.plan import compile_sequence
 from bench.plan.expand import MAX_STEPS
 
-# what is changed, into what, the codes, none of them an echo, and a text that stands on the line of the first
-CASES = [
-    ("numbers: 1-2", "numbers: 2-1", "B-PLAN-020", "numbers: 2-1"),
-    ("{channels: 2}", "{channels: 3}", "B-PLAN-020", "{channels: 3}"),
-    ("numbers: 1-2", "numbers: [1-2, 2]", "B-PLAN-021", "numbers: [1-2, 2]"),
-    ("levels: levels", "levels: level", "B-PLAN-022", "levels: level"),
-    ("levels: [1 mA]", "levels: [1 mA, 1 V]", "B-PLAN-022 B-PLAN-024", "1 V"),
-    ("kind: gyro", "kind: accelerometer", "B-PLAN-023", "kind: accelerometer"),
-    ("levels: [1 mA]", "levels: [300 mA]", "B-PLAN-024 B-PLAN-055", "300 mA"),
-    ("serial: SIM-1", "serial: ../SIM-1", "B-PLAN-025", "serial: ../SIM-1"),
-    ("serial: SIM-1", "serial: 12/../34", "B-PLAN-025", "serial: 12/../34"),
-    ('seconds: "{dwell}"', 'seconds: "{dwel}"', "B-PLAN-030", "{dwel}"),
-    ('"{temperature}", ramp', '"{temperatur}", ramp', "B-PLAN-030", "{temperatur}"),
-    ("dwell: 10 s", "dwell: 10 V", "B-PLAN-031", 'seconds: "{dwell}"'),
-    ("high: 0.5 ohm", "high: 0.5 V", "B-PLAN-031 B-PLAN-044", "high: 0.5 V"),
-    ('in: "{temperatures}"', "in: temperature", "B-PLAN-032", "in: temperature"),
-    ("- point: {current: 0 A, polarity: +}", "- pont: {current: 0 A, polarity: +}", "B-PLAN-033", "pont"),
-    ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A}", "B-PLAN-033", "- point: {current: 0 A}"),
-    ("      - verify:", "      - point: {current: 0 A, polarity: +}\n      - verify:", "B-PLAN-034", "- point: {curr"),
-    ("finally:\n", "finally:\n  - settle: 1 s\n", "B-PLAN-037", "settle: 1 s"),
-    ("procedures:\n", "procedures:\n  spare: {do: [calibrator.standby]}\n", "B-PLAN-038", "spare"),
-    ("unit: {port_b:", "unit: {port_a:", "B-PLAN-039", "unit: {port_a:"),
-    ("- switch.open_all", "- swich.open_all", "B-PLAN-040", "swich"),
-    ("unit: {port_b:", "unit: {port_c:", "B-PLAN-041", "port_c"),
-    (", high: 0.5 ohm", "", "B-PLAN-044", "unit: ohm"),
-    ("port_b: ngu_b", "port_b: ngu_c", "B-PLAN-045", "ngu_c"),
-    ("port_b: ngu_b}", "port_b: ngu_b, port_c: ngu_b}", "B-PLAN-046", "port_c"),
-    ("duration: 660 s", "duration: 661 s", "B-PLAN-047", "duration: 661 s"),
-    ("records: 3", "records: 4", "B-PLAN-047", "records: 4"),
-    ("{port_b: start_stream}", "{port_b: start_steam}", "B-PLAN-049", "start_steam}"),
-    ("- calibrator.operate\n", "- calibrator.operat\n", "B-PLAN-050", "calibrator.operat\n"),
-    ("soak: {temp", "soak: {chamber: supply, temp", "B-PLAN-050", "chamber: supply"),
-    ("range: lowest", "rang: lowest", "B-PLAN-051", "calibrator.output"),
-    (', polarity: "{polarity}"}\n', "}\n", "B-PLAN-051", "switch.route"),
-    ('polarity: "{polarity}"}', "polarity: 2}", "B-PLAN-052", "switch.route"),
-    ("verify: calibrator.operating", "verify: calibrator.operate", "B-PLAN-054", "verify"),
-    ("      - settle: 20 s\n", "", "B-PLAN-061 B-PLAN-047", "- record"),
-]  # fmt: skip
+CASES = yaml.safe_load(Path(__file__).with_name("plan_errors.yaml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("old", "new", "codes", "on_line"), CASES)
+@pytest.mark.parametrize(("old", "new", "codes", "on_line"), CASES["structured"])
 def test_a_mistake_in_the_sequence(tmp_path: Path, old: str, new: str, codes: str, on_line: str) -> None:
     text = changed(old, new)
     found = {error.code: error for error in reversed(mistakes(make_bench(tmp_path, text)))}
@@ -105,18 +69,7 @@ def test_all_mistakes_are_listed_at_once_in_order(tmp_path: Path) -> None:
     assert lines == sorted(lines)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "code"),
-    [
-        ('at: "00:00:20"', 'at: "00:00:19"', "B-PLAN-035"),
-        ('at: "00:00:10"', "at: 1 s", "B-PLAN-061"),
-        ("call: switch.open_all", 'send: {calibrator: "OPER"}', "B-PLAN-074"),
-        ("call: switch.open_all", 'send: {switch: ":CLOS (@1!1!3)"}', "B-PLAN-074"),
-        ('at: "00:00:20"', 'at: "00:00:60"', "B-YAML-012"),
-        ("record: 10 s", "record: 10 s, call: switch.open_all", "B-YAML-012"),
-        ("record: 10 s", "send: {calibrator: A, switch: B}", "B-YAML-012"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "code"), CASES["flat"])
 def test_a_mistake_in_the_flat_form(tmp_path: Path, old: str, new: str, code: str) -> None:
     assert code in [error.code for error in mistakes(make_bench(tmp_path, changed(old, new, FLAT)))]
 

@@ -13,8 +13,8 @@ from pydantic import RootModel
 from trend_sample import FRAMES, ROOT
 
 from bench.frame import load_frame
-from bench.model.errors import InputError, InputErrors
-from bench.model.yamlio import load_yaml, parse_yaml
+from bench.model.errors import InputError, InputErrors, words_in
+from bench.model.yamlio import SLIPS, load_yaml, parse_yaml
 from bench.plan import load_station, mapping_schema
 from bench.plan.language.graphs import GraphEntry, graphs_of, shown_signals
 from bench.plan.language.mapping import load_mapping, mapping_model
@@ -40,6 +40,17 @@ def test_each_is_a_schema_and_plain_json(kind: str) -> None:
     schema = SCHEMAS[kind]
     Draft202012Validator.check_schema(schema)
     assert json.loads(json.dumps(schema)) == schema
+
+
+def patterns(part: Any) -> set[str]:
+    inner = part.values() if isinstance(part, dict) else part if isinstance(part, list) else ()
+    own = part.get("pattern") if isinstance(part, dict) and "x-unit" not in part else None
+    return {own}.union(*map(patterns, inner)) if isinstance(own, str) else set().union(*map(patterns, inner))
+
+
+@pytest.mark.parametrize("kind", SCHEMAS)
+def test_each_pattern_of_a_text_has_words(kind: str) -> None:
+    assert patterns(SCHEMAS[kind]) - words_in(SLIPS).keys() == set()
 
 
 @pytest.mark.parametrize(("kind", "path"), FILES, ids=lambda value: getattr(value, "stem", value))
