@@ -39,7 +39,7 @@ from bench.session.record_states import INVALID, VALID, record_states
 from bench.session.service import merged, read_view
 from bench.session.view import KEPT_EVENTS, analyse_view, material_of
 from bench.tui.look import UNICODE, Look, catalogue
-from bench.tui.tables import records as record_lines
+from bench.tui.page import records as record_lines
 from bench.tui.watch import Seen
 from bench.web.recorded.past import Past
 from sim_instruments.worlds.common.terminals import Source

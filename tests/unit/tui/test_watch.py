@@ -24,8 +24,7 @@ from bench.run.control.client import FeedGone
 from bench.tui import watch
 from bench.tui.app import TopApp
 from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue
-from bench.tui.page import page_of
-from bench.tui.tables import planned_degC
+from bench.tui.page import page_of, planned_degC
 from bench.tui.watch import OLD_S, Seen, Trend, Watch, ending
 
 

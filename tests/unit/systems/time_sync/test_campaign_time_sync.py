@@ -16,7 +16,7 @@ from bench.analysis.doubt import stated, weigh
 from bench.maths.geodesy import TangentFrame
 from bench.model.errors import BenchError
 from bench.report.plots.graphs import analysis_pictures
-from bench.systems.time_sync import report as time_sync_tables
+from bench.systems.time_sync import analysis as time_sync_tables
 from bench.systems.time_sync.analysis import METHODS
 from bench.systems.time_sync.declaration import DECLARATION
 from bench.systems.time_sync.estimators.kalman.setup import EgiSamples, EgiSpread

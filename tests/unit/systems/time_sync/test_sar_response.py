@@ -12,7 +12,7 @@ from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import FLOOR_dB, focus_sums, image_chip, levels_dB, point_targets
 from bench.systems.time_sync.estimators.sar.pulses import Pulses, at_places, finer, positions_at, sums_of
 from bench.systems.time_sync.estimators.sar.response import Response, cut_of, cut_offsets, impulse_response
-from sim_instruments.worlds.time_sync.radar import Radar, echoes, scene
+from sim_instruments.worlds.time_sync.world import Radar, echoes, scene
 
 Array = NDArray[np.float64]
 Keep = Callable[[str, object], None]

@@ -11,8 +11,8 @@ from bench.model.ports import RecordWindow
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.block import BlockFactory
 from sim_instruments.worlds.af_converter.constants import CHANNELS, WALK_A_RTH
-from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.af_converter.unit_constants import BiasWalk, NguTruth
+from sim_instruments.worlds.af_converter.world import estimates
 from sim_instruments.worlds.common.thermal import Thermal
 
 NUMBERS = np.arange(1, 11)

@@ -14,7 +14,7 @@ from sim_instruments.worlds.simulation import kind_options
 from sim_instruments.worlds.time_sync.flight.egi import egi_error_runs
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments, imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
-from sim_instruments.worlds.time_sync.radar import Radar, echoes, scene
+from sim_instruments.worlds.time_sync.world import Radar, echoes, scene
 
 PLACE = (37.5, 127.0)  # origin of every flight
 BOOT_S = 4.0  # of the rig, when its flight begins
