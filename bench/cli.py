@@ -93,7 +93,7 @@ def copy(
 
 @app.command(work="lookup", epilog="Examples: bench explain B-PLAN-052 · bench explain tutorial")
 def explain(
-    topic: Annotated[str | None, Argument(metavar="CODE | PAGE", help="default: the names of the pages")] = None,
+    topic: Annotated[str, Argument(metavar="CODE | PAGE", help="such as B-PLAN-052, or the name of a page")],
 ) -> None:
     """Say what an error code means and what to do; or show a page of the documentation."""
 

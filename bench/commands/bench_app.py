@@ -16,7 +16,7 @@ Station = Annotated[str, Option("--station", help="a station file or name")]
 Why = Annotated[str, Option(metavar="TEXT", help="why; it is shown and recorded")]
 
 
-@app.command(work="hand.by_hand", epilog='Example: bench talk calibrator "OUT?"')
+@app.command(work="hand", epilog='Example: bench talk calibrator "OUT?"')
 def talk(
     role: Annotated[str, Argument(metavar="INSTRUMENT", help="role in the station file")],
     command: Annotated[str | None, Argument(help="one command; without it: type commands, an empty line ends")] = None,
@@ -27,9 +27,7 @@ def talk(
     """Reach an instrument by hand; every command and reply goes to a session of its own."""
 
 
-@app.command(
-    work="hand.commission", epilog="Example: bench commission turntable --station my_bench.yaml --by 'A. Technician'"
-)
+@app.command(work="hand", epilog="Example: bench commission turntable --station my_bench.yaml --by 'A. Technician'")
 def commission(
     role: Annotated[str, Argument(metavar="ROLE", help="role of the instrument in the station")],
     station_name: Annotated[str, Option("--station", help="station file of the bench")],
@@ -41,7 +39,7 @@ def commission(
     """Walk through a real instrument for the first time: each command its driver uses, held against its manual."""
 
 
-@app.command(work="hand.by_hand", epilog="Example: bench drill --station af_bench_sim")
+@app.command(work="hand", epilog="Example: bench drill --station af_bench_sim")
 def drill(
     station_name: Station = "af_bench_sim",
     out: SessionsOut = Path("sessions"),

@@ -23,16 +23,9 @@ def pages() -> dict[str, Path]:
     return {path.stem: path for path in sorted(shipped_folder("docs").rglob("*.md"))}
 
 
-def explain(topic: str | None) -> None:
-    """Print what is known of a code, or a page as text; without a topic the names of the pages.
-
-    Raises: InputError B-CLI-011 for what is neither, with the nearest.
-    """
+def explain(topic: str) -> None:
+    """Print what is known of a code, or a page as text. Raises: InputError B-CLI-011 for what is neither."""
     codes, known = error_codes(), pages()
-    if topic is None:
-        names = ", ".join(name for name in known if name[0].isalpha())  # decisions begin with their numbers
-        say(f"an error code, such as {next(iter(codes))}, or a page: {names}")
-        return
     code, page = topic.upper(), Path(topic).stem
     if code in codes:
         row = codes[code]
@@ -43,5 +36,6 @@ def explain(topic: str | None) -> None:
             out.print(Markdown(known[page].read_text(encoding="utf-8")))
     else:
         near = difflib.get_close_matches(code, codes, n=3) or difflib.get_close_matches(page, known, n=3)
-        meant = f"did you mean {' or '.join(near)}?" if near else "'bench explain' lists the pages"
+        names = [name for name in known if name[0].isalpha()]  # decisions begin with their numbers
+        meant = f"did you mean {' or '.join(near)}?" if near else f"name an error code or a page: {', '.join(names)}"
         raise InputError("B-CLI-011", f"there is no error code and no page {topic!r}", next_step=meant)

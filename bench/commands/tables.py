@@ -32,7 +32,6 @@ _COLUMNS = (
     "channel", "kind", "set degC", "unit degC", "DSF_N ppm", "DSF_P ppm", "N - P ppm", "U 95 % ppm", "verdict",
 )  # fmt: skip
 _SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
-_MARKS = {True: "", False: "?"}  # of a value that is not sound: why stands above the table
 _MOST_ROWS = 24
 _NOT_TESTED = "not tested"
 _VERDICTS = {"PASS": "green", "FAIL": "bold red", "CONDITIONAL FAIL": "bold red"}
@@ -201,7 +200,7 @@ def _row(channel: int, temperature_degC: float, group: Mapping[str, Estimate]) -
         str(known.conditions["kind"]),
         f"{temperature_degC:g}",
         "-" if measured_degC is None else f"{measured_degC:.2f}",
-        *(_MARKS[is_sound(group[name])] + number_text(group[name].value, "+.1f") for name in _SCALE_FACTORS),
+        *(("" if is_sound(group[name]) else "?") + number_text(group[name].value, "+.1f") for name in _SCALE_FACTORS),
         number_text(_largest(group[name].expanded_uncertainty for name in ("dsf_n", "dsf_p")), ".1f"),
     )
 

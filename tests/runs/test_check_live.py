@@ -9,7 +9,7 @@ import pytest
 from rehearsal import Inside, bench
 from served import Served, serving
 
-from bench.commands.hand import commission
+from bench.commands import hand
 from bench.model.clock import WallClock
 from bench.model.errors import InputError
 from bench.plan import load_station
@@ -153,6 +153,6 @@ def test_a_bench_inside_the_process_and_a_role_that_is_not_there(inside: Inside,
 
 
 def test_a_driver_without_a_table(table: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commission, "manual_of", lambda driver: None)
+    monkeypatch.setattr(hand, "manual_of", lambda driver: None)
     with pytest.raises(InputError, match="B-COM-001: "):
-        commission.commission("turntable", str(as_a_real_one(table, tmp_path)), "somebody", yes=False)
+        hand.commission("turntable", str(as_a_real_one(table, tmp_path)), "somebody", yes=False)

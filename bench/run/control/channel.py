@@ -166,16 +166,10 @@ class Control:
             raise Refusal(str(why)) from why
 
     def status(self) -> dict[str, Any]:
-        """Return what the run does now in a few JSON values; its feed has all of it."""
-        context, step = self._context, self._context.step
-        holding = context.stop.holds.reasons
-        ending = context.stop.over or bool(context.stop.requested) or context.stop.fault is not None
+        """Return why the run stands still, what it has and what it asks; its feed has all of it."""
         return {
-            "session": context.folder.name,
-            "state": "ending" if ending else "holding" if holding else "running",
-            "step": None if step is None else step.number,
-            "reasons": holding,
-            "records": len(context.measured),
+            "reasons": self._context.stop.holds.reasons,
+            "records": len(self._context.measured),
             "prompt": None if self._asking is None else self._asking.document(lambda t_ns: t_ns / NS),
         }
 

@@ -59,7 +59,7 @@ from bench.systems.gnc.rows import (
 )
 from bench.systems.gnc.wording import channel_name, refused, say
 
-METHODS: tuple[str, ...] = ("ten_second_means",)
+METHODS = ("ten_second_means",)
 Noises = Mapping[str, SensorNoise]  # by kind, of records that hold none
 ITEMS = ("bias", "flip", "stability", "repeatability")
 _OF_ONE_PART = ("B-FIT-092", "B-FIT-093", "B-FIT-094")

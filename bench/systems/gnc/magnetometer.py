@@ -68,7 +68,7 @@ from bench.systems.gnc.wording import refused, say
 
 _MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
 _CIRCLE_SAMPLES = 2_000
-METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
+METHODS = (ELLIPSE, EXTREMES)
 NON_MAGNETIC = "non_magnetic"
 _PARAMETERS = (("mag_offset", None, "x"), ("mag_offset", None, "y"), ("mag_gain", "1", None),
                ("mag_angle", "deg", None), ("mag_radius", None, None))  # fmt: skip

@@ -296,7 +296,7 @@ def _left_out(results: Sequence[LaserResult]) -> list[str]:
     return notes
 
 
-METHODS: tuple[str, ...] = COMPENSATORS
+METHODS = COMPENSATORS
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:

@@ -30,7 +30,7 @@ from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.steadiness import bias_alignment_error_deg
 from bench.systems.lock_in.wording import say
 
-METHODS: tuple[str, ...] = ("allan",)
+METHODS = ("allan",)
 _UNEVEN = 0.05  # of the interval: rows that are further from even times are no record of counts over one interval
 
 

@@ -49,7 +49,7 @@ from bench.systems.north.sets import LOG, NorthSet
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, Azimuths, Site, Solution
 from bench.systems.north.wording import say, sense_name
 
-METHODS: tuple[str, ...] = ("as_mapped",)
+METHODS = ("as_mapped",)
 _HARMONICS = (2, 3, 4, 5)
 _LARGEST_deg = 20.0  # half an interval of a direction beyond which nothing of north is known
 _PARTS, _LEAST_SAMPLES = 60, 30  # of a log at most, of a part

@@ -21,7 +21,7 @@ from bench.systems.north.estimators.phasors import IndexCalibration, heading_deg
 from bench.systems.north.sets import SEARCH, TEST, NorthSet, Waveform, waveform_of
 
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"
-METHODS: tuple[str, ...] = (LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL)
+METHODS = (LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL)
 COVERAGE = 1.96  # 95 % of a normal distribution
 QUARTER_TURN_deg = 90.0  # an error beyond is one of the branch, not of noise
 _PARTS = (1, 2, 4, 8, 16)  # pieces of a record

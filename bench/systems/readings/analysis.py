@@ -334,7 +334,7 @@ def _words(fit: Fitted) -> Words:
 
 _CURVE_POINTS = 121
 _HEADERS = ("against", "measured", "fitted", "departure", "u_departure", "n")
-METHODS: tuple[str, ...] = ("polynomial",)
+METHODS = ("polynomial",)
 
 
 def _unstated(fit: Fitted) -> Evidence:

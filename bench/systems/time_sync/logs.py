@@ -27,7 +27,7 @@ from bench.model.units import with_prefix
 from bench.systems.time_sync.estimators.common_motion import CommonMotion, common_motion
 from bench.systems.time_sync.wording import say
 
-METHODS: tuple[str, ...] = ("common_motion",)
+METHODS = ("common_motion",)
 _STREAMS = ("one", "other")
 _RIVAL = 0.95  # of the correlation: another shift that fits nearly as well
 _NEAR_s = 5.0  # clocks that are further apart are first brought near each other, in whole seconds

@@ -28,7 +28,7 @@ from bench.systems.time_sync.estimators.sar.response import Response, Scene, com
 from bench.systems.time_sync.image import drawn
 from bench.systems.time_sync.wording import say
 
-METHODS: tuple[str, ...] = ("backprojection",)
+METHODS = ("backprojection",)
 _WIDE = 1.2  # of the ideal width
 _IN_dB = 20.0 / math.log(10.0)
 # Standard deviations per background over peak, by the slopes of sin(pi x) / (pi x): of the -3 dB width and of the place

@@ -5,11 +5,11 @@ EGI, inertial unit and radar on one supply: three serial ports, two clocks, one 
 They start ``BOOT_S`` behind their supply and then send by themselves; counters begin at 0 and clocks at readings of
 their own with each switching-on. The radar sends while it is on and the vehicle flies. No port listens to anything.
 
-Echoes are of point targets, range-compressed, stop-and-go: a pulse is sent and received where the antenna stands at its
-time (it moves 0.075 m while an echo of 45 km is on its way; both ways of the pulse see the same shift, so that the image
-does not). Pulse response: the band-limited sinc(2 B (r - R) / c) of an unweighted bandwidth B, first zero at c / 2B =
-2.998 m; phase -4 pi R / lambda; amplitude the same in each pulse: neither spreading loss, nor antenna pattern, nor
-receiver noise.
+Echoes are of point targets, range-compressed, stop-and-go: a pulse is sent and received where the antenna stands at
+its time (it moves 0.075 m while an echo of 45 km is on its way; both ways of the pulse see the same shift, so that
+the image does not). Pulse response: the band-limited sinc(2 B (r - R) / c) of an unweighted bandwidth B, first zero
+at c / 2B = 2.998 m; phase -4 pi R / lambda; amplitude the same in each pulse: neither spreading loss, nor antenna
+pattern, nor receiver noise.
 """
 
 from __future__ import annotations

@@ -193,7 +193,7 @@ class _Rows(LevelRows):
         return operators_of(entries, operator_of, self.visit.size)
 
 
-METHODS: tuple[str, ...] = FIT_METHODS
+METHODS = FIT_METHODS
 STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
 _QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
 _HEADS = ("channel", "quantity", "degC", "dmm", "calibrator", "difference", "U", "E_n")

@@ -38,7 +38,7 @@ from bench.systems.af_converter.estimators.scale_factor import (
     usable_rows,
 )
 
-METHODS: tuple[str, ...] = ("joint", "as_printed")
+METHODS = ("joint", "as_printed")
 LARGEST_CONDITION = (
     20.0  # of the relative rows; 1.8 (gyro) and 2.3 (accelerometer) with common-mode rows, hundreds without
 )

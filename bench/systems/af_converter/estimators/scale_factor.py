@@ -37,7 +37,7 @@ from bench.systems.af_converter.estimators.readings import (
     walk_A2,
 )
 
-METHODS: tuple[str, ...] = ("gls", "paper", "ols")
+METHODS = ("gls", "paper", "ols")
 UNREFERRED = "unknown temperature coefficients"
 _PPM = 1e6
 

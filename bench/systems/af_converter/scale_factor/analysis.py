@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 
 _STEP_ppm = 0.01 * UNKNOWN_SLOPE_ppm_degC  # what 0.01 degC counts without coefficients
-METHODS: tuple[str, ...] = FIT_METHODS
+METHODS = FIT_METHODS
 _FEWEST = 5  # records that tell a change of temperature
 
 

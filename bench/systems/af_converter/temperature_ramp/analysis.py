@@ -188,7 +188,7 @@ def _smoothed(degC: Floats) -> Floats:
 
 
 _DRAWN = 800  # points of a curve
-METHODS: tuple[str, ...] = ("joint", "drift")
+METHODS = ("joint", "drift")
 MOST_BLOCKS = 240
 
 

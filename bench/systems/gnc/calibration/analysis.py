@@ -56,7 +56,7 @@ from bench.systems.gnc.rows import (
 )
 from bench.systems.gnc.wording import refused, say
 
-METHODS: tuple[str, ...] = ("least_squares",)
+METHODS = ("least_squares",)
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 
 

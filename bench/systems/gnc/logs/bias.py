@@ -46,7 +46,7 @@ from bench.systems.gnc.estimators.bias_stability import (
 )
 from bench.systems.gnc.wording import channel_name, kind_name, quantity_word, say
 
-METHODS: tuple[str, ...] = ("allan",)
+METHODS = ("allan",)
 _FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
 _MOVED = 5.0  # times the usual scatter within a second
 _DEG_H = 3600.0  # in a deg/s

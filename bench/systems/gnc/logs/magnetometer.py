@@ -31,7 +31,7 @@ from bench.systems.gnc.logs.log import triad_of
 from bench.systems.gnc.magnetometer import Sphere, noise_notes, parameter_estimates, sphere_of, turn_cloud
 from bench.systems.gnc.wording import say
 
-METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
+METHODS = ("ellipsoid", "turn_about_z")
 _FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
 _MOST_LEFT_OUT = 0.01  # of the rows
 _HELD = 10  # an axis clips where it holds its end more often than most of its values, by this factor

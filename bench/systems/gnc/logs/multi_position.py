@@ -42,7 +42,7 @@ from bench.systems.gnc.logs.log import ImuLog, imu_log, stuck_sensors
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2, finding_text
 from bench.systems.gnc.wording import say
 
-METHODS: tuple[str, ...] = ("norm",)
+METHODS = ("norm",)
 _ELEMENTS = tuple(zip(*np.triu_indices(3), strict=True))  # of the matrix, as the covariance has them
 INITIAL_s = 30.0  # of rest at the begin of a log; the public method asks for 30 s to 50 s
 

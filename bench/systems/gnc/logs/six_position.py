@@ -33,7 +33,7 @@ from bench.systems.gnc.logs.log import ImuLog, imu_log, own_axes, stuck_sensors,
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
 from bench.systems.gnc.wording import refused, say
 
-METHODS: tuple[str, ...] = ("least_squares",)
+METHODS = ("least_squares",)
 _QUANTITIES = {"accelerometer": ("accel_matrix", "accel_bias"), "gyro": ("gyro_matrix", "gyro_bias")}
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 

@@ -58,7 +58,7 @@ from bench.systems.gnc.wording import quantity_word, refused, say
 _WALK = math.degrees(1.0) * 60.0  # rad/sqrt(s) in deg/sqrt(h)
 _CLASS_OF = {"gyro_drift": "gyro_deg_h", "angle_random_walk": "walk_deg_rt_h", "accelerometer_drift": "accel_mg"}
 INDICATED, CALIBRATED = "indicated", "calibrated"
-METHODS: tuple[str, ...] = (INDICATED, CALIBRATED)
+METHODS = (INDICATED, CALIBRATED)
 COUNTS = "1"
 _SCALE_OFF = 0.25  # turns that are off by more are a wrong rate or unit, no scale-factor error
 _SURE = 5.0  # standard uncertainties

@@ -31,7 +31,7 @@ from bench.systems.gnc.unit_test.units import (
 )
 from bench.systems.gnc.wording import kind_name, quantity_name, say
 
-METHODS: tuple[str, ...] = ("exchanges",)
+METHODS = ("exchanges",)
 
 
 if TYPE_CHECKING:
