@@ -8,13 +8,13 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 965_421,
+    "tokens": 965_330,
     "tokens a line": 10.57,
-    "files": 719,
+    "files": 712,
     "dict[str, Any]": 474,
-    "lines of tests": 91_517,
+    "lines of tests": 91_554,
     "tests of several deep modules": 129,
-    "words of docs": 59_608,
+    "words of docs": 59_603,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 59,
