@@ -32,8 +32,8 @@ _HEX = re.compile(r"0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _CONSTANTS = {"": None, "~": None, "null": None, "true": True, "false": False}
 _MAX_DIGITS = 300
-# Words for what a validator or a parser refuses, what is due and what to do: by the kind of mistake, by it and the type
-# that was found, of a text by its pattern, of the parser by a part of its own words.
+# Words for what a validator or a parser refuses, what is due and what to do: by the kind of mistake, of a text by its
+# pattern, of the parser by a part of its own words; where one value is due, what to do by the type that was found.
 SLIPS = "slips.json"
 _NOT_DUE, _FOUND = "B-YAML-013", " is due (found "
 
@@ -208,7 +208,9 @@ def _explain(item: Any, key: str, known: tuple[str, ...]) -> tuple[str, str, str
     if kind in ("value_error", "step"):
         return "B-YAML-012", label + item["msg"].removeprefix("Value error, "), ""
     pattern, slips = context.get("pattern", kind), words_in(SLIPS)
-    due, advice = slips.get(f"{kind} {type(value).__name__}") or slips.get(pattern, ("another value", ""))
+    due, advice = slips.get(pattern, ("another value", ""))
+    if kind in slips["one value"]:
+        advice = slips.get(f"found {type(value).__name__}", advice)
     return _NOT_DUE, f"{label}{due.format_map(context)}{_FOUND}{_shorten(context.get('tag', value))})", advice
 
 

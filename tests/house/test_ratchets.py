@@ -8,7 +8,7 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 965_330,
+    "tokens": 965_341,
     "tokens a line": 10.57,
     "files": 712,
     "dict[str, Any]": 474,
