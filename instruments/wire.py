@@ -424,9 +424,14 @@ class Wire:
 
     def _begins(self, limit_s: float) -> bool:
         """Return whether a byte comes that nobody asked for: half a reply is one as well, and its rest no answer."""
-        resource, whole = self._resource, StatusCode.success_max_count_read
-        with suppress(BusError), resource.ignore_warning(resource.session, whole):
-            self.call(limit_s, partial(resource.visalib.read, resource.session, 1))
+        resource = self._resource
+
+        def read() -> None:
+            with resource.ignore_warning(resource.session, StatusCode.success_max_count_read):
+                resource.visalib.read(resource.session, 1)
+
+        with suppress(BusError):
+            self.call(limit_s, read)
             self.note("rx", "<a reply that nobody asked for>")
             return True
         return False

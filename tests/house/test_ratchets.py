@@ -8,11 +8,11 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 965_341,
+    "tokens": 965_410,
     "tokens a line": 10.57,
     "files": 712,
     "dict[str, Any]": 474,
-    "lines of tests": 91_554,
+    "lines of tests": 91_556,
     "tests of several deep modules": 129,
     "words of docs": 59_603,
 }

@@ -166,9 +166,13 @@ class Control:
             raise Refusal(str(why)) from why
 
     def status(self) -> dict[str, Any]:
-        """Return why the run stands still, what it has and what it asks; its feed has all of it."""
+        """Return where the run is, why it stands still, what it has and what it asks; its feed has all of it."""
+        stop, step = self._context.stop, self._context.step
+        holding, ending = stop.holds.reasons, stop.over or bool(stop.requested) or stop.fault is not None
         return {
-            "reasons": self._context.stop.holds.reasons,
+            "state": "ending" if ending else "holding" if holding else "running",
+            "step": None if step is None else step.number,
+            "reasons": holding,
             "records": len(self._context.measured),
             "prompt": None if self._asking is None else self._asking.document(lambda t_ns: t_ns / NS),
         }

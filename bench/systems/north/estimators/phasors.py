@@ -148,15 +148,15 @@ def angle_deg(phasor: Complex | complex) -> Floats:
     return np.where(np.abs(phasor) > 0.0, direction_deg, np.nan)
 
 
-def half_width_deg(std_deg: float, dof: float) -> float:
+def half_width_deg(std_deg: float, dof: float, probability: float = 0.95) -> float:
     """Half a coverage interval of the direction of a phasor.
 
     Args:    std_deg: standard uncertainty of the component across the phasor over its length, degrees.
-             dof: its degrees of freedom.
+             dof: its degrees of freedom.   probability: of the interval.
     Returns: degrees, arcsin(t u); 180 where t u reaches the phasor's length: every direction is possible.
     Source:  Fieller's theorem for a direction: |Z| |sin(error)| <= t s; JCGM 100:2008 annex G for t.
     """
-    sine = np.deg2rad(std_deg) * coverage_factor(dof)
+    sine = np.deg2rad(std_deg) * coverage_factor(dof, probability)
     return 180.0 if sine >= 1.0 else float(np.rad2deg(np.arcsin(sine)))
 
 

@@ -177,7 +177,7 @@ class Scene:
 
 def scene_of(path: Any, opens_s: float) -> Scene:
     """Echoes of an aperture that opens at ``opens_s``, from the true positions of the antenna."""
-    sar = simulated("radar")
+    sar = simulated("world")
     radar = sar.Radar()
     pulse_s = opens_s + np.arange(round(APERTURE_s * radar.prf_Hz)) / radar.prf_Hz
     true_m, first = path.state(pulse_s).p, path.state(np.array([opens_s]))

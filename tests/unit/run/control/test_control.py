@@ -66,14 +66,15 @@ def talk(path: Path, *lines: bytes) -> list[dict[str, Any]]:
 
 def test_status_says_where_the_run_is(tmp_path: Path) -> None:
     answering = controlled(tmp_path)[2]
-    assert answering.answer({"command": "status"}, "me") == {"ok": True, "reasons": {}, "records": 0, "prompt": None}
+    told = answering.answer({"command": "status"}, "me")
+    assert told == {"ok": True, "state": "running", "step": 2, "reasons": {}, "records": 0, "prompt": None}
 
 
 def test_pause_resume_abort_are_wishes_and_events(tmp_path: Path) -> None:
     rig, context, answering = controlled(tmp_path)
     assert answering.answer({"command": "pause", "reason": "door"}, "eve (process 7)")["ok"]
     assert context.stop.holds.reasons == {"operator": "door (eve (process 7))"}
-    assert answering.answer({"command": "status"}, "me")["reasons"] == context.stop.holds.reasons
+    assert answering.answer({"command": "status"}, "me")["state"] == "holding"
     context.stop.holds.hold("interlock air", "too warm")
     reply = answering.answer({"command": "resume"}, "me")
     assert reply["holding"]
@@ -85,6 +86,7 @@ def test_pause_resume_abort_are_wishes_and_events(tmp_path: Path) -> None:
     assert context.stop.holds.reasons == {}
     assert answering.answer({"command": "abort", "reason": "fire"}, "eve")["ok"]
     assert context.stop.requested == "abort by eve: fire"
+    assert answering.answer({"command": "status"}, "me")["state"] == "ending"
     told = [(event["what"], event["by"], event["reason"]) for event in rig.events("control")]
     assert told == [
         ("pause", "eve (process 7)", "door"), ("resume", "me", ""), ("resume", "me", ""), ("abort", "eve", "fire"),
