@@ -135,7 +135,7 @@ def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path
     assert done.returncode == 0, done.stdout
     lines = done.stdout.splitlines()
     assert lines.index("as documented  *IDN? -> ACUTRONIC,ACUTROL3000,SIMTBL,1.0") < lines.index(
-        "as documented  :lim:rate pos,1,5"
+        "as documented  :lim:rate pos,1,5 -> :lim:rate? pos,1 5.0000"
     ) < lines.index("as documented  :int:close 1")  # fmt: skip
     assert "26 as documented, 1 not tried" in done.stdout
     (record,) = (tmp_path / "commissioning").glob("turntable_*.json")
